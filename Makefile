@@ -73,11 +73,11 @@ docs: setup $(DOCS)
 MINUTES ?= 30
 soak: setup
 	@$(IN_ENV) CDRJ_CAMPAIGN=300 python -m pytest -q -s test/estimation/test_campaign.py
-	@$(IN_ENV) CDRJ_STREAMS=1000 python -m pytest -q test/conditioning/test_time_line.py
+	@$(IN_ENV) CDRJ_STREAMS=1000 python -m pytest -q test/estimation/test_time_line.py
 	@$(IN_ENV) CDRJ_SENSORS=50 python -m pytest -q test/estimation/test_take_back.py
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) CDRJ_DAMAGES=10 python -m pytest -q test/robot/test_reader_fuzz.py \
-		test/bag/test_fuzz.py test/bag/test_states.py
+		test/recordings/test_fuzz.py test/recordings/test_states.py
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 
 # The pictures of the report and of `view` need Chromium on the path.

@@ -122,9 +122,16 @@ setup(
         "view": requirements("view"),
     },
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    # bag/msg is a link to the message definitions; a build copies the files themselves.
+    # recordings/msg is a link to the message definitions; a build copies the files themselves.
     package_data={
-        PACKAGE: ["**/*.json", "**/*.html", "**/*.css", "bag/msg/*.msg", "py.typed", "_core.pyi"]
+        PACKAGE: [
+            "**/*.json",
+            "**/*.html",
+            "**/*.css",
+            "recordings/msg/*.msg",
+            "py.typed",
+            "_core.pyi",
+        ]
     },
     ext_modules=[core()],
     data_files=[

@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 
 from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
 from bench.offline import DURATION_S, write_long_bag
-from cdrj_ros.bag import read_recording
-from cdrj_ros.campaign.tasks import processors
+from cdrj_ros.evaluation.tasks import processors
+from cdrj_ros.recordings import read_recording
 
 BAGS = 6
 ROUNDS = 3

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
-from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
-from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
 DURATION_S = 200
 ROUNDS = 3

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from bench.figures import BAG, ROBOT, Row, Spread, compared, in_turn
 from bench.mjcf import mjcf
 from bench.reeving import lengths
-from cdrj_ros.bag import Topics
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Topics
 
 STEPS = 10_000
 ROUNDS = 15

@@ -14,14 +14,14 @@ import numpy as np
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.live import LiveRig, LiveSettings
-from cdrj_ros.rig.live_commands import checked_command
-from cdrj_ros.rig.live_drives import Drives
-from cdrj_ros.rig.live_limits import drive_limits
-from cdrj_ros.rig.live_sensors import LiveEncoders
-from cdrj_ros.rig.load import make_load, usual_load
-from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.live import LiveRig, LiveSettings
+from cdrj_ros.simulation.live_commands import checked_command
+from cdrj_ros.simulation.live_drives import Drives
+from cdrj_ros.simulation.live_limits import drive_limits
+from cdrj_ros.simulation.live_sensors import LiveEncoders
+from cdrj_ros.simulation.load import make_load, usual_load
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER
 
 RATE_HZ = 1000.0
 STEP_NS = 1_000_000

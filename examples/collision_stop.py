@@ -13,7 +13,7 @@ from between import Between, spin
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.rig.load import DAMPING, INERTIA, INERTIA_COS, make_load, usual_load, weight
+from cdrj_ros.simulation.load import DAMPING, INERTIA, INERTIA_COS, make_load, usual_load, weight
 
 BANDWIDTH = 60.0  # of the observer [rad/s]
 SPEED_FILTER_S = 0.005  # of the joint's speed from its encoder [s]
@@ -22,7 +22,7 @@ SPEED_FILTER_S = 0.005  # of the joint's speed from its encoder [s]
 class PushObserver:
     """Momentum observer: the external torque on a joint, low-passed with ``BANDWIDTH``.
 
-    With the momentum p = D(q) q' and the load's equation (``cdrj_ros.rig.load``),
+    With the momentum p = D(q) q' and the load's equation (``cdrj_ros.simulation.load``),
 
         r = K (p - integral of (cables' torque - weight - c q' + D'(q) q'^2 / 2 + r) dt)
 
@@ -34,7 +34,7 @@ class PushObserver:
         """Start at rest.
 
         Args:
-            load: of the joint (``cdrj_ros.rig.load``).
+            load: of the joint (``cdrj_ros.simulation.load``).
         """
         self.numbers = load.coefficients()
         self.torque, self.speed = 0.0, 0.0

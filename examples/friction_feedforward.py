@@ -16,12 +16,12 @@ from scipy.optimize import brentq
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.rig.follow import follow_joints
-from cdrj_ros.rig.load import make_load, usual_load
+from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.load import make_load, usual_load
 
 BRACKET, WIDEST = 1e-3, 2.0  # first and largest half width of the search for the angle [rad]
 ACCURACY = 1e-7  # of the angle [rad]
@@ -43,7 +43,7 @@ class FrictionFeedforward:
 
         Args:
             model: the prepared robot, with one motor and one joint.
-            load: of the joint (``cdrj_ros.rig.load``).
+            load: of the joint (``cdrj_ros.simulation.load``).
         """
         if (len(model.robot.motors), len(model.robot.joints)) != (1, 1):
             raise CdrjError(f"{model.robot.name} must have one motor and one joint")

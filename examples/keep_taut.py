@@ -17,7 +17,7 @@ from cdrj_msgs.msg import CableTensions
 
 from cdrj_ros.model.prepared import shape_at
 from cdrj_ros.model.status import INVALID, STALE, UNSURE
-from cdrj_ros.rig.faults import drums_of
+from cdrj_ros.simulation.faults import drums_of
 
 REFUSED = STALE | INVALID | UNSURE
 TIGHTEN_S, LOOSEN_S = 0.008, 2.0  # time constants [s]

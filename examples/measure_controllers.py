@@ -15,8 +15,8 @@ from keep_taut import KeepTaut
 from tension_limiter import TensionLimiter
 
 from cdrj_ros.estimation.changes import with_other_numbers
-from cdrj_ros.rig.follow import follow_joints
-from cdrj_ros.rig.load import make_load
+from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.load import make_load
 
 DT = 1e-3  # [s]
 

@@ -16,10 +16,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.importing.mjcf import read_mjcf
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import build_robot
 
 ARM = """

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.simulation.follow import follow_joints
 
 RATE_HZ, PERIOD_S, START_S = 50.0, 3.0, 1.0
 MIDDLE, AMPLITUDE = 0.5, 0.35  # of the joint's angle [rad]

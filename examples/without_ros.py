@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cdrj_ros.bag import read_recording
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import read_recording
 
 SAMPLE_BAG = Path(__file__).resolve().parents[1] / "bags" / "prototype_preload_36_26"
 FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp

@@ -24,7 +24,7 @@ from hypothesis import HealthCheck, settings
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 if TYPE_CHECKING:
-    from cdrj_ros.conditioning.samples import Samples
+    from cdrj_ros.estimation.samples import Samples
     from cdrj_ros.model.prepared import Model
 
 DOMAINS = 101
@@ -53,16 +53,16 @@ LONGEST_FIRST = (
     "nodes/test_replay_node.py", "estimation/test_campaign.py", "model/test_reference.py",
     "nodes/test_node_restart.py", "documents/test_page_tools.py", "estimation/test_contest.py",
     "nodes/test_estimator_node.py", "estimation/test_known_sensors.py",
-    "judgement/test_validation.py", "nodes/test_effort_tracking.py",
+    "evaluation/test_validation.py", "nodes/test_effort_tracking.py",
     "documents/test_page_scripts.py", "robots/test_davinci_jaw.py",
     "identification/test_fit.py", "identification/test_rho.py", "nodes/test_watch.py",
     "commands/test_check_robot.py", "estimation/test_session.py",
-    "commands/test_validate_options.py", "commands/test_simulate.py", "bag/test_states.py",
+    "commands/test_validate_options.py", "commands/test_simulate.py", "recordings/test_states.py",
     "documents/test_readme.py", "estimation/test_ensemble.py",
-    "rig/test_slack_detection.py",
+    "simulation/test_slack_detection.py",
     "commands/test_identify.py", "estimation/test_take_back.py",
-    "bag/test_bombs.py", "project/test_controllers.py", "project/test_wheel.py",
-    "campaign/test_cluster.py", "nodes/test_hostile.py", "nodes/test_page_lines.py",
+    "recordings/test_bombs.py", "project/test_controllers.py", "project/test_wheel.py",
+    "evaluation/test_cluster.py", "nodes/test_hostile.py", "nodes/test_page_lines.py",
 )  # fmt: skip
 """Each takes more than 1.2 % of all tests: one started last would keep a single worker busy.  Of
 three neighbours one waits for messages a good part of its time, and two calculate."""
@@ -91,9 +91,9 @@ SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
 @pytest.fixture(scope="session")
 def recorded() -> Callable[[Model, int], Samples]:
     """Angles of the sample recording, six cycles at 1.5 kHz, of which every n-th is kept."""
-    from cdrj_ros.bag import Topics
-    from cdrj_ros.conditioning.samples import Samples
-    from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+    from cdrj_ros.estimation.samples import Samples
+    from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+    from cdrj_ros.recordings import Topics
 
     def every(model: Model, step: int) -> Samples:
         recording = read_inputs(str(SAMPLE), Topics(), model)

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.importing.mjcf import load_mujoco, read_mjcf
-from cdrj_ros.importing.tendons import Imported, joint_ranges
-from cdrj_ros.importing.writing import robot_text
 from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.robot.imported import robot_text
+from cdrj_ros.robot.mjcf import load_mujoco, read_mjcf
+from cdrj_ros.robot.mjcf_tendons import Imported, joint_ranges
 from cdrj_ros.robot.reader import parse_robot
 
 LENGTH = 1e-9

@@ -25,11 +25,11 @@ from scipy.optimize import brentq
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.bag import Topics, read_recording  # noqa: E402
-from cdrj_ros.judgement.channels import BagComparison, Channel  # noqa: E402
-from cdrj_ros.judgement.metrics import ChannelError, pooled_errors  # noqa: E402
-from cdrj_ros.judgement.validation import validate_bag  # noqa: E402
+from cdrj_ros.evaluation.channels import BagComparison, Channel  # noqa: E402
+from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors  # noqa: E402
+from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.recordings import Topics, read_recording  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 

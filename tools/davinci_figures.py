@@ -21,11 +21,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.bag import Topics  # noqa: E402
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: E402
-from cdrj_ros.judgement.metrics import pooled_errors  # noqa: E402
-from cdrj_ros.judgement.validation import validate_recording  # noqa: E402
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
+from cdrj_ros.evaluation.metrics import pooled_errors  # noqa: E402
+from cdrj_ros.evaluation.validation import validate_recording  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.recordings import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 

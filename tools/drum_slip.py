@@ -16,15 +16,15 @@ from typing import Any, Final
 import numpy as np
 from standard_errors import SECONDS, fitted_numbers, moved, recording, robot_file, truths
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.assembly import divide_contacts
 
 CELLS: Final = 8
 CHOICES: Final = {

@@ -14,15 +14,15 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
-from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
+from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).parents[1]
 LAWS = {"lugre": "#d55e00", "elastoplastic": "#0072b2"}

@@ -20,9 +20,9 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.bag import Topics  # noqa: E402
-from cdrj_ros.judgement.validation import validate_bag  # noqa: E402
+from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
+from cdrj_ros.recordings import Topics  # noqa: E402
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.conditioning.samples import Samples  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
+from cdrj_ros.estimation.samples import Samples  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.fit import identify  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import wrong_files
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 

@@ -32,9 +32,9 @@ from standard_errors import (
 )
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.model.packing import number_views

@@ -29,10 +29,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section  # noqa: E402
-from cdrj_ros.conditioning.samples import Samples  # noqa: E402
-from cdrj_ros.conditioning.whole_recording import condition  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
+from cdrj_ros.estimation.samples import Samples  # noqa: E402
+from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
 from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402
@@ -45,13 +45,13 @@ from cdrj_ros.identification.unknowns import (  # noqa: E402
 )
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
-from cdrj_ros.rig.assembly import Truth  # noqa: E402
-from cdrj_ros.rig.motion import random, sine  # noqa: E402
-from cdrj_ros.rig.truth import simulate  # noqa: E402
 from cdrj_ros.robot.description import Robot  # noqa: E402
 from cdrj_ros.robot.parameters import number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 from cdrj_ros.robot.tolerances import SPRING_SCALE, within_range  # noqa: E402
+from cdrj_ros.simulation.assembly import Truth  # noqa: E402
+from cdrj_ros.simulation.motion import random, sine  # noqa: E402
+from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
 Vector = NDArray[np.float64]
 

@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.conditioning.samples import Sample  # noqa: E402
+from cdrj_ros.estimation.samples import Sample  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model  # noqa: E402
-from cdrj_ros.rig.assembly import Truth  # noqa: E402
-from cdrj_ros.rig.faults import Fault  # noqa: E402
-from cdrj_ros.rig.motion import sine  # noqa: E402
-from cdrj_ros.rig.truth import simulate  # noqa: E402
+from cdrj_ros.simulation.assembly import Truth  # noqa: E402
+from cdrj_ros.simulation.faults import Fault  # noqa: E402
+from cdrj_ros.simulation.motion import sine  # noqa: E402
+from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

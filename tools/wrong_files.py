@@ -26,21 +26,21 @@ from scipy.ndimage import gaussian_filter1d
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.bag import Topics  # noqa: E402
-from cdrj_ros.conditioning.samples import Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble, mark_unsure  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
+from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
+from cdrj_ros.estimation.health_verdict import unsure_elements  # noqa: E402
+from cdrj_ros.estimation.samples import Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.health.monitor import HealthMonitor  # noqa: E402
-from cdrj_ros.health.verdict import unsure_elements  # noqa: E402
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs  # noqa: E402
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.model.status import OK  # noqa: E402
-from cdrj_ros.rig.assembly import divide_contacts  # noqa: E402
+from cdrj_ros.recordings import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot  # noqa: E402
 from cdrj_ros.robot.tolerances import narrowed  # noqa: E402
+from cdrj_ros.simulation.assembly import divide_contacts  # noqa: E402
 
 Table = NDArray[np.float64]
 

@@ -57,12 +57,12 @@ def validate() -> NoReturn:
     """Run ``validate``."""
 
     def load() -> Callable[[], int]:
-        from cdrj_ros.campaign.tasks import several_large
+        from cdrj_ros.evaluation.tasks import several_large
 
         if several_large(sys.argv[1:]):
-            from cdrj_ros.campaign.processes import prepare_processes
+            from cdrj_ros.evaluation.processes import prepare_processes
 
-            prepare_processes("cdrj_ros.judgement.validation")
+            prepare_processes("cdrj_ros.evaluation.validation")
         from cdrj_ros.commands.validate import main
 
         return main

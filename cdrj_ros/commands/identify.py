@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 
-from cdrj_ros.bag import Recording, Topics
 from cdrj_ros.commands.identify_fits import compared, cross_validated, fit, validated
 from cdrj_ros.commands.identify_model_error import model_errors
 from cdrj_ros.commands.identify_options import parser
@@ -24,6 +23,9 @@ from cdrj_ros.commands.identify_results import (
 from cdrj_ros.commands.identify_task import Task, posed, task_of
 from cdrj_ros.commands.identify_uncertainty import COVARIANCE_LIMIT, uncertainty_section
 from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.inputs import read_inputs
+from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
@@ -31,10 +33,8 @@ from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
 from cdrj_ros.identification.problem import Pool
-from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.inputs import read_inputs
-from cdrj_ros.judgement.metrics import pooled_errors
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.recordings import Recording, Topics
 from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.writer import moved, with_numbers_in_text, with_section, yaml_number
@@ -45,7 +45,7 @@ def _body(argv: Sequence[str]) -> int:
     task = task_of(arguments)
     if arguments.scheduler is None:
         return _identified(arguments, task, None)
-    from cdrj_ros.campaign.cluster_pool import cluster_pool
+    from cdrj_ros.evaluation.cluster_pool import cluster_pool
 
     with cluster_pool(arguments.scheduler) as pool:
         return _identified(arguments, task, pool)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cdrj_ros.bag import Topics
 from cdrj_ros.commands.identify_results import Compared, fold_line
 from cdrj_ros.commands.identify_task import Task
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.metrics import pooled_errors
+from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.foundation.progress import progress_text
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Pool, Settings
 from cdrj_ros.identification.unknowns import Unknown
-from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.metrics import pooled_errors
-from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot

@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import Topics
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.identification.residual_statistics import model_error
-from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.validation import validate_bag
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Topics
 
 Vector = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from cdrj_ros import __version__
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.problem import Loss
-from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.metrics import ChannelError, pooled_errors
 from cdrj_ros.robot.writer import yaml_number
 
 TABLE_WIDTH: Final = 120

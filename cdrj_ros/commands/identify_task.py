@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from cdrj_ros.bag import Topics
-from cdrj_ros.campaign.cluster import check_address
 from cdrj_ros.commands.shared import topics_of
+from cdrj_ros.evaluation.cluster import check_address
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
@@ -32,6 +31,7 @@ from cdrj_ros.identification.unknowns import (
     with_priors,
 )
 from cdrj_ros.model.loading import robot_path
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.document import Document, document_complaints
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document

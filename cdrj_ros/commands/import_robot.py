@@ -12,8 +12,8 @@ from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.text import counted, printable
-from cdrj_ros.importing.mjcf import read_mjcf
-from cdrj_ros.importing.writing import robot_text
+from cdrj_ros.robot.imported import robot_text
+from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.urdf import read_urdf
 

@@ -8,12 +8,12 @@ from importlib import metadata
 from typing import TYPE_CHECKING
 
 from cdrj_ros import __version__
-from cdrj_ros.bag import Topics
+from cdrj_ros.evaluation.comparison import DROP_CAUSES
+from cdrj_ros.evaluation.limits import LimitCheck
+from cdrj_ros.evaluation.metrics import Errors
 from cdrj_ros.foundation.output import say
-from cdrj_ros.judgement.comparison import DROP_CAUSES
-from cdrj_ros.judgement.limits import LimitCheck
-from cdrj_ros.judgement.metrics import Errors
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Topics
 
 if TYPE_CHECKING:
     from cdrj_ros.report.table import Beside

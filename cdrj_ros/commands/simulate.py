@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import BagWriter, Topics
 from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.commands.simulate_motion import (
     TRUTH_RATE,
@@ -28,11 +27,12 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.rig import motion
-from cdrj_ros.rig.assembly import MotionError, SlackError, Truth
-from cdrj_ros.rig.sensors import Encoder, read_cells, read_encoder, schedule
-from cdrj_ros.rig.truth import Progress, simulate
+from cdrj_ros.recordings import BagWriter, Topics
 from cdrj_ros.robot.description import Joint, Motor, Robot
+from cdrj_ros.simulation import motion
+from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
+from cdrj_ros.simulation.sensors import Encoder, read_cells, read_encoder, schedule
+from cdrj_ros.simulation.truth import Progress, simulate
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 """Stamp of a simulated recording's start [ns]."""

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import Topics, read_recording
 from cdrj_ros.commands.simulate_options import (
     USUAL_AMPLITUDE_DEG,
     Mode,
@@ -19,10 +18,11 @@ from cdrj_ros.commands.simulate_options import (
     numbers,
 )
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.rig import motion
-from cdrj_ros.rig.faults import Fault
-from cdrj_ros.rig.load import Load, make_load, usual_load
+from cdrj_ros.recordings import Topics, read_recording
 from cdrj_ros.robot.description import Joint, Robot
+from cdrj_ros.simulation import motion
+from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.load import Load, make_load, usual_load
 
 DWELL_S: Final = 1.0
 """Rest before the motion begins [s]."""

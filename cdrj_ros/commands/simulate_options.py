@@ -9,14 +9,14 @@ from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from cdrj_ros.bag import Topics
 from cdrj_ros.commands.running import CommandParser
 from cdrj_ros.commands.shared import add_robot_option
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.rig.faults import KINDS as FAULTS
-from cdrj_ros.rig.faults import Fault, FaultKind
-from cdrj_ros.rig.load import KINDS as LOADS
-from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
+from cdrj_ros.recordings import Topics
+from cdrj_ros.simulation.faults import KINDS as FAULTS
+from cdrj_ros.simulation.faults import Fault, FaultKind
+from cdrj_ros.simulation.load import KINDS as LOADS
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
 
 MotionKind = Literal["sine", "ramps", "dwell", "random", "recorded"]
 MOTIONS: Final[tuple[MotionKind, ...]] = get_args(MotionKind)

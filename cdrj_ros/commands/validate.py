@@ -9,16 +9,6 @@ from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
-from cdrj_ros.bag import open_source
-from cdrj_ros.campaign.tasks import (
-    Failed,
-    Progress,
-    Work,
-    default_jobs,
-    in_this_process,
-    processors,
-    reason_of,
-)
 from cdrj_ros.commands.running import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
@@ -29,17 +19,27 @@ from cdrj_ros.commands.shared import (
     topics_of,
     write_files,
 )
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.estimating import OUTPUTS
+from cdrj_ros.evaluation.inputs import Window, require_reference_topics
+from cdrj_ros.evaluation.limits import check_limits, load_limits
+from cdrj_ros.evaluation.metrics import errors_of
+from cdrj_ros.evaluation.tasks import (
+    Failed,
+    Progress,
+    Work,
+    default_jobs,
+    in_this_process,
+    processors,
+    reason_of,
+)
+from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.estimating import OUTPUTS
-from cdrj_ros.judgement.inputs import Window, require_reference_topics
-from cdrj_ros.judgement.limits import check_limits, load_limits
-from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.judgement.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.model.loading import robot_path
+from cdrj_ros.recordings import open_source
 from cdrj_ros.robot.description import Robot
 
 MOST_JOBS = 64
@@ -52,7 +52,7 @@ def _compared(
     sizes = [size_of(task.path) for task in tasks]
     work = Work(compare_bag, tasks, [task.path for task in tasks], sizes)
     if arguments.scheduler:
-        from cdrj_ros.campaign.cluster import on_cluster
+        from cdrj_ros.evaluation.cluster import on_cluster
 
         return on_cluster(work, arguments.scheduler, report)
     if len(tasks) == 1:
@@ -60,7 +60,7 @@ def _compared(
     jobs = default_jobs(work.sizes) if arguments.jobs is None else arguments.jobs or processors()
     if jobs == 1:
         return in_this_process(work, report)
-    from cdrj_ros.campaign.processes import in_processes
+    from cdrj_ros.evaluation.processes import in_processes
 
     return in_processes(work, jobs, report)
 
@@ -241,7 +241,7 @@ def _check_workers(arguments: argparse.Namespace) -> None:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     if arguments.scheduler is None:
         return
-    from cdrj_ros.campaign.cluster import check_address
+    from cdrj_ros.evaluation.cluster import check_address
 
     check_address(arguments.scheduler)
     if arguments.jobs is not None:

@@ -1,4 +1,4 @@
-// Conditioning of readings, as `cdrj_ros.conditioning` uses it.
+// Conditioning of readings, as `cdrj_ros.estimation` uses it.
 #include <pybind11/stl.h>
 
 #include <memory>

@@ -1,4 +1,4 @@
-// Decoding and encoding of messages, as nodes and `cdrj_ros.replay` use them.
+// Decoding and encoding of messages, as nodes and `cdrj_ros.recordings` use them.
 #include "arrays.hpp"
 #include "bind.hpp"
 #include "message_encoder.hpp"

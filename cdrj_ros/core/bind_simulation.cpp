@@ -1,4 +1,4 @@
-// The simulated rig's stepper, as `cdrj_ros.rig` uses it.
+// The simulated rig's stepper, as `cdrj_ros.simulation` uses it.
 #include <pybind11/numpy.h>
 
 #include <algorithm>

@@ -1,1 +1,1 @@
-"""Estimates with standard deviations from samples."""
+"""Estimates with standard deviations from readings, and detection of changes of the robot."""

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.draws import draw
 from cdrj_ros.estimation.ensemble import MEMBERS, new_members, stddev_columns
 from cdrj_ros.estimation.estimator import Angles, Estimate, Estimates, State
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID

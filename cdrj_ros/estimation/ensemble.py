@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
 from cdrj_ros.estimation.model_error import unmodelled
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.model.status import INVALID, UNSURE

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Layout, Model
 
 Vector = NDArray[np.float64]

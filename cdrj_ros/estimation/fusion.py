@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.draws import root_mean_square, standard
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimate, State
@@ -35,6 +34,7 @@ from cdrj_ros.estimation.measurements import (
 )
 from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
 from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
 from cdrj_ros.model.prepared import Model
 

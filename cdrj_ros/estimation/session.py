@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.conditioning.conditioner import TOPICS, Conditioner, Kind, Mode, samples_of
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.changes import (
     RestWatch,
     preloads_of,
     reference_at,
     with_other_numbers,
 )
+from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode, samples_of
 from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
@@ -34,6 +33,7 @@ from cdrj_ros.estimation.ensemble import (
 from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import SensorFusion
 from cdrj_ros.estimation.preloads import START_SHARE
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.tolerances import narrowed

@@ -11,8 +11,8 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.channels import EFFORT, channel_columns

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cdrj_ros.conditioning.whole_recording import angles_of
+from cdrj_ros.estimation.whole_recording import angles_of
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns

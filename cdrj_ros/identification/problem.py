@@ -13,8 +13,8 @@ from typing import Final, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.observations import (
     WEIGHTS,

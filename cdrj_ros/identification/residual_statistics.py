@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.observations import Observations, samples_of, thinned
 from cdrj_ros.identification.problem import Problem
 

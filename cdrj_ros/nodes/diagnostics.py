@@ -11,11 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.estimation.health_evaluation import Evaluation
+from cdrj_ros.estimation.health_monitor import HealthMonitor
+from cdrj_ros.estimation.health_verdict import unsure_elements
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.health.evaluation import Evaluation
-from cdrj_ros.health.monitor import HealthMonitor
-from cdrj_ros.health.verdict import unsure_elements
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.robot.tolerances import narrowed
 

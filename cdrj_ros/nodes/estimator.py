@@ -11,7 +11,6 @@ from typing import Any
 from rclpy.utilities import remove_ros_args
 
 from cdrj_ros.commands.running import DONE, run_command
-from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
 from cdrj_ros.nodes.parameters import parameter_file
 from cdrj_ros.nodes.spinning import (
@@ -23,6 +22,7 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
+from cdrj_ros.recordings.topics import NAMESPACE
 
 
 class EstimatorNode(CheckedClock):

@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from cdrj_ros.conditioning.refusals import REFUSALS
+from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.nodes.diagnostics import Health

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cdrj_ros.conditioning.conditioner import MODES
+from cdrj_ros.estimation.conditioner import MODES
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import CdrjError, UsageError

@@ -12,15 +12,15 @@ from typing import Any, Final
 from rclpy.experimental import EventsExecutor
 from rclpy.task import Future
 
-from cdrj_ros.bag import RawMessage
-from cdrj_ros.conditioning.conditioner import Kind
+from cdrj_ros.estimation.conditioner import Kind
+from cdrj_ros.evaluation.answers import Answers, Run, Tally
+from cdrj_ros.evaluation.replayed import NodeSettings, require_every_sample
 from cdrj_ros.foundation.progress import LabelledBar
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
-from cdrj_ros.replay.answers import Answers, Run, Tally
-from cdrj_ros.replay.comparison import NodeSettings, require_every_sample
-from cdrj_ros.replay.playback import Playback, rate_in_words
+from cdrj_ros.recordings import RawMessage
+from cdrj_ros.recordings.playback import Playback, rate_in_words
 
 Routes = dict[str, list[tuple[Any, Callable[[bytes], None] | None]]]
 """By topic in the bag: functions that publish a message, each with one to predict the answers."""

@@ -15,8 +15,6 @@ from typing import Final
 
 from rclpy.experimental import EventsExecutor
 
-from cdrj_ros.bag import Recording, Source, Topics, open_source, read_messages, read_recording
-from cdrj_ros.bag.batch import Channel
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
@@ -26,19 +24,28 @@ from cdrj_ros.commands.shared import (
     topics_of,
     write_files,
 )
+from cdrj_ros.evaluation.inputs import require_axes
+from cdrj_ros.evaluation.metrics import errors_of
+from cdrj_ros.evaluation.replayed import Outcome, preload_difference, slow_playback
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
-from cdrj_ros.judgement.inputs import require_axes
-from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.messages.topics import CLOCK, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
-from cdrj_ros.replay.comparison import Outcome, preload_difference, slow_playback
-from cdrj_ros.replay.playback import MAX_RATE, MIN_RATE, Playback, checked_rate, rate_in_words
+from cdrj_ros.recordings import (
+    Recording,
+    Source,
+    Topics,
+    open_source,
+    read_messages,
+    read_recording,
+)
+from cdrj_ros.recordings.batch import Channel
+from cdrj_ros.recordings.playback import MAX_RATE, MIN_RATE, Playback, checked_rate, rate_in_words
+from cdrj_ros.recordings.topics import CLOCK, in_namespace
 
 INCOMPLETE: Final = 1
 """Exit code: the bag was played, but estimates were lost or the estimator disappeared."""

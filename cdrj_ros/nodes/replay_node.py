@@ -17,14 +17,21 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.bag import Topics
-from cdrj_ros.conditioning.conditioner import MODES
+from cdrj_ros.estimation.conditioner import MODES
+from cdrj_ros.evaluation.answers import ANSWER_TOPICS, Run
+from cdrj_ros.evaluation.replayed import NodeSettings
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
-from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE, in_namespace
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.replay.answers import ANSWER_TOPICS, Run
-from cdrj_ros.replay.comparison import NodeSettings
+from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.topics import (
+    CLOCK,
+    FEW,
+    JOINT_STATES,
+    MOTOR_STATES,
+    NAMESPACE,
+    in_namespace,
+)
 
 ANSWER_S: Final = 5.0
 """Maximum response time of the estimator's services [s]."""

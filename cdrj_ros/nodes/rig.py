@@ -20,7 +20,6 @@ from std_srvs.srv import Trigger
 
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
 from cdrj_ros.nodes.rig_declaring import declare_numbers
@@ -35,11 +34,12 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.rig.faults import FAULT_NAMES
-from cdrj_ros.rig.live import LiveRig
-from cdrj_ros.rig.live_commands import Command, Trajectory
-from cdrj_ros.rig.live_drives import Drives
-from cdrj_ros.rig.live_motion import program_of
+from cdrj_ros.recordings.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
+from cdrj_ros.simulation.faults import FAULT_NAMES
+from cdrj_ros.simulation.live import LiveRig
+from cdrj_ros.simulation.live_commands import Command, Trajectory
+from cdrj_ros.simulation.live_drives import Drives
+from cdrj_ros.simulation.live_motion import program_of
 
 MOST_BEHIND_S: Final = 0.1
 """If the simulation lags by more than this, it skips the lag instead of catching up [s]."""

@@ -20,12 +20,12 @@ from cdrj_ros.nodes.rig_declaring import (
     declare_text,
 )
 from cdrj_ros.nodes.settings import as_double
-from cdrj_ros.rig.live import LiveSettings
-from cdrj_ros.rig.live_limits import DriveLimits, drive_limits
-from cdrj_ros.rig.live_motion import MOTIONS, Demonstration, MotionName
-from cdrj_ros.rig.load import KINDS as LOADS
-from cdrj_ros.rig.load import Load, LoadKind, make_load, usual_load, usual_payload
-from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
+from cdrj_ros.simulation.live import LiveSettings
+from cdrj_ros.simulation.live_limits import DriveLimits, drive_limits
+from cdrj_ros.simulation.live_motion import MOTIONS, Demonstration, MotionName
+from cdrj_ros.simulation.load import KINDS as LOADS
+from cdrj_ros.simulation.load import Load, LoadKind, make_load, usual_load, usual_payload
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, Encoder, LoadCells
 
 USUAL: Final = 0.0
 """Value of a parameter for which the rig chooses a default."""

@@ -23,8 +23,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
+from cdrj_ros.evaluation.reversals import envelope
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.reversals import envelope
 
 Floats = NDArray[np.float64]
 

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from cdrj_ros.evaluation.channels import QUANTITIES, Channel, quantity_of
+from cdrj_ros.evaluation.metrics import COVERAGE_SIGMAS, direction_error_deg
+from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.evaluation.reversals import envelope
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.channels import QUANTITIES, Channel, quantity_of
-from cdrj_ros.judgement.metrics import COVERAGE_SIGMAS, direction_error_deg
-from cdrj_ros.judgement.pulley_friction import PulleyFriction
-from cdrj_ros.judgement.reversals import envelope
 from cdrj_ros.report.canvas import (
     BOTTOM,
     BUCKETS,

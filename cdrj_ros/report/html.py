@@ -16,12 +16,9 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Final
 
-from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.text import counted, printable
-from cdrj_ros.inspection.checks import Inspection, Suspicion
-from cdrj_ros.judgement.channels import QUANTITIES, BagComparison, Channel, quantity_of
-from cdrj_ros.judgement.limits import LimitCheck
-from cdrj_ros.judgement.metrics import (
+from cdrj_ros.evaluation.channels import QUANTITIES, BagComparison, Channel, quantity_of
+from cdrj_ros.evaluation.limits import LimitCheck
+from cdrj_ros.evaluation.metrics import (
     COVERAGE_SIGMAS,
     DIRECTION_SHARE,
     MINIMUM_SHARE,
@@ -29,7 +26,10 @@ from cdrj_ros.judgement.metrics import (
     ChannelError,
     Errors,
 )
-from cdrj_ros.judgement.reversals import AROUND_NS, REVERSAL_SHARE
+from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
+from cdrj_ros.foundation.files import write_text
+from cdrj_ros.foundation.text import counted, printable
+from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.report.parameters import cable_tables, headline, parameter_tables
 from cdrj_ros.report.pictures import Picture, channel_pictures, drawing_svg, friction_pictures
 from cdrj_ros.report.table import (

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.judgement.channels import Channel
-from cdrj_ros.judgement.pulley_friction import PulleyFriction
-from cdrj_ros.judgement.reversals import turning_points
+from cdrj_ros.evaluation.channels import Channel
+from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.evaluation.reversals import turning_points
 
 if TYPE_CHECKING:
     from markupsafe import Markup

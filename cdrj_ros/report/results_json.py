@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Final, TypeAlias
 
+from cdrj_ros.evaluation.channels import unit_of
+from cdrj_ros.evaluation.limits import LimitCheck
+from cdrj_ros.evaluation.metrics import FIGURES, ChannelError, Errors
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.judgement.channels import unit_of
-from cdrj_ros.judgement.limits import LimitCheck
-from cdrj_ros.judgement.metrics import FIGURES, ChannelError, Errors
 
 FORMAT: Final = "cdrj_ros/validation"
 VERSION: Final = 2

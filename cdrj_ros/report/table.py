@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Final, TextIO
 
+from cdrj_ros.evaluation.channels import QUANTITIES, quantity_of
+from cdrj_ros.evaluation.comparison import DROP_CAUSES
+from cdrj_ros.evaluation.limits import LimitCheck, Outside
+from cdrj_ros.evaluation.metrics import ChannelError, mean_over_channels
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.judgement.channels import QUANTITIES, quantity_of
-from cdrj_ros.judgement.comparison import DROP_CAUSES
-from cdrj_ros.judgement.limits import LimitCheck, Outside
-from cdrj_ros.judgement.metrics import ChannelError, mean_over_channels
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from cdrj_ros.foundation.text import counted
-from cdrj_ros.health.recorded import Alarm
-from cdrj_ros.health.recorded import Verdict as HealthVerdict
-from cdrj_ros.judgement.channels import (
+from cdrj_ros.estimation.recorded_health import Alarm
+from cdrj_ros.estimation.recorded_health import Verdict as HealthVerdict
+from cdrj_ros.evaluation.channels import (
     ANGLE,
     FORCE_VECTOR,
     QUANTITIES,
     BagComparison,
     quantity_of,
 )
-from cdrj_ros.judgement.metrics import ChannelError, Errors, mean_over_channels
+from cdrj_ros.evaluation.metrics import ChannelError, Errors, mean_over_channels
+from cdrj_ros.foundation.text import counted
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     format_amount,

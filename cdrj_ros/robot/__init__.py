@@ -1,1 +1,1 @@
-"""The description of a robot: reading, checking and writing robot files."""
+"""The description of a robot: reading, checking, writing and importing robot files."""

@@ -11,18 +11,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import Recording, Series
-from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import Conditioned
 from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.evaluation.channels import Angle, stddev_channels
+from cdrj_ros.evaluation.comparison import values_at
+from cdrj_ros.evaluation.estimating import pieces_of
+from cdrj_ros.evaluation.inputs import BETWEEN_PASSES_NS, references_of_passes
+from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.judgement.channels import Angle, stddev_channels
-from cdrj_ros.judgement.comparison import values_at
-from cdrj_ros.judgement.estimating import pieces_of
-from cdrj_ros.judgement.inputs import BETWEEN_PASSES_NS, references_of_passes
-from cdrj_ros.judgement.validation import MAX_GAP_NS
 from cdrj_ros.model.channels import TENSION
 from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.recordings import Recording, Series
 from cdrj_ros.view.history import Flags, Snapshot, Table, usable
 from cdrj_ros.view.html import filled
 from cdrj_ros.view.page import Page

@@ -13,7 +13,6 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import Recording, read_recording
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.propagation import (
     KnownTension,
@@ -24,6 +23,7 @@ from cdrj_ros.identification.propagation import (
 )
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Recording, read_recording
 from examples.paper.stiffness import Stiffness, nominal_stiffness, stiffness_matrix
 
 Vector = NDArray[np.float64]

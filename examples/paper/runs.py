@@ -14,19 +14,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Samples
-from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.evaluation.channels import FRICTION, Angle, Channel
+from cdrj_ros.evaluation.comparison import compare
+from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.judgement.channels import FRICTION, Angle, Channel
-from cdrj_ros.judgement.comparison import compare
-from cdrj_ros.judgement.validation import MAX_GAP_NS
 from cdrj_ros.model.channels import NODAL_FORCE, TENSION
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.assembly import Truth
-from cdrj_ros.rig.sensors import (
+from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
     Encoder,
@@ -35,8 +36,7 @@ from cdrj_ros.rig.sensors import (
     read_encoder,
     reading_times,
 )
-from cdrj_ros.rig.truth import simulate
-from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
+from cdrj_ros.simulation.truth import simulate
 
 Vector = NDArray[np.float64]
 Progress = Callable[[float], None]

@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.evaluation.channels import Channel
+from cdrj_ros.evaluation.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.threads import thread_pool
-from cdrj_ros.judgement.channels import Channel
-from cdrj_ros.judgement.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.robot.description import Robot
 from examples.paper import curves

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import degrees, radians
 from typing import TYPE_CHECKING, Final
 
-from cdrj_ros.judgement.metrics import ChannelError
+from cdrj_ros.evaluation.metrics import ChannelError
 from cdrj_ros.model.friction import (
     PRINTED,
     bearing_transmission,

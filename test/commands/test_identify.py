@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import BagWriter, Topics
 from cdrj_ros.commands import identify, validate
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
-from cdrj_ros.rig.truth import simulate
+from cdrj_ros.recordings import BagWriter, Topics
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, load_robot
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
+from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import BagWriter, Topics
 from cdrj_ros.commands import identify
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.pose import Reach, outdated_corrections
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.recordings import BagWriter, Topics
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 

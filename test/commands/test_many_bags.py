@@ -15,8 +15,8 @@ from typing import Any
 import psutil
 import pytest
 
-from cdrj_ros.bag import BagWriter
 from cdrj_ros.commands import validate
+from cdrj_ros.recordings import BagWriter
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

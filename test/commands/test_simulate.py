@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Recording, Topics, read_recording
 from cdrj_ros.commands.simulate import main
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import Recording, Topics, read_recording
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude-deg", "20")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.bag import BagWriter, read_recording
 from cdrj_ros.commands import simulate, validate
-from cdrj_ros.judgement import metrics
+from cdrj_ros.evaluation import metrics
+from cdrj_ros.recordings import BagWriter, read_recording
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

@@ -17,13 +17,13 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from cdrj_ros.bag import BagWriter, Recording, Series, Topics, read_recording
 from cdrj_ros.commands import validate
-from cdrj_ros.judgement import validation
-from cdrj_ros.judgement.channels import estimate_channels
-from cdrj_ros.judgement.estimating import OUTPUTS, estimate
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation import validation
+from cdrj_ros.evaluation.channels import estimate_channels
+from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

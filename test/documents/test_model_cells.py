@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import load_robot, parse_robot
 

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.bag import read_recording
 from cdrj_ros.commands.check_robot import main as check_robot
 from cdrj_ros.commands.identify import main as identify
 from cdrj_ros.commands.simulate import main as simulate
 from cdrj_ros.commands.validate import main as validate
+from cdrj_ros.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--duration", "3", "--cells", "1"]

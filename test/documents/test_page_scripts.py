@@ -19,19 +19,19 @@ import pytest
 import scipy.optimize
 from support.page_lines import ROOT, blocks, calls
 
-from cdrj_ros.bag import Topics
-from cdrj_ros.bag.writer import BagWriter
 from cdrj_ros.commands.identify import main as identify
 from cdrj_ros.commands.simulate import main as simulate
 from cdrj_ros.commands.validate import main as validate
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.rig.faults import drums_of
-from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, load_robot
+from cdrj_ros.simulation.faults import drums_of
+from cdrj_ros.simulation.follow import follow_joints
 
 COMMANDS: dict[str, Callable[[list[str]], int]] = {
     "simulate": simulate,

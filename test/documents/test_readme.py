@@ -11,10 +11,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import BagWriter, Topics, read_recording
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
 from cdrj_ros.robot.reader import parse_robot
 from examples.paper.__main__ import parser as paper_parser
 
@@ -169,8 +169,8 @@ def test_the_picture_of_the_readme_shows_the_last_demonstration(figures: ModuleT
 
 def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
     """docs/demo.json must match the current code; node and offline results agree."""
-    from cdrj_ros.judgement.metrics import pooled_errors
-    from cdrj_ros.judgement.validation import validate_bag
+    from cdrj_ros.evaluation.metrics import pooled_errors
+    from cdrj_ros.evaluation.validation import validate_bag
     from cdrj_ros.model.loading import load_model
 
     kept = json.loads((ROOT / "docs" / "demo.json").read_text())

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from support.campaign import MS, SECOND, Course, Faults, Lie, courses, judge, quarter_rate, run
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.draws import standard
 from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, SensorState
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros import _core
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 

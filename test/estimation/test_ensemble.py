@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from cdrj_ros.bag import Topics
-from cdrj_ros.conditioning.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.estimation.cable_index import CableIndex
 from cdrj_ros.estimation.draws import (
     draw_members,
@@ -22,11 +20,13 @@ from cdrj_ros.estimation.draws import (
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.model_error import unmodelled
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+from cdrj_ros.estimation.samples import ALL_SEEN, Sample, Samples
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.elasticity import elasticity_of, tensions_at
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot, parse_robot

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import NEVER, Estimates, State, initial_state, run, step
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.robot.description import LAWS, Robot

@@ -18,7 +18,6 @@ from support.motor_alone import (
     without_encoder,
 )
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.encoderless import (
     EFFORT_AGE_NS,
     EncoderlessEstimator,
@@ -26,6 +25,7 @@ from cdrj_ros.estimation.encoderless import (
     efforts_at,
 )
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series

@@ -10,17 +10,17 @@ from typing import Final
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.motor_friction import MotorFriction
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.rig.assembly import Truth
-from cdrj_ros.rig.faults import Fault
-from cdrj_ros.rig.motion import sine
-from cdrj_ros.rig.truth import simulate
 from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.motion import sine
+from cdrj_ros.simulation.truth import simulate
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 RATE: Final = 100.0

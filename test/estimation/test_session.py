@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.sensor_health import CHECKED
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state

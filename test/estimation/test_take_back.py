@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation import estimator
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state

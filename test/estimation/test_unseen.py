@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import MAX_GAP_NS
-from cdrj_ros.conditioning.conditioner import Conditioner
-from cdrj_ros.conditioning.samples import Sample, Samples
-from cdrj_ros.conditioning.whole_recording import condition
+from cdrj_ros.estimation.conditioner import Conditioner
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import (
     HEADER,
@@ -24,9 +23,10 @@ from cdrj_ros.estimation.state_file import (
     with_checksum,
     write_state,
 )
+from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.judgement.estimating import estimate
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID, UNSURE

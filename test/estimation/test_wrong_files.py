@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.draws import draw_members
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.model_error import unmodelled
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import number_views

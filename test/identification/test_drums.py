@@ -13,8 +13,8 @@ import yaml
 from support.made_up import recording
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.drums import CERTAIN, finding
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
@@ -22,10 +22,10 @@ from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.assembly import divide_contacts
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.simulation.assembly import divide_contacts
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 SETTINGS = Settings(channels=("tension/*/8", "effort/*"), coarse=True, compares_drums=True)

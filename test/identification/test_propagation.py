@@ -10,8 +10,8 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.propagation import (
     KnownTension,

@@ -24,15 +24,15 @@ from cdrj_ros.identification.propagation import (
 from cdrj_ros.model.friction import blended_loss
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.sensors import (
+from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     LoadCells,
     read_cells,
     read_encoder,
     reading_times,
 )
-from cdrj_ros.rig.truth import simulate
-from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.simulation.truth import simulate
 
 PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 

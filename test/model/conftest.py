@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.robot.description import Cable, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.report.parameters import elasticity_text

@@ -19,13 +19,13 @@ from model.reference_geometry import plane
 from model.rigid_bodies import bodies, pulls, velocity
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import Estimate, initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.model.state import state_views
-from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.robot.description import PassiveTorque, Pulley, Robot, Winch
 from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation.follow import follow_joints
 
 Vector = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from scipy.optimize import brentq, root
 from support.core_laws import solve_cable
 
 from cdrj_ros._core import element_tension, tolerance
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimates, initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import (

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import Estimates, State, initial_state, run, step
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import LAWS, Pulley, Robot

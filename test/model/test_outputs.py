@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.outputs import nodal_force_magnitude
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK

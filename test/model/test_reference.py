@@ -28,8 +28,8 @@ from model.reference import Begun, Drum, History, Outputs
 from model.reference_geometry import Geometry, moved_middle, plane
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model import along
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.packing import plan_views

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import OK

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from model.rigid_bodies import pulls, rate_of_free_length
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
 

@@ -9,8 +9,8 @@ import pytest
 from model.element_law import law_and_measured
 from model.rigid_bodies import pulls, rate_of_free_length
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.forked import Forked, end
 
-from cdrj_ros.bag import BagWriter, Topics, read_recording
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
 
 PATIENCE_S = 60.0
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"

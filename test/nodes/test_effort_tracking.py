@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from support.remote import ROBOT, Remote
 
-from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.rig.faults import Fault
-from cdrj_ros.rig.motion import sine
-from cdrj_ros.rig.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder
-from cdrj_ros.rig.truth import simulate
+from cdrj_ros.recordings.cdr import JOINT_STATE
+from cdrj_ros.recordings.templates import Template
+from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.motion import sine
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder
+from cdrj_ros.simulation.truth import simulate
 
 WHOLE, LOST = "36.85,26.26", "29.48,26.26"
 """Preloads of the robot file, and those after a loss of 20 % in the upper cable [N]."""

@@ -410,7 +410,7 @@ KEYS = {
 
 
 def test_diagnostics_describe_every_problem(bench: Bench) -> None:
-    from cdrj_ros.conditioning.refusals import REFUSALS
+    from cdrj_ros.estimation.refusals import REFUSALS
     from cdrj_ros.nodes.diagnostics import Health, status_of
 
     estimator = bench.estimator(tension_sensors=True)

@@ -20,8 +20,8 @@ from mcap.writer import Writer
 from support.forked import Forked, end
 from support.turned_forces import turned_bag
 
-from cdrj_ros.bag import BagWriter, Topics, read_recording
 from cdrj_ros.commands import validate
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cdrj_ros.bag import read_recording
+from cdrj_ros.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
 BAG = ROOT / "bags" / "prototype_preload_36_26"

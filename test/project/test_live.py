@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import UNSURE
-from cdrj_ros.rig.follow import follow_joints
+from cdrj_ros.simulation.follow import follow_joints
 
 ROOT = Path(__file__).parents[2]
 LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))

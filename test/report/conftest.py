@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.channels import Angle, BagComparison
-from cdrj_ros.judgement.comparison import compare, summed_up
+from cdrj_ros.evaluation.channels import Angle, BagComparison
+from cdrj_ros.evaluation.comparison import compare, summed_up
 
 EPOCH_NS = 1_722_000_000_123_456_789
 

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cdrj_ros.judgement.channels import Channel
-from cdrj_ros.judgement.reversals import turning_points
+from cdrj_ros.evaluation.channels import Channel
+from cdrj_ros.evaluation.reversals import turning_points
 from cdrj_ros.report import figures
 from cdrj_ros.report.canvas import PALETTE, Sheets, inline_svg
 from cdrj_ros.report.figures import hysteresis, over_time

@@ -13,12 +13,12 @@ import pytest
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from cdrj_ros.health.recorded import Alarm, Verdict
-from cdrj_ros.judgement.channels import Angle, BagComparison, Channel
-from cdrj_ros.judgement.comparison import compare, summed_up
-from cdrj_ros.judgement.limits import LimitCheck, Outside
-from cdrj_ros.judgement.metrics import errors_of
-from cdrj_ros.judgement.pulley_friction import PulleyFriction
+from cdrj_ros.estimation.recorded_health import Alarm, Verdict
+from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel
+from cdrj_ros.evaluation.comparison import compare, summed_up
+from cdrj_ros.evaluation.limits import LimitCheck, Outside
+from cdrj_ros.evaluation.metrics import errors_of
+from cdrj_ros.evaluation.pulley_friction import PulleyFriction
 from cdrj_ros.report import html
 from cdrj_ros.report.canvas import PALETTE
 from cdrj_ros.report.html import RobotShown, write_report

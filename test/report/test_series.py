@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.channels import Channel
-from cdrj_ros.judgement.reversals import envelope, envelopes, turning_points
+from cdrj_ros.evaluation.channels import Channel
+from cdrj_ros.evaluation.reversals import envelope, envelopes, turning_points
 from cdrj_ros.report.pictures import closer_look, gaps, loop_window
 
 

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from cdrj_ros.judgement.metrics import NO_SAMPLES, ChannelError
+from cdrj_ros.evaluation.metrics import NO_SAMPLES, ChannelError
 from cdrj_ros.report.table import (
     HEADINGS,
     Beside,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.judgement.channels import BagComparison, Channel
-from cdrj_ros.judgement.metrics import errors_of
+from cdrj_ros.evaluation.channels import BagComparison, Channel
+from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.report.verdict import key_channels, last_elements, verdict
 
 

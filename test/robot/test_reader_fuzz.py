@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.prepared import Model, prepare

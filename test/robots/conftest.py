@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample, Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.reader import load_robot

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot, load_document
 

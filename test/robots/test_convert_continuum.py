@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Topics, read_recording
+from cdrj_ros.recordings import Topics, read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "tools" / "convert_continuum.py"

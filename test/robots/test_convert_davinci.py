@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Topics, read_recording
+from cdrj_ros.recordings import Topics, read_recording
 
 ROOT = Path(__file__).parents[2]
 RECORDED = ROOT.parent / "shared" / "data" / "davinci" / "validate" / "Tool_4_Maryland_L_4_11"

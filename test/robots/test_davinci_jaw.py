@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Topics
 from cdrj_ros.commands import identify
-from cdrj_ros.conditioning.samples import Sample
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.judgement.channels import BagComparison
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
-from cdrj_ros.judgement.metrics import pooled_errors
-from cdrj_ros.judgement.validation import validate_bag
+from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation.metrics import pooled_errors
+from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, load_robot
 

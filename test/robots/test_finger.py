@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 
 CABLES = ("deep", "superficial", "extensor")

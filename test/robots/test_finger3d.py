@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cdrj_ros.bag import Topics
 from cdrj_ros.commands.simulate import main as simulate
-from cdrj_ros.judgement.validation import validate_bag
+from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.recordings import Topics
 
 PROXIMAL, MIDDLE, RATIO = 0.03978, 0.02238, 0.66
 """Lengths of the URDF [m], and the last joint's angle over that before it."""

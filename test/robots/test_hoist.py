@@ -113,8 +113,8 @@ def test_without_friction_every_fall_carries_a_quarter(
 
 
 def test_a_rope_without_load_is_slack_and_has_no_tension(models: dict[str, Model]) -> None:
-    from cdrj_ros.conditioning.samples import Sample
     from cdrj_ros.estimation.estimator import initial_state, step
+    from cdrj_ros.estimation.samples import Sample
     from cdrj_ros.model.status import SLACK
 
     model = models["hoist"]

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Topics
-from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
-from cdrj_ros.judgement.metrics import pooled_errors
-from cdrj_ros.judgement.validation import validate_bag
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation.metrics import pooled_errors
+from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.description import Node, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 

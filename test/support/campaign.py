@@ -11,10 +11,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.conditioning.whole_recording import condition
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import read_state, write_state
+from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.prepared import Model, shape_at

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.channels import channel_columns

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from cdrj_ros.conditioning.samples import Samples
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.rig.follow import follow_joints
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.follow import follow_joints
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 START = 1_700_000_000 * 10**9

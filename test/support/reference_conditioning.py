@@ -14,8 +14,8 @@ from math import exp, hypot, inf, isfinite, pi, sqrt
 
 import numpy as np
 
-from cdrj_ros.conditioning.refusals import REFUSALS
-from cdrj_ros.conditioning.samples import ALL_SEEN, Sample
+from cdrj_ros.estimation.refusals import REFUSALS
+from cdrj_ros.estimation.samples import ALL_SEEN, Sample
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
 END_NS = 2**31 * 10**9

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.bag import BagWriter, Topics, read_recording
-from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.inputs import condition_recording
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.evaluation.inputs import condition_recording
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"

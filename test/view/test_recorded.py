@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.bag import Series, Topics
-from cdrj_ros.judgement.estimating import estimate
-from cdrj_ros.judgement.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.recordings import Series, Topics
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.view import recorded
 

@@ -1,1 +1,0 @@
-"""Conversion of readings to samples."""

@@ -1,0 +1,138 @@
+"""Conditioning of one robot's messages: gates that check the readings, then the common time line.
+
+The core does it, `cdrj_ros/core/conditioner.hpp`; see docs/conditioning.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros import _core
+from cdrj_ros.estimation.reading_limits import axes_of
+from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.robot.description import Robot
+
+Vector = NDArray[np.float64]
+
+Mode = Literal["wait", "predict"]
+MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+"""How a lagging channel is handled: wait for it, or extrapolate it with its velocity meanwhile."""
+
+Kind = Literal["motors", "joints", "both"]
+TOPICS: Final[Mapping[Kind, _core.Topic]] = {
+    "motors": _core.Topic.MOTORS,
+    "joints": _core.Topic.JOINTS,
+    "both": _core.Topic.BOTH,
+}
+"""What a topic carries."""
+
+HORIZON_NS: Final = 20_000_000
+"""A channel is predicted at most this far beyond its last reading [ns]."""
+
+
+class Conditioner(_core.Conditioner):
+    """Gates and time line of one robot: takes messages, returns samples.
+
+    Its counters are ``refused`` (readings by a cause of ``REFUSALS``; for those of ``WHOLE``,
+    messages), ``accepted`` and ``elsewhere`` (joints in a message of motors, for example),
+    ``clock_jumps`` (the clock went back and conditioning restarted), ``gaps`` (a channel was silent
+    for too long), ``steps`` (of sensors: the readings moved further than the axis can, and stayed)
+    and ``crowded`` (accepted readings that waited too long for another channel).  ``held`` readings
+    wait until it is known whether the clock has jumped, ``unheard`` are the names without an
+    accepted reading since the last reset, ``displaced`` has the sum of the steps [rad] of every
+    sensor that has stepped since then, and ``lag_ns`` is the lag of the last sample behind the
+    newest reading.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        mode: Mode = "wait",
+        horizon_ns: int = HORIZON_NS,
+        tracking: float | None = None,
+    ) -> None:
+        """Prepare the channels.
+
+        Args:
+            robot: names, sensors and limits.
+            mode: one of ``MODES``.
+            horizon_ns: longest time to predict [ns].
+            tracking: see ``axes_of``.
+        """
+        if mode not in MODES:
+            raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+        super().__init__(axes_of(robot, tracking), len(robot.motors), mode == "predict", horizon_ns)
+        self._robot = robot
+
+    def reset(self, keep_turns: bool = False) -> None:
+        """Forget all readings; the counters stay.
+
+        Args:
+            keep_turns: keep the motion estimates of the axes and the count of turns of every sensor
+                with a ``period``.  Otherwise only the count is kept, and only if the next reading
+                follows within ``MAX_GAP_NS``.
+        """
+        super().reset(keep_turns)
+
+    def memory(self) -> dict[str, Vector]:
+        """Values that outlast a restart, for ``recall``: motion so far and the sensors' steps."""
+        axes, stepped = self.remembered()
+        return {"axes": axes, "stepped": stepped}
+
+    def recall(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Restore the values of ``memory`` before the first reading; ignore invalid ones."""
+        known = self.memory()
+        rows, stepped = (arrays.get(name) for name in known)
+        if rows is None or stepped is None:
+            return
+        if [rows.shape, stepped.shape] != [one.shape for one in known.values()]:
+            return
+        if np.all(np.isfinite(rows)) and np.all(rows[:, :-1] >= 0.0):
+            self.remember(rows, stepped)
+
+    def expect(self, angles: Vector, stamp_ns: int) -> None:
+        """Continue from the last sample of an earlier run.
+
+        Args:
+            angles: of motors, then joints [rad], shape (channels,).
+            stamp_ns: of that sample [ns].
+        """
+        robot = self._robot
+        if angles.shape == (len(robot.motors) + len(robot.joints),) and np.isfinite(angles).all():
+            self.continue_from(angles, stamp_ns)
+
+    def set_tracking(self, tracking: float | None) -> None:
+        """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
+        self.use_tracking_of(axes_of(self._robot, tracking))
+
+    def feed_motors(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of motor angles [rad]; returns the samples that are now complete."""
+        return samples_of(self.feed(_core.Topic.MOTORS, stamp_ns, names, positions))
+
+    def feed_joints(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of joint angles [rad]; returns the samples that are now complete."""
+        return samples_of(self.feed(_core.Topic.JOINTS, stamp_ns, names, positions))
+
+    def feed_both(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of motors and joints; returns the samples that are now complete."""
+        return samples_of(self.feed(_core.Topic.BOTH, stamp_ns, names, positions))
+
+    def take(self, kind: Kind, message: _core.JointStateDecoder) -> list[Sample]:
+        """Take the last message of a decoder; returns the samples that are now complete."""
+        return samples_of(self.feed_message(TOPICS[kind], message))
+
+
+def samples_of(found: list[tuple[Any, ...]]) -> list[Sample]:
+    """The samples whose fields the core returns."""
+    return [Sample._make(fields) for fields in found]

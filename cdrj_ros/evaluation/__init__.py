@@ -1,0 +1,1 @@
+"""Comparison of estimates with recorded references, for one recording or many."""

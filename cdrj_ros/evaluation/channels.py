@@ -1,0 +1,276 @@
+"""Channels: one quantity each, estimated and recorded, sampled at the stamps of the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdrj_ros.estimation.recorded_health import Verdict
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
+from cdrj_ros.model.prepared import Layout, Model, shape_at
+from cdrj_ros.recordings import cdr
+
+FRICTION: Final = "friction"
+"""``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""
+
+FORCE_VECTOR: Final = cdr.FORCE_VECTOR
+"""``force_vector/cable/node``, the force that ``nodal_force`` gives the magnitude of [N]."""
+
+ANGLE: Final = "angle"
+"""``angle/joint`` of a joint without encoder [rad], [m] for a prismatic joint."""
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+
+class Quantity(NamedTuple):
+    """A physical quantity, named by the part of a channel's name before the first slash."""
+
+    title: str
+    """Title for headings: "Tension"."""
+    unit: str
+    """Unit of the channel's values: "N", "N·m" or "rad"."""
+    place: str
+    """What has one value each: "element", "node"."""
+    several: str
+    """Many channels, after their number: "element tensions"."""
+    signed: bool = False
+    """Whether it passes through zero, where relative errors are meaningless."""
+    prismatic_unit: str = ""
+    """Unit at a prismatic joint, if it is another one."""
+
+
+QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
+    {
+        TENSION: Quantity("Tension", "N", "element", "element tensions"),
+        NODAL_FORCE: Quantity("Nodal force", "N", "node", "nodal forces"),
+        FORCE_VECTOR: Quantity("Force vector", "N", "node", "nodal forces as vectors"),
+        FRICTION: Quantity("Friction", "N", "node", "pulley frictions", True),
+        EFFORT: Quantity("Effort", "N·m", "effort", "efforts", True, "N"),
+        ANGLE: Quantity("Angle", "rad", "angle", "angles", True, "m"),
+    }
+)
+"""All quantities that can be compared, by prefix, in display order."""
+
+
+def quantity_of(name: str) -> str:
+    """Prefix of a channel's name, a key of QUANTITIES; ValueError if it is not one."""
+    prefix, slash, rest = name.partition("/")
+    if prefix not in QUANTITIES or not slash or not rest:
+        known = ", ".join(f"{key}/…" for key in QUANTITIES)
+        raise ValueError(f"channel name must be one of {known}; got {name!r}")
+    return prefix
+
+
+def unit_of(name: str, axis: str = "rad") -> str:
+    """Unit of a channel's values, from the prefix of its name; ValueError if it is unknown.
+
+    Args:
+        name: of the channel.
+        axis: unit of the angle of its motor or joint, "m" for a prismatic joint.
+    """
+    quantity = QUANTITIES[quantity_of(name)]
+    return (axis == "m" and quantity.prismatic_unit) or quantity.unit
+
+
+def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
+    """Views of estimates by channel name.
+
+    Args:
+        layout: of the columns of the estimates.
+        values: shape (n, layout.size).
+
+    Returns:
+        Shape (n,) each, of force vectors (n, 3): x, y and z.
+    """
+    named = {name: values[:, column] for name, column in channel_columns(layout).items()}
+    x, z = layout.force_x, layout.force_z  # y lies between them
+    for k, name in enumerate(layout.pulleys):
+        named[f"{FORCE_VECTOR}/{name}"] = values[:, x.start + k : z.stop : len(layout.pulleys)]
+    return named
+
+
+def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
+    """Views of standard deviations by channel name; empty if they are unknown.
+
+    Args:
+        layout: names of the channels.
+        stddev: of tensions, nodal forces, motor efforts and joint efforts, shape (n, channels).
+    """
+    if stddev is None:
+        return {}
+    return {name: stddev[:, k] for k, name in enumerate(channel_columns(layout))}
+
+
+def size_of(values: Floats) -> Floats:
+    """Absolute values of scalars (n,), norms of vectors (n, 3), shape (n,)."""
+    return np.abs(values) if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One quantity, estimated and recorded, at the reference's stamps."""
+
+    name: str
+    """Name of the channel: "tension/upper/8", "nodal_force/upper/3", "force_vector/upper/3" or
+    "effort/spindle"."""
+    unit: str
+    """Unit of ``estimate`` and ``reference``: "N", "N·m", "rad" or "m"."""
+    stamp_ns: Stamps
+    """Stamps of the reference [ns], strictly increasing, shape (n,).  If the recording's clock
+    was set back, the later passes are shifted behind the earlier ones."""
+    estimate: Floats
+    """Estimated values [unit], finite, shape (n,); of vectors (n, 3)."""
+    reference: Floats
+    """Recorded values [unit], finite, of the shape of ``estimate``."""
+    angle: Floats
+    """Angle over which the channel is plotted [angle_unit], NaN where unknown, shape (n,)."""
+    angle_name: str
+    """Name of the joint or motor to which ``angle`` belongs; empty if there is none."""
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    """Number of reference samples left out, by cause (a key of DROP_CAUSES)."""
+    stddev: Floats | None = None
+    """Standard deviation of ``estimate`` [unit], NaN where unknown, shape (n,); or None."""
+    reversal: NDArray[np.bool_] | None = None
+    """Whether a motor or joint reverses at that time, shape (n,); None if unknown."""
+    angle_unit: str = "rad"
+    """Unit of ``angle``: "rad", or "m" for a prismatic joint."""
+
+    def __post_init__(self) -> None:
+        series = (self.stamp_ns, self.angle, self.stddev, self.reversal)
+        shapes = {one.shape for one in series if one is not None}
+        values = self.estimate.shape
+        if shapes != {values[:1]} or values != self.reference.shape or values[1:] not in ((), (3,)):
+            raise ValueError(f"{self.name}: stamps and series must all have one shape (n,)")
+
+    @property
+    def is_vector(self) -> bool:
+        """Whether every value is a vector."""
+        return self.estimate.ndim == 2
+
+    @property
+    def error_size(self) -> Floats:
+        """Absolute value or norm of estimate minus reference [unit], shape (n,)."""
+        return size_of(self.estimate - self.reference)
+
+
+@dataclass(frozen=True, eq=False)
+class BagComparison:
+    """Comparison of the estimates with all references of one recording."""
+
+    path: str
+    """The recording, as the user named it."""
+    duration_s: float
+    """Length of the recording [s]."""
+    channels: tuple[Channel, ...]
+    """The compared quantities, in the order in which the robot lists them."""
+    counters: Mapping[str, int] = field(default_factory=dict)
+    """Number of samples refused or left out, by cause."""
+    notes: tuple[str, ...] = ()
+    """Remarks for the reader, one sentence or more each."""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    """Further facts as text, by label: rate achieved, latency, versions."""
+    friction: tuple[PulleyFriction, ...] = ()
+    """Estimated friction at the pulleys; empty if it was not kept."""
+    health: Verdict | None = None
+    """Verdict of the health monitor; None if it did not run or had no sensor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Angle:
+    """The recorded angle of a motor or joint, for drawing a channel over it."""
+
+    name: str
+    """Name of the motor or joint."""
+    stamp_ns: Stamps
+    """Stamps [ns], strictly increasing, shape (k,)."""
+    value: Floats
+    """Angle [unit], shape (k,)."""
+    unit: str = "rad"
+    """Unit of ``value``: "rad", or "m" for a prismatic joint."""
+
+    def __post_init__(self) -> None:
+        stamps = np.asarray(self.stamp_ns)
+        if len(stamps) == 0:
+            raise ValueError(f"angle of {self.name!r} must have at least one sample")
+        checked_stamps(stamps, f"angle of {self.name!r}")
+        if np.shape(self.value) != stamps.shape:
+            raise ValueError(f"angle of {self.name!r} must have one value per stamp")
+
+
+def integer_stamps(stamps: ArrayLike, owner: str) -> Stamps:
+    """Stamps as an array of int64; ValueError if they are not integers of shape (n,)."""
+    array = np.asarray(stamps)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+        raise ValueError(
+            f"{owner}: stamps must be integer nanoseconds of shape (n,); "
+            f"got {array.dtype} of shape {array.shape}"
+        )
+    return array.astype(np.int64, copy=False)
+
+
+def checked_stamps(stamps: ArrayLike, owner: str) -> Stamps:
+    """As ``integer_stamps``, but ValueError also if they do not increase strictly."""
+    array = integer_stamps(stamps, owner)
+    late = np.flatnonzero(array[1:] <= array[:-1])
+    if len(late):
+        at = int(late[0])
+        raise ValueError(
+            f"{owner}: stamps must increase strictly; [{at + 1}] = {array[at + 1]} ns follows "
+            f"[{at}] = {array[at]} ns"
+        )
+    return array
+
+
+def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
+    """Angle over which each channel is plotted, by channel name.
+
+    A tension or nodal force is plotted over the joint that changes the length of its cable most, or
+    over the cable's motor if no joint does.  An effort is plotted over its own motor or joint, but
+    a motor's effort over the joint if the robot has only one.
+    """
+    layout, robot = model.layout, model.robot
+    sliding = robot.prismatic_joints
+    angles = {
+        name: Angle(name, segment.stamp_ns, values[:, k], "m" if name in sliding else "rad")
+        for names, values in (
+            (layout.motors, segment.motor_angle),
+            (layout.joints, segment.joint_angle),
+        )
+        for k, name in enumerate(names)
+    }
+    lowest = np.min(segment.joint_angle, axis=0)
+    middle = 0.5 * (lowest + np.max(segment.joint_angle, axis=0))
+    moves = np.abs(shape_at(model, middle).lever_arm)
+    reach = moves * (np.max(segment.joint_angle, axis=0) - lowest)
+    by_cable = {}
+    for cable in robot.cables:
+        rows = [k for k, name in enumerate(layout.elements) if name.startswith(f"{cable.name}/")]
+        along = reach[rows].sum(axis=0)
+        winches = [node.motor for node in cable.nodes if hasattr(node, "motor")]
+        if along.size and along.max() > 0.0:
+            by_cable[cable.name] = angles[layout.joints[int(along.argmax())]]
+        elif winches:
+            by_cable[cable.name] = angles[winches[0]]
+        elif layout.joints:
+            by_cable[cable.name] = angles[layout.joints[0]]
+    chosen = {f"{EFFORT}/{name}": angle for name, angle in angles.items()}
+    for prefix, names in (
+        (TENSION, layout.elements),
+        (NODAL_FORCE, layout.pulleys),
+        (FORCE_VECTOR, layout.pulleys),
+    ):
+        for name in names:
+            cable_name = name.rpartition("/")[0]
+            if cable_name in by_cable:
+                chosen[f"{prefix}/{name}"] = by_cable[cable_name]
+    if len(layout.joints) == 1:  # the hysteresis loop is clearest over the joint angle
+        chosen |= {f"{EFFORT}/{name}": angles[layout.joints[0]] for name in layout.motors}
+    return chosen

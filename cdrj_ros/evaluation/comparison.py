@@ -1,0 +1,436 @@
+"""Comparison of estimates with recorded references at the references' stamps.
+
+References are never shifted or smoothed.  The estimate is taken unchanged where the stamps
+coincide and interpolated linearly between its two neighbours elsewhere.  Reference samples for
+which there is no estimate are left out and counted.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdrj_ros.evaluation.channels import (
+    Angle,
+    BagComparison,
+    Channel,
+    Floats,
+    Stamps,
+    checked_stamps,
+    integer_stamps,
+    quantity_of,
+    unit_of,
+)
+from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.evaluation.reversals import within
+
+DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "reference_not_finite": "reference values that are NaN or infinite",
+        "reference_repeated": "reference values with the stamp of an earlier one",
+        "outside_estimates": "reference values before the first or after the last estimate",
+        "between_distant_estimates": "reference values in a gap between estimates",
+        "estimate_not_finite": "reference values beside an estimate that is NaN or infinite",
+    }
+)
+"""Reasons for leaving out a reference: name of the counter, and what it counts in words."""
+
+
+class Neighbours(NamedTuple):
+    """Position of reference stamps among the estimates' stamps; arrays have shape (k,)."""
+
+    stamp_ns: Stamps
+    """Reference stamps at or between usable estimates [ns]."""
+    source: NDArray[np.intp]
+    """Index of each stamp in the given reference."""
+    left: NDArray[np.intp]
+    """Index of the last estimate not after the stamp."""
+    right: NDArray[np.intp]
+    """Index of the first estimate not before the stamp; equal to ``left`` where they coincide."""
+    share: Floats
+    """Fraction of the way from ``left`` to ``right`` at which the stamp lies, in [0, 1)."""
+    dropped: Mapping[str, int]
+    """Number of stamps left out, by cause."""
+
+
+def neighbours_of(stamps: Stamps, own_stamps: Stamps, max_gap_ns: int) -> Neighbours:
+    """Find the neighbours of every stamp.
+
+    Args:
+        stamps: of the reference [ns], in any order, shape (m,); of equal stamps the first is used.
+        own_stamps: of the estimates [ns], strictly increasing, shape (n,).
+        max_gap_ns: largest accepted distance between two neighbours.
+    """
+    dropped = {}
+    if np.all(stamps[1:] > stamps[:-1]):
+        source = np.arange(len(stamps))
+    else:
+        source = np.argsort(stamps, kind="stable")
+        in_order = stamps[source]
+        first = np.ones(len(source), dtype=np.bool_)
+        first[1:] = in_order[1:] != in_order[:-1]
+        source = source[first]
+    dropped["reference_repeated"] = len(stamps) - len(source)
+    wanted = stamps[source]
+    if len(own_stamps) == 0:
+        inside = np.zeros(len(wanted), dtype=np.bool_)
+    else:
+        inside = (wanted >= own_stamps[0]) & (wanted <= own_stamps[-1])
+    dropped["outside_estimates"] = int(np.count_nonzero(~inside))
+    source, wanted = source[inside], wanted[inside]
+    right = np.searchsorted(own_stamps, wanted, side="left")
+    left = right - (own_stamps[right] != wanted)
+    width = own_stamps[right] - own_stamps[left]
+    near = width <= max_gap_ns
+    dropped["between_distant_estimates"] = int(np.count_nonzero(~near))
+    source, wanted, left, right, width = (
+        column[near] for column in (source, wanted, left, right, width)
+    )
+    # Subtract as integers: epoch stamps in nanoseconds exceed the 53-bit mantissa of a float.
+    share = (wanted - own_stamps[left]).astype(np.float64) / np.maximum(width, 1)
+    return Neighbours(wanted, source, left, right, share, dropped)
+
+
+def interpolated(before: Floats, after: Floats, neighbours: Neighbours, part: slice) -> Floats:
+    """Linear interpolation between neighbours; exactly ``before`` where the stamps coincide.
+
+    Args:
+        before, after: values at ``neighbours.left[part]`` and ``neighbours.right[part]``, shape
+            (k,) or, of vectors, (k, 3).
+        neighbours: of all stamps.
+        part: the stamps to interpolate at.
+    """
+    same = neighbours.left[part] == neighbours.right[part]
+    if same.all():
+        return before
+    share = neighbours.share[part]
+    if before.ndim > 1:
+        same, share = same[:, None], share[:, None]
+    with np.errstate(invalid="ignore", over="ignore"):
+        between = before + share * (after - before)
+    return np.where(same, before, between)
+
+
+def values_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
+    """Values of a series at stamps, NaN where no reading is close enough, shape of ``stamp_ns``."""
+    result = np.full(len(stamp_ns), np.nan)
+    if angle is not None:
+        values = np.asarray(angle.value, dtype=np.float64)
+        there = neighbours_of(stamp_ns, np.asarray(angle.stamp_ns, dtype=np.int64), max_gap_ns)
+        everything = slice(None)
+        result[there.source] = interpolated(
+            values[there.left], values[there.right], there, everything
+        )
+    return result
+
+
+Reference = tuple[ArrayLike, ArrayLike]
+"""(stamps [ns] as integers, values), both of shape (k,); values of vectors (k, 3)."""
+
+
+def compare(
+    estimate_stamp_ns: ArrayLike,
+    estimates: Mapping[str, ArrayLike],
+    references: Mapping[str, Reference],
+    *,
+    max_gap_ns: int,
+    angle: Angle | Mapping[str, Angle] | None = None,
+    stddev: Mapping[str, ArrayLike] | None = None,
+    zones: Stamps | None = None,
+) -> tuple[Channel, ...]:
+    """Interpolate every estimate that has a reference at the stamps of that reference.
+
+    Args:
+        estimate_stamp_ns: stamps of the estimates [ns], integers, strictly increasing, shape (m,).
+        estimates: estimated values by channel name [unit of the channel], shape (m,) each, or
+            (m, 3) of vectors.
+        references: stamps [ns] and values [unit] by channel name, in any order.
+        max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
+        angle: the angle to plot over, one for all channels or by channel name.
+        stddev: standard deviation of the estimates by channel name [unit], shape (m,) each;
+            values that are negative or not finite are treated as unknown.
+        zones: time intervals of reversals [ns], shape (k, 2), see ``reversal_zones``.
+
+    Returns:
+        The channels that are both estimated and recorded, in the order of ``estimates``, including
+        empty ones; see ``unknown_references`` for channels that are only recorded.
+
+    Raises:
+        ValueError: stamps that are not integers or do not increase, shapes that do not match,
+            a channel name without a known prefix, or a gap that is not positive.
+    """
+    own_stamps = checked_stamps(estimate_stamp_ns, "estimates")
+    comparing = Comparing(list(estimates), own_stamps, references, max_gap_ns)
+    comparing.add(
+        {name: np.asarray(values, np.float64) for name, values in estimates.items()},
+        {name: np.asarray(values, np.float64) for name, values in (stddev or {}).items()},
+        len(own_stamps),
+    )
+    return comparing.channels(angle, zones)
+
+
+class _Target(NamedTuple):
+    """A channel's reference, and the estimates at its stamps received so far."""
+
+    neighbours: Neighbours
+    reference: Floats
+    """Reference values at the stamps of ``neighbours``, shape (k,) or (k, 3)."""
+    estimate: Floats
+    """Estimates at the same stamps, of the same shape; NaN until they are filled in."""
+    not_finite: int
+    """Number of reference values left out because they are NaN or infinite."""
+
+
+class Comparing:
+    """Collects the estimates of one pass in pieces and keeps only those at the references' stamps.
+
+    The estimates of one hour take gigabytes, while the references often have far fewer stamps.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        own_stamps: Stamps,
+        references: Mapping[str, Reference],
+        max_gap_ns: int,
+    ) -> None:
+        """Find the neighbouring estimates of every reference sample.
+
+        Args:
+            names: names of the estimated channels.
+            own_stamps: stamps of all estimates that will be added [ns], strictly increasing,
+                shape (m,).
+            references, max_gap_ns: as for ``compare``.
+
+        Raises:
+            ValueError: as ``compare``.
+        """
+        if max_gap_ns <= 0:
+            raise ValueError(f"max_gap_ns must be positive, got {max_gap_ns}")
+        self._max_gap_ns = max_gap_ns
+        self._taken = 0
+        self._last: dict[str, tuple[Floats, float]] = {}
+        self._stddev: dict[str, Floats] = {}
+        shared: dict[int, Neighbours] = {}
+        self._targets: dict[str, _Target] = {}
+        for name in names:
+            quantity_of(name)
+            if name in references:
+                self._targets[name] = self._target(name, references[name], own_stamps, shared)
+
+    def _target(
+        self,
+        name: str,
+        reference: Reference,
+        own_stamps: Stamps,
+        shared: dict[int, Neighbours],
+    ) -> _Target:
+        """Find the neighbours of one reference, once for all that share an array of stamps."""
+        given_stamps, given_values = reference
+        stamps = integer_stamps(given_stamps, name)
+        recorded = np.asarray(given_values, dtype=np.float64)
+        if recorded.shape[:1] != stamps.shape or recorded.ndim > 2:
+            raise ValueError(
+                f"{name}: reference must have one value per stamp, shape {stamps.shape}; "
+                f"got {recorded.shape}"
+            )
+        finite = _finite(recorded)
+        if finite.all():
+            key = id(given_stamps)
+            if key not in shared:
+                shared[key] = neighbours_of(stamps, own_stamps, self._max_gap_ns)
+            neighbours = shared[key]
+        else:
+            neighbours = neighbours_of(stamps[finite], own_stamps, self._max_gap_ns)
+            recorded = recorded[finite]
+        recorded = recorded[_as_slice(neighbours.source)]
+        empty = np.full(recorded.shape, np.nan)
+        left_out = int(np.count_nonzero(~finite))
+        return _Target(neighbours, recorded, empty, left_out)
+
+    def add(self, estimates: Mapping[str, Floats], stddev: Mapping[str, Floats], n: int) -> None:
+        """Add the next ``n`` estimates.
+
+        Args:
+            estimates: values by channel name [unit of the channel], shape (n,) each, or
+                (n, 3) of vectors.
+            stddev: by channel name [unit], shape (n,) each; values that are negative or not finite
+                are treated as unknown.
+            n: number of estimates.
+
+        Raises:
+            ValueError: shapes that do not match.
+        """
+        for name, values in estimates.items():
+            target = self._targets.get(name)
+            shape = (n, *values.shape[1:2]) if target is None else (n, *target.estimate.shape[1:])
+            if values.shape != shape:
+                raise ValueError(
+                    f"{name}: estimate must have one value per stamp, shape {shape}; "
+                    f"got {values.shape}"
+                )
+            if target is None or not n:
+                continue
+            deviation = stddev.get(name)
+            if deviation is not None and deviation.shape != (n,):
+                raise ValueError(
+                    f"{name}: stddev must have one value per estimate, shape {(n,)}; "
+                    f"got {deviation.shape}"
+                )
+            before = self._last.get(name, (np.full_like(values[0], np.nan), np.nan))
+            _fill(target, target.estimate, values, self._taken, before[0])
+            if deviation is not None:
+                if name not in self._stddev:
+                    self._stddev[name] = np.full(len(target.estimate), np.nan)
+                into = self._stddev[name]
+                _fill(target, into, deviation, self._taken, before[1], accept=_known)
+            last = np.nan if deviation is None else float(_known(deviation[-1:])[0])
+            self._last[name] = values[-1].copy(), last
+        self._taken += n
+
+    def channels(
+        self, angle: Angle | Mapping[str, Angle] | None, zones: Stamps | None
+    ) -> tuple[Channel, ...]:
+        """The compared channels; ``angle`` and ``zones`` as for ``compare``."""
+        angles: dict[tuple[int, int], Floats] = {}
+        reversals: dict[int, NDArray[np.bool_]] = {}
+        made = []
+        for name, target in self._targets.items():
+            own = angle.get(name) if isinstance(angle, Mapping) else angle
+            neighbours, usable = target.neighbours, _finite(target.estimate)
+            key = id(neighbours), id(own)
+            if key not in angles:
+                angles[key] = values_at(neighbours.stamp_ns, own, self._max_gap_ns)
+            if zones is not None and id(neighbours) not in reversals:
+                reversals[id(neighbours)] = within(zones, neighbours.stamp_ns)
+            reversal = reversals.get(id(neighbours))
+            dropped = dict.fromkeys(DROP_CAUSES, 0)
+            dropped.update(neighbours.dropped)
+            dropped["reference_not_finite"] = target.not_finite
+            dropped["estimate_not_finite"] = int(np.count_nonzero(~usable))
+            whole = bool(usable.all())
+            kept = None if whole else np.flatnonzero(usable)
+            made.append(
+                Channel(
+                    name=name,
+                    unit=unit_of(name, _unit_of_axis(name, own)),
+                    stamp_ns=_taken(neighbours.stamp_ns, kept),
+                    estimate=_taken(target.estimate, kept),
+                    reference=_taken(target.reference, kept),
+                    angle=_taken(angles[key], kept),
+                    angle_name=own.name if own is not None else "",
+                    angle_unit=own.unit if own is not None else "rad",
+                    dropped=dropped,
+                    stddev=_taken(self._stddev[name], kept) if name in self._stddev else None,
+                    reversal=None if reversal is None else _taken(reversal, kept),
+                )
+            )
+        return tuple(made)
+
+
+def _taken(values: NDArray[Any], kept: NDArray[np.intp] | None) -> NDArray[Any]:
+    """The values at these indices; all of them as the same object, which channels then share.
+
+    Shared arrays are kept, and sent between processes, once.
+    """
+    return values if kept is None else values[kept]
+
+
+def _finite(values: Floats) -> NDArray[np.bool_]:
+    """Whether every value, or every component of a vector, is finite, shape (n,)."""
+    finite: NDArray[np.bool_] = np.isfinite(values)
+    return finite if finite.ndim == 1 else np.asarray(finite.all(axis=1))
+
+
+def _unit_of_axis(name: str, angle: Angle | None) -> str:
+    """Unit of the angle of the motor or joint that a channel is named after."""
+    return angle.unit if angle is not None and name.endswith(f"/{angle.name}") else "rad"
+
+
+def _as_slice(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """The indices, as a slice where they follow each other: nothing is copied then."""
+    if source.size and not np.any(np.diff(source) != 1):
+        return slice(int(source[0]), int(source[-1]) + 1)
+    return source
+
+
+def _fill(
+    target: _Target,
+    into: Floats,
+    values: Floats,
+    begin: int,
+    previous: Floats | float,
+    accept: Callable[[Floats], Floats] | None = None,
+) -> None:
+    """Interpolate at the stamps that fall on or between ``previous`` and ``values``.
+
+    Args:
+        target: the reference and its neighbours.
+        into: array to write to, shape (k,) or (k, 3).
+        values: estimates ``begin`` to ``begin + len(values) - 1``.
+        begin: index of the first of them.
+        previous: the estimate before them, NaN if there is none.
+        accept: applied to the neighbours of every stamp.
+    """
+    neighbours = target.neighbours
+    first, last = np.searchsorted(neighbours.right, (begin, begin + len(values)))
+    part = slice(int(first), int(last))
+    left = neighbours.left[part] - begin
+    before = values[np.maximum(left, 0)]
+    before[left < 0] = previous
+    after = values[neighbours.right[part] - begin]
+    if accept is not None:
+        before, after = accept(before), accept(after)
+    into[part] = interpolated(before, after, neighbours, part)
+
+
+def _known(given: Floats) -> Floats:
+    """Standard deviations, with NaN in place of values that are negative or not finite."""
+    return np.where(np.isfinite(given) & (given >= 0.0), given, np.nan)
+
+
+def unknown_references(estimates: Collection[str], references: Collection[str]) -> tuple[str, ...]:
+    """Names of the references without an estimate, in their order."""
+    return tuple(name for name in references if name not in estimates)
+
+
+def summed_up(
+    path: str,
+    duration_s: float,
+    channels: Sequence[Channel],
+    unknown: Sequence[str] = (),
+    counters: Mapping[str, int] | None = None,
+    notes: Sequence[str] = (),
+    facts: Mapping[str, str] | None = None,
+    friction: Sequence[PulleyFriction] = (),
+) -> BagComparison:
+    """The comparison of one recording; adds counters and notes for samples and channels left out.
+
+    Args:
+        path: the recording, as the user named it.
+        duration_s: its length [s].
+        channels: the compared channels.
+        unknown: references without an estimate, see ``unknown_references``.
+        counters: number of samples refused before the comparison, by cause.
+        notes: remarks for the reader.
+        facts: further facts for the reader, by label.
+        friction: of the pulleys.
+    """
+    counted: Counter[str] = Counter(counters or {})
+    for channel in channels:
+        counted.update(channel.dropped)
+    remarks = list(notes)
+    if unknown:
+        remarks.append(f"Recorded but not estimated, so not compared: {', '.join(unknown)}.")
+    silent = [channel.name for channel in channels if len(channel.stamp_ns) == 0]
+    if silent:
+        remarks.append(f"No reference sample has an estimate beside it: {', '.join(silent)}.")
+    return BagComparison(
+        path, duration_s, tuple(channels), dict(counted), tuple(remarks), facts or {},
+        tuple(friction),
+    )  # fmt: skip

@@ -1,0 +1,266 @@
+"""Estimation over a conditioned recording in pieces, and a bag that holds the estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table
+from cdrj_ros.estimation.ensemble import (
+    UNSURE_SHARE,
+    Ensemble,
+    mark_recording,
+    preload_of_elements,
+    stddev_columns,
+)
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.evaluation.inputs import passes_of, slices_of
+from cdrj_ros.evaluation.pulley_friction import BLOCK
+from cdrj_ros.foundation.threads import thread_pool
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import BagWriter, Recording, list_topics, topics
+from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+
+T = TypeVar("T")
+
+AT_ONCE: Final = 2 * BLOCK
+"""Number of samples in a piece; it does not affect the estimates."""
+
+UNKNOWN: Final = np.empty((0, 0))
+"""Standard deviations that are not estimated."""
+
+
+def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterator[Estimates]:
+    """Estimate a pass from the initial state; yields the estimates of AT_ONCE samples at a time.
+
+    The status is what a node with default parameters publishes for the same readings.
+
+    Args:
+        model: the prepared robot.
+        samples: of one pass.
+        spread: whether to estimate standard deviations, which about doubles the time.
+    """
+    preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if spread else None
+    for piece, estimates in _ahead(_estimated(model, samples)):
+        found = estimates if ensemble is None else ensemble.follow(piece, estimates)
+        stddev = UNKNOWN if found.stddev is None else found.stddev
+        mark_recording(found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        yield found
+
+
+def _estimated(model: Model, samples: Samples) -> Iterator[tuple[Samples, Estimates]]:
+    """Consecutive pieces of a pass and their estimates, without standard deviations."""
+    state = initial_state(model)
+    for begin in range(0, samples.stamp_ns.size, AT_ONCE):
+        piece = samples.part(slice(begin, begin + AT_ONCE))
+        state, estimates = run(model, state, piece)
+        yield piece, estimates
+
+
+def _ahead(items: Iterator[T]) -> Iterator[T]:
+    """The items, each computed by another thread while the one before it is in use.
+
+    Estimates do not depend on standard deviations and comparisons, and the core runs without the
+    interpreter's lock: with two processors, ``validate`` takes a quarter less time.
+    """
+    with thread_pool(1) as thread:
+        coming = thread.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = thread.submit(next, items, None)
+            yield item
+
+
+def pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Iterator[Estimates]:
+    """As ``pieces_of``, for a robot with joints without encoder.
+
+    Args:
+        model: the prepared robot.
+        samples: of one pass, with the joints that have encoders.
+        efforts: of the motors [N m], shape (n, motors); NaN where none was heard.
+    """
+    alone, preload = EncoderlessEstimator(model), preload_of_elements(model.robot)
+    for begin in range(0, samples.stamp_ns.size, AT_ONCE):
+        piece = samples.part(slice(begin, begin + AT_ONCE))
+        estimates = alone.run(piece, efforts[begin : begin + AT_ONCE])
+        stddev = UNKNOWN if estimates.stddev is None else estimates.stddev
+        mark_recording(estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        yield estimates
+
+
+def estimate(
+    model: Model,
+    conditioned: Conditioned,
+    progress: Callable[[float], None] | None = None,
+    *,
+    spread: bool = False,
+) -> Estimates:
+    """All estimates of a conditioned recording at once.
+
+    Args:
+        model: the prepared robot.
+        conditioned: the recording; the estimator restarts for each of its segments.  The result
+            holds the segments one after another, so its stamps go back between them.
+        progress: called with the completed fraction, from 0 to 1.
+        spread: whether to estimate standard deviations, which about doubles the time.
+    """
+    total = sum(segment.stamp_ns.size for segment in conditioned.segments)
+    stamps = np.concatenate(
+        [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
+    )
+    values = np.empty((total, model.layout.size))
+    stddev = np.empty((total, stddev_columns(model.layout).size)) if spread else None
+    done = 0
+    for segment in conditioned.segments:
+        for piece in pieces_of(model, segment, spread=spread):
+            place = slice(done, done + piece.stamp_ns.size)
+            values[place] = piece.values
+            if stddev is not None:
+                stddev[place] = piece.stddev
+            done = place.stop
+            if progress:
+                progress(done / total)
+    return Estimates(stamps, values, model.layout, stddev)
+
+
+OUTPUTS: Final = (
+    topics.in_namespace(topics.TENSIONS),
+    topics.in_namespace(topics.NODAL_FORCES),
+    topics.in_namespace(topics.EFFORTS),
+)
+"""Topics of the estimates, as the node publishes them by default."""
+
+LOGS_AT_ONCE: Final = 65_536
+"""Log times computed at a time; it does not affect them."""
+
+
+def write_estimates(
+    out: str,
+    path: str,
+    log_ns: NDArray[np.int64],
+    pieces: Iterable[Estimates],
+    outputs: tuple[str, str, str] = OUTPUTS,
+) -> None:
+    """Write a bag with everything in the bag at ``path``, and the estimates beside it.
+
+    Header stamps are those of the estimates; log times follow them with the delay of the inputs.
+    Messages of the original on the topics of ``outputs`` are left out, since a topic would
+    otherwise hold estimates of two sources.
+
+    Args:
+        out: the bag to write.
+        path: the bag that was read.
+        log_ns: log times of all estimates, see ``log_times``.
+        pieces: the estimates in this order; each is written before the next is asked for.
+        outputs: topics of tensions, nodal forces and efforts.
+
+    Raises:
+        BagError: ``out`` exists, or one of them cannot be read or written.
+    """
+    done = 0
+
+    def write(bag: BagWriter, piece: Estimates) -> None:
+        nonlocal done
+        end = done + piece.stamp_ns.size
+        _write_piece(bag, piece, log_ns[done:end], outputs)
+        done = end
+
+    types = (CABLE_TENSIONS.name, NODAL_FORCES.name, JOINT_STATE.name)
+    with BagWriter(out) as bag:
+        kept = [topic.name for topic in list_topics(path) if topic.name not in outputs]
+        bag.copy(path, kept)
+        bag.write_pieces(dict(zip(outputs, types, strict=True)), pieces, write)
+
+
+def _write_piece(
+    bag: BagWriter, piece: Estimates, log_ns: NDArray[np.int64], outputs: tuple[str, str, str]
+) -> None:
+    layout, values, stamps, stddev = piece.layout, piece.values, piece.stamp_ns, piece.stddev
+    deviations = np.empty((stamps.size, 0)) if stddev is None else stddev
+    elements, pulleys = len(layout.elements), len(layout.pulleys)
+    status = values[:, layout.status].astype(np.uint8)
+    tensions, forces, efforts = outputs
+    bag.write_tensions(
+        tensions,
+        stamps,
+        layout.elements,
+        values[:, layout.tension],
+        None if stddev is None else deviations[:, :elements],
+        status,
+        log_ns=log_ns,
+    )
+    bag.write_nodal_forces(
+        forces,
+        stamps,
+        layout.pulleys,
+        values[:, layout.magnitude],
+        force_x=values[:, layout.force_x],
+        force_y=values[:, layout.force_y],
+        force_z=values[:, layout.force_z],
+        stddev=None if stddev is None else deviations[:, elements : elements + pulleys],
+        friction=values[:, layout.friction],
+        slip_speed=values[:, layout.slip_speed],
+        status=layout.pulley_status(status),
+        log_ns=log_ns,
+    )
+    bag.write_joint_states(
+        efforts,
+        stamps,
+        layout.motors + layout.joints,
+        effort=values[:, layout.motor_effort.start : layout.joint_effort.stop],
+        log_ns=log_ns,
+    )
+
+
+def log_times(recording: Recording, conditioned: Conditioned) -> NDArray[np.int64]:
+    """Log time of each estimate [ns], shape (n,); never before that of the estimate before it.
+
+    The delay from header stamp to log time is that of the first motor's (or joint's) messages.
+
+    Args:
+        recording: the recorded series.
+        conditioned: its samples, at whose stamps the estimates are.
+    """
+    series = next(iter({**recording.joints, **recording.motors}.values()))
+    segments = [segment.stamp_ns for segment in conditioned.segments]
+    stamps = np.concatenate([np.empty(0, np.int64), *segments])
+    logs = np.empty_like(stamps)
+    parts = slices_of(stamps)
+    for part, own in zip(parts, passes_of(series, len(parts) - 1, series), strict=True):
+        readings, log_ns = own.stamp_ns, own.log_ns
+        if np.any(readings[1:] < readings[:-1]):
+            in_order = np.argsort(readings, kind="stable")
+            readings, log_ns = readings[in_order], log_ns[in_order]
+        for begin in range(part.start, part.stop, LOGS_AT_ONCE):
+            piece = slice(begin, min(begin + LOGS_AT_ONCE, part.stop))
+            delay = _delay_at(stamps[piece], readings, log_ns, int(stamps[part.start]))
+            logs[piece] = stamps[piece] + np.rint(delay).astype(np.int64)
+    np.maximum.accumulate(logs, out=logs)
+    return logs
+
+
+def _delay_at(
+    stamps: NDArray[np.int64],
+    readings: NDArray[np.int64],
+    log_ns: NDArray[np.int64],
+    begin_ns: int,
+) -> NDArray[np.float64]:
+    """Delay from stamp to log time [ns], between the neighbouring readings, shape of ``stamps``.
+
+    Args:
+        stamps: increasing [ns], at least one.
+        readings, log_ns: stamps, in order, and log times of all readings [ns].
+        begin_ns: time that is subtracted from stamps, so that a float holds them exactly.
+    """
+    first = max(int(np.searchsorted(readings, stamps[0], side="right")) - 1, 0)
+    near = slice(first, int(np.searchsorted(readings, stamps[-1])) + 1)
+    delay: NDArray[np.float64] = np.interp(
+        (stamps - begin_ns).astype(np.float64),
+        (readings[near] - begin_ns).astype(np.float64),
+        (log_ns[near] - readings[near]).astype(np.float64),
+    )
+    return delay

@@ -1,0 +1,405 @@
+"""The inputs and references of a recording: read, checked, conditioned, cut into passes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.estimator import Angles
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import Conditioned, angles_of, condition
+from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR, Channel
+from cdrj_ros.evaluation.reversals import clock_resets
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.model.channels import EFFORT
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
+from cdrj_ros.recordings import topics as standard
+from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
+from cdrj_ros.recordings.source import Source
+from cdrj_ros.robot.description import Robot
+
+
+def read_inputs(
+    path: str,
+    topics: Topics,
+    model: Model,
+    *,
+    motor_efforts: bool = False,
+    force_vectors: bool = False,
+) -> Recording:
+    """Read a bag and check that it has all motors and joints of a robot.
+
+    Where the bag has none of the default topics of references, those found by the type of their
+    messages are read, and a note names them; see ``reference_topics``.
+
+    Raises:
+        BagError: as ``read_recording``, or a motor or joint of the robot is missing.
+    """
+    recording = _read(path, topics, motor_efforts, force_vectors)
+    require_axes(path, recording, model.robot)
+    return recording
+
+
+def _read(path: str, topics: Topics, motor_efforts: bool, force_vectors: bool) -> Recording:
+    """Read a bag with the references that it has."""
+
+    def read(of: Source | str) -> Recording:
+        return read_recording(of, found, motor_efforts=motor_efforts, force_vectors=force_vectors)
+
+    source = open_source(path)
+    found = reference_topics(source, topics)
+    recording = read(source)
+    if not recording.references and found == topics:  # a bag without index names topics when read
+        found = reference_topics(source, topics)
+        recording = recording if found == topics else read(path)
+    if found == topics:
+        return recording
+    note = f"References by message type: {', '.join(map(printable, found.references))}."
+    return replace(recording, notes=(*recording.notes, note))
+
+
+def reference_topics(source: Source, topics: Topics) -> Topics:
+    """The topics with those references that a bag has in place of absent default ones.
+
+    Taken are the only topic of CableTensions and the only one of NodalForces that are not the
+    estimator's, and topics of JointState beside them in the same namespace.  Topics that are not
+    the default ones (with or without a prefix) were chosen by the user and remain.
+    """
+    defaults = Topics().references
+    prefix = topics.references[0].removesuffix(defaults[0]) if topics.references else ""
+    there = source.channels()
+    if topics.references != tuple(prefix + name for name in defaults):
+        return topics
+    if topics.motors not in there or there.keys() & set(topics.references):
+        return topics
+    candidates = _candidates(source, topics)
+    chosen = []
+    for kind in (CABLE_TENSIONS.name, NODAL_FORCES.name):
+        of_kind = [name for name in candidates if there[name].msgtype == kind]
+        of_kind = [name for name in of_kind if name.startswith(f"{prefix}/")]
+        if len(of_kind) > 1:  # the user has to choose
+            return topics
+        chosen += of_kind
+    spaces = {name.rpartition("/")[0] for name in chosen}
+    chosen += [
+        name
+        for name in candidates
+        if there[name].msgtype == JOINT_STATE.name and name.rpartition("/")[0] in spaces
+    ]
+    return replace(topics, references=tuple(chosen)) if chosen else topics
+
+
+def _candidates(source: Source, topics: Topics) -> list[str]:
+    """Topics whose type references may have, without inputs and what the estimator publishes."""
+    own = tuple(map(standard.in_namespace, _NO_REFERENCES))
+    return sorted(
+        name
+        for name, channel in source.channels().items()
+        if channel.msgtype in REFERENCE_ARRAYS
+        and name not in (topics.motors, topics.joints)
+        and not name.endswith(own)
+    )
+
+
+def require_axes(path: str, recording: Recording, robot: Robot) -> None:
+    """Refuse a recording without the angles of a motor or joint.
+
+    Raises:
+        BagError: with the missing names, and the names that the recording has.
+    """
+    for kind, wanted, there in (
+        ("motor", robot.motors, recording.motors),
+        ("joint", robot.joints, recording.joints),
+    ):
+        missing = [axis.name for axis in wanted if axis.name not in there]
+        if missing:
+            raise BagError(
+                f"{path} has no {kind} named {', '.join(missing)}; "
+                f"it has {', '.join(sorted(there)) or 'none'}"
+            )
+
+
+def condition_recording(model: Model, recording: Recording) -> Conditioned:
+    """Pass the recording's readings through the gates that the node uses.
+
+    If motors and joints share a topic, an unknown name is counted only once.  The samples have no
+    joints without encoder.
+    """
+    robot = model.robot.as_read
+    joints: Mapping[str, Series] = recording.joints
+    if joints.keys() <= recording.motors.keys():
+        joints = {joint.name: joints[joint.name] for joint in robot.joints}
+    return condition(robot, recording.motors, joints)
+
+
+def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:
+    """Number of refused readings by cause, and of clock jumps, gaps and steps, without zeros."""
+    counts = {cause: n for cause, n in conditioned.refused.items() if n}
+    malformed = sum(recording.malformed.values())
+    if malformed:
+        counts["malformed"] = counts.get("malformed", 0) + malformed
+    if conditioned.clock_jumps:
+        counts["clock_jumps"] = conditioned.clock_jumps
+    if conditioned.gaps:
+        counts["gaps"] = conditioned.gaps
+    if conditioned.steps:
+        counts["stepped_readings"] = conditioned.steps
+    return counts
+
+
+def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
+    """Read a bag for a robot with joints without encoder.
+
+    The efforts of the motors are those on the topic of their angles or, where it has none, the
+    recorded references, which are then inputs and not compared.  Recorded angles of the joints
+    without encoder become references.
+
+    Raises:
+        BagError: as ``read_recording``, or no motor has an effort.
+    """
+    if not robot.as_read.joints and topics.joints not in open_source(path).channels():
+        topics = replace(topics, joints=topics.motors)
+    recording = _read(path, topics, True, True)
+    references, efforts = dict(recording.references), {}
+    notes = list(recording.notes)
+    for motor in robot.motors:
+        reference = f"{EFFORT}/{motor.name}"
+        if motor.name in recording.motor_efforts:
+            efforts[motor.name] = recording.motor_efforts[motor.name]
+        elif reference in references:
+            efforts[motor.name] = references.pop(reference)
+            notes.append(f"{reference} is an input here, and not compared.")
+    unmeasured = [robot.joints[j].name for j in robot.unmeasured]
+    if not efforts:
+        raise BagError(
+            f"{path} has no efforts of {', '.join(motor.name for motor in robot.motors)}, from "
+            f"which {', '.join(unmeasured)} would be estimated"
+        )
+    joints = {name: one for name, one in recording.joints.items() if name not in unmeasured}
+    for name in unmeasured:
+        if name in recording.joints:
+            references[f"{ANGLE}/{name}"] = angles_of(robot, name, recording.joints[name])
+    return replace(
+        recording, joints=joints, references=references, motor_efforts=efforts, notes=tuple(notes)
+    )
+
+
+def with_estimated_joints(robot: Robot, segment: Samples, angles: Sequence[Angles]) -> Samples:
+    """A segment with the estimated angles of the joints without encoder, for drawing over them.
+
+    Args:
+        robot: the robot.
+        segment: with the joints that have encoders.
+        angles: estimated over the segment, one after another.
+    """
+    joint_angle = np.empty((segment.stamp_ns.size, len(robot.joints)))
+    measured = [j for j, joint in enumerate(robot.joints) if joint.measured]
+    joint_angle[:, measured] = segment.joint_angle
+    for k, j in enumerate(robot.unmeasured):
+        value = np.concatenate([one.value[:, k] for one in angles])
+        joint_angle[:, j] = np.where(np.isfinite(value), value, robot.joints[j].reference_angle)
+    return replace(segment, joint_angle=joint_angle)
+
+
+WHOLE: Final = (0.0, float("inf"))
+"""The window that covers a whole recording [s]."""
+
+_MALFORMED: Final = " malformed messages, the first: "
+"""Part of the notes on topics whose messages were refused."""
+
+_NO_REFERENCES: Final = (
+    standard.MOTOR_STATES,
+    standard.JOINT_STATES,
+    standard.TENSIONS,
+    standard.NODAL_FORCES,
+    standard.EFFORTS,
+    standard.TENSION_STATES,
+    standard.JOINT_ANGLES,
+    standard.TENSION_SENSORS,
+)
+"""Topics that the estimator hears or publishes."""
+
+Window = tuple[float, float]
+"""Begin and end of the compared references, relative to the start of the recording [s]."""
+
+
+def require_reference_topics(path: str, topics: Topics) -> None:
+    """Refuse a bag without reference topics before reading it, if its index lists the topics.
+
+    Raises:
+        BagError: there is no reference topic, or the bag cannot be opened.
+    """
+    source = open_source(path)
+    there = source.channels().keys()
+    known = source.channels_known() and {topics.motors, topics.joints} <= there
+    if known and not there & set(reference_topics(source, topics).references):
+        raise _no_references(path, topics)
+
+
+def references_in(
+    path: str, recording: Recording, conditioned: Conditioned, window: Window
+) -> Mapping[str, Series]:
+    """The references within a window, by channel.
+
+    Raises:
+        BagError: there is nothing to compare.
+    """
+    references = _windowed(recording, window)
+    if not references:
+        raise _no_references(path, Topics(), recording)
+    if not any(segment.stamp_ns.size for segment in conditioned.segments):
+        raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
+    return references
+
+
+def in_frames_of(robot: Robot, recording: Recording) -> Recording:
+    """The recording, with a note in place of the force vectors in another frame than the estimates.
+
+    The estimated forces of a cable without positions are in each pulley's own frame, and cannot be
+    compared with those in a frame that the messages name.  For a cable with positions both are
+    taken to be in the base frame, also where the messages name no frame or another.
+    """
+    unplaced = [cable.name for cable in robot.cables if not (cable.routed or cable.spatial)]
+    starts = tuple(f"{FORCE_VECTOR}/{cable}/" for cable in unplaced)
+    foreign = {name for name in recording.references if name.startswith(starts)}
+    if not foreign or not recording.force_frame:
+        return recording
+    note = (
+        f"The recorded forces are in the frame {printable(recording.force_frame)}, but the robot "
+        f"file gives no positions of {', '.join(unplaced)}: only magnitudes were compared."
+    )
+    return replace(
+        recording,
+        references={n: one for n, one in recording.references.items() if n not in foreign},
+        notes=(*recording.notes, note),
+    )
+
+
+def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
+    """The references within the window, without channels that have no sample in it."""
+    begin, end = window
+    if window == WHOLE:
+        return recording.references
+    kept = {}
+    for name, series in recording.references.items():
+        since = (series.log_ns - recording.start_ns) * 1e-9
+        inside = (since >= begin) & (since < end)
+        if inside.any():
+            kept[name] = Series(
+                series.stamp_ns[inside], series.log_ns[inside], series.value[inside]
+            )
+    return kept
+
+
+def duration_s(recording: Recording, window: Window) -> float:
+    """Duration of the part of a recording within a window [s]."""
+    begin, end = window
+    length = (recording.end_ns - recording.start_ns) * 1e-9
+    return max(min(length, end) - begin, 0.0)
+
+
+def _no_references(path: str, topics: Topics, recording: Recording | None = None) -> BagError:
+    if recording is not None and recording.references:
+        return BagError(f"{path} holds no references in that time")
+    refused = [] if recording is None else [n for n in recording.notes if _MALFORMED in n]
+    if refused:
+        return BagError(f"{path} holds no references; {'; '.join(refused)}")
+    source = open_source(path if recording is None else recording.path)
+    types = {name: source.channels()[name].msgtype for name in _candidates(source, topics)}
+    listed = ", ".join(f"{printable(n)} ({one.rpartition('/')[2]})" for n, one in types.items())
+    return BagError(
+        f"{path} holds no references; name their topics with --reference (CableTensions, "
+        f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}"
+    )
+
+
+BETWEEN_PASSES_NS: Final = 1_000_000_000
+"""Time inserted between two passes when they are joined [ns]."""
+
+
+def slices_of(stamps: NDArray[np.int64]) -> list[slice]:
+    """Slices of stamps that increase strictly; the stamps go back between slices."""
+    starts = np.flatnonzero(np.diff(stamps) <= 0) + 1
+    edges = [0, *starts.tolist(), stamps.size]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def references_of_passes(
+    references: Mapping[str, Series], recording: Recording, passes: int
+) -> list[dict[str, Series]]:
+    """References of every pass, cut where the clock was set back."""
+    if passes == 1 or not references:
+        return [dict(references) for _ in range(passes)]
+    clock = next(iter({**recording.joints, **recording.motors}.values()))
+    return [
+        dict(zip(references, column, strict=True))
+        for column in zip(
+            *(passes_of(series, passes - 1, clock) for series in references.values()), strict=True
+        )
+    ]
+
+
+def passes_of(series: Series, jumps: int, clock: Series) -> list[Series]:
+    """Cut a series at the jumps of its clock into ``jumps + 1`` parts.
+
+    If its own stamps show a different number of jumps, the series is cut at the log times of the
+    jumps of ``clock``.  If their number differs too, every part is the whole series, and the stamps
+    alone assign samples to passes.
+    """
+    at = clock_resets(series.stamp_ns)
+    if len(at) != jumps:
+        others = clock_resets(clock.stamp_ns)
+        if len(others) != jumps:
+            return [series] * (jumps + 1)
+        at = np.searchsorted(series.log_ns, clock.log_ns[others])
+    edges = [0, *at.tolist(), series.stamp_ns.size]
+    return [
+        Series(series.stamp_ns[a:b], series.log_ns[a:b], series.value[a:b])
+        for a, b in pairwise(edges)
+    ]
+
+
+def one_after_another(passes: Sequence[Sequence[Channel]]) -> tuple[Channel, ...]:
+    """Join the channels of several passes, with the stamps of later passes shifted.
+
+    Args:
+        passes: channels of the same names in the same order, of every pass.
+    """
+    if len(passes) == 1:
+        return tuple(passes[0])
+    shifts, end = [], None
+    for channels in passes:
+        stamps = [channel.stamp_ns for channel in channels if len(channel.stamp_ns)]
+        begin = min((int(own[0]) for own in stamps), default=0)
+        shifts.append(0 if end is None else end + BETWEEN_PASSES_NS - begin)
+        if stamps:
+            end = max(int(own[-1]) for own in stamps) + shifts[-1]
+    return tuple(
+        _joined(
+            [replace(one, stamp_ns=one.stamp_ns + s) for one, s in zip(of, shifts, strict=True)]
+        )
+        for of in zip(*passes, strict=True)
+    )
+
+
+def _joined(parts: Sequence[Channel]) -> Channel:
+    def column(name: str) -> NDArray[Any] | None:
+        own = [getattr(part, name) for part in parts]
+        return None if any(one is None for one in own) else np.concatenate(own)
+
+    dropped: Counter[str] = Counter()
+    for part in parts:
+        dropped.update(part.dropped)
+    arrays: dict[str, Any] = {
+        name: column(name)
+        for name in ("stamp_ns", "estimate", "reference", "angle", "stddev", "reversal")
+    }
+    return replace(parts[0], dropped=dict(dropped), **arrays)

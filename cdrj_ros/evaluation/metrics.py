@@ -1,0 +1,264 @@
+"""Error figures of estimates against references: those of the paper and common ones.
+
+The paper reports the mean error and the mean relative error of single channels.  Added to these are
+RMSE, the largest error, R², separate mean errors at reversals and elsewhere, and the share of
+references within two standard deviations.  Of vectors, the error is the norm of the difference, and
+the angle between both is added.  Several recordings are pooled by joining their samples
+and not by averaging their figures, so that long recordings weigh more than short ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdrj_ros.evaluation.channels import BagComparison, Channel, size_of
+
+MINIMUM_SHARE: Final = 0.01
+"""Fraction of a channel's largest |reference| below which samples are left out of relative errors.
+
+Where a reference passes through zero, |error| / |reference| grows without bound even for a good
+estimate, and one such sample would dominate the mean.
+"""
+
+DIRECTION_SHARE: Final = 0.05
+"""Fraction of the longest reference below which a vector has no direction to compare.
+
+The angle of a short vector is mostly noise: with a load cell's 0.5 % of the range it is 6° here.
+"""
+
+
+COVERAGE_SIGMAS: Final = 2.0
+"""Half width of the band whose coverage is reported [standard deviations of the estimate]."""
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Error figures of one channel; None where a figure is unknown."""
+
+    n: int
+    """Number of compared samples."""
+    mean_abs_error: float | None
+    """Mean |estimate - reference| [channel's unit]."""
+    mean_relative_error: float | None
+    """Mean |estimate - reference| / |reference| over samples with |reference| at least
+    MINIMUM_SHARE of its largest value [-]."""
+    rmse: float | None
+    """Root of the mean squared error [channel's unit]."""
+    max_abs_error: float | None
+    """Largest |estimate - reference| [channel's unit]."""
+    r2: float | None
+    """1 - SSE/SST: share of the reference's variance that the estimate explains [-]."""
+    reversal_error: float | None = None
+    """Mean |estimate - reference| where a motor or joint reverses [channel's unit]."""
+    smooth_error: float | None = None
+    """Mean |estimate - reference| everywhere else [channel's unit]."""
+    coverage: float | None = None
+    """Share of references within COVERAGE_SIGMAS standard deviations, where these are known [-]."""
+    mean_direction_error_deg: float | None = None
+    """Mean angle between two vectors [°] over samples where both have a direction."""
+    max_direction_error_deg: float | None = None
+    """Largest angle between two vectors [°]."""
+    unit: str = ""
+    """Unit of the channel, "N or N·m" for several; empty for that of its quantity."""
+
+
+FIGURES: Final = (
+    "mean_abs_error",
+    "mean_relative_error",
+    "rmse",
+    "max_abs_error",
+    "r2",
+    "reversal_error",
+    "smooth_error",
+    "coverage",
+    "mean_direction_error_deg",
+    "max_direction_error_deg",
+)
+"""Names of ChannelError's figures, in display order."""
+
+NO_SAMPLES: Final = ChannelError(0, None, None, None, None, None)
+"""The error of a channel that has no sample."""
+
+
+def channel_error(
+    estimate: ArrayLike,
+    reference: ArrayLike,
+    *,
+    stddev: ArrayLike | None = None,
+    reversal: NDArray[np.bool_] | None = None,
+    unit: str = "",
+) -> ChannelError:
+    """Compare an estimate with its reference, sample by sample.
+
+    Args:
+        estimate: finite, shape (n,), or (n, 3) of vectors, in any unit.
+        reference: finite, of the same shape, in the same unit.
+        stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
+        reversal: whether the motion reverses at the sample, shape (n,).
+        unit: of estimate and reference.
+
+    Returns:
+        Errors in that unit; the other figures are dimensionless.  ``mean_relative_error`` is None
+        if the reference is zero throughout, ``r2`` if it does not vary, all figures if n is 0.
+
+    Raises:
+        ValueError: shapes that differ, or values that are not finite.
+    """
+    estimated = np.asarray(estimate, dtype=np.float64)
+    recorded = np.asarray(reference, dtype=np.float64)
+    if estimated.shape != recorded.shape or recorded.shape[1:] not in ((), (3,)):
+        raise ValueError(
+            "estimate and reference must have one shape (n,), or (n, 3) of vectors; "
+            f"got {estimated.shape} and {recorded.shape}"
+        )
+    if not (np.isfinite(estimated).all() and np.isfinite(recorded).all()):
+        raise ValueError("estimate and reference must be finite")
+    if (n := len(recorded)) == 0:
+        return NO_SAMPLES
+    error = estimated - recorded
+    size, magnitude = size_of(error), size_of(recorded)
+    squares = _sum_of_squares(error)
+    turned: NDArray[np.float64] = np.empty(0)
+    if recorded.ndim == 2:
+        turned = direction_error_deg(estimated, recorded)
+        turned = turned[np.isfinite(turned)]
+    relative: float | None = None
+    if (largest := float(magnitude.max())) > 0.0:
+        significant = magnitude >= MINIMUM_SHARE * largest
+        relative = float(np.mean(size[significant] / magnitude[significant]))
+    return ChannelError(
+        n=n,
+        mean_abs_error=float(size.mean()),
+        mean_relative_error=relative,
+        rmse=float(np.sqrt(squares / n)),
+        max_abs_error=float(size.max()),
+        r2=_r2(recorded, squares),
+        reversal_error=None if reversal is None else _mean(size[reversal]),
+        smooth_error=None if reversal is None else _mean(size[~reversal]),
+        coverage=None if stddev is None else _coverage(size, np.asarray(stddev, dtype=np.float64)),
+        mean_direction_error_deg=_mean(turned),
+        max_direction_error_deg=float(turned.max()) if len(turned) else None,
+        unit=unit,
+    )
+
+
+def direction_error_deg(
+    estimate: NDArray[np.float64], reference: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Angle between estimated and recorded vectors [°], shape (n,).
+
+    NaN where one of them is shorter than DIRECTION_SHARE of the longest reference, or zero.
+
+    Args:
+        estimate, reference: finite, shape (n, 3).
+    """
+    lengths = size_of(estimate), size_of(reference)
+    least = np.minimum(*lengths)
+    known = (least > 0.0) & (least >= DIRECTION_SHARE * np.max(lengths[1], initial=0.0))
+    a, b = (v[known] / s[known, None] for v, s in zip((estimate, reference), lengths, strict=True))
+    angle = np.full(len(least), np.nan)
+    # the angle of a narrow triangle, exact also near 0° and 180°, where the cosine is flat
+    angle[known] = np.degrees(2.0 * np.arctan2(size_of(a - b), size_of(a + b)))
+    return angle
+
+
+def _r2(recorded: NDArray[np.float64], squares: float) -> float | None:
+    """1 - SSE/SST; None if the reference does not vary."""
+    # Exact comparison, because the rounded mean of equal numbers may differ from them.
+    if (recorded == recorded[0]).all():
+        return None
+    deviation = recorded - recorded.mean(axis=0)
+    variation = _sum_of_squares(deviation)
+    return 1.0 - squares / variation if variation > 0.0 else None
+
+
+def _sum_of_squares(values: NDArray[np.float64]) -> float:
+    """Sum of squares, with the same digits on every machine.
+
+    ``np.dot`` divides long arrays among the processors: its digits depend on their number, and a
+    busy machine waited forty times as long for it.
+    """
+    return float(np.square(values).sum())
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _coverage(size: NDArray[np.float64], stddev: NDArray[np.float64]) -> float | None:
+    known = np.isfinite(stddev)
+    if not known.any():
+        return None
+    return float(np.mean(size[known] <= COVERAGE_SIGMAS * stddev[known]))
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Recordings and their figures, shared by table, JSON file, report and limits."""
+
+    bags: tuple[BagComparison, ...]
+    of_bags: tuple[Mapping[str, ChannelError], ...]
+    """Every channel's error in each recording, by channel name."""
+    pooled: Mapping[str, ChannelError]
+    """Every channel's error over the joined samples of all recordings, by channel name."""
+
+
+def errors_of(bags: Sequence[BagComparison]) -> Errors:
+    """Compute the figures of each recording and of all recordings pooled."""
+    of_bags = tuple(pooled_errors([bag]) for bag in bags)
+    return Errors(tuple(bags), of_bags, of_bags[0] if len(bags) == 1 else pooled_errors(bags))
+
+
+def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelError]:
+    """Every channel's error over the joined samples of several recordings, by channel name.
+
+    Figures of reversals and standard deviations are None unless every recording has them.
+    """
+    parts: dict[str, list[Channel]] = {}
+    for comparison in comparisons:
+        for channel in comparison.channels:
+            parts.setdefault(channel.name, []).append(channel)
+    return {
+        name: channel_error(
+            np.concatenate([channel.estimate for channel in channels]),
+            np.concatenate([channel.reference for channel in channels]),
+            stddev=_joined([channel.stddev for channel in channels]),
+            reversal=_joined([channel.reversal for channel in channels]),
+            unit=channels[0].unit,
+        )
+        for name, channels in parts.items()
+    }
+
+
+def _joined(parts: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
+
+
+def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
+    """Summary of many channels with equal weights, as in the paper's tables.
+
+    Returns:
+        ``n`` is the total number of samples, ``max_abs_error`` and ``max_direction_error_deg`` are
+        the maxima over all channels; every other figure is its mean over the channels that have it,
+        None if no channel has it.
+    """
+    listed = list(errors)
+
+    def known(figure: str) -> list[float]:
+        values = (getattr(error, figure) for error in listed)
+        return [float(value) for value in values if value is not None]
+
+    def mean(figure: str) -> float | None:
+        values = known(figure)
+        return float(np.mean(values)) if values else None
+
+    maxima = {figure: max(known(figure), default=None) for figure in FIGURES if "max_" in figure}
+    means = {figure: mean(figure) for figure in FIGURES if figure not in maxima}
+    unit = " or ".join(sorted({error.unit for error in listed} - {""}))
+    return ChannelError(n=sum(error.n for error in listed), unit=unit, **means, **maxima)

@@ -1,0 +1,253 @@
+"""Compares a replay's answers with the references, and the estimator's settings with its own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cdrj_ros.estimation.conditioner import MODES, Mode
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.evaluation.answers import STALLED_S, Answers, Floats, Stamps, Tally, channels_of
+from cdrj_ros.evaluation.channels import FORCE_VECTOR, BagComparison
+from cdrj_ros.evaluation.inputs import counters_of
+from cdrj_ros.evaluation.validation import ByChannel, compare_with_references
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Recording
+
+KEPT: Final = 1_000_000
+"""Maximum number of stored latencies; it bounds the memory of an endless loop."""
+
+TOLERANCE: Final = 1e-6
+"""Relative difference up to which two preloads count as equal."""
+
+
+class NodeSettings(NamedTuple):
+    """Parameters of an estimator node that matter for a replay."""
+
+    conditioning: Mode = MODES[0]
+    preload: tuple[float, ...] = ()
+    """Current preload of every cable [N]; empty if unknown."""
+    max_rate_hz: float = 0.0
+    """Maximum rate of published estimates [Hz]; 0: no limit."""
+
+
+def require_every_sample(settings: NodeSettings) -> None:
+    """Check that the node publishes every estimate.
+
+    Raises:
+        UsageError: it does not, and the replay would count the missing estimates as lost.
+    """
+    if settings.max_rate_hz > 0.0:
+        raise UsageError(
+            "the estimator publishes only some of its estimates (max_rate = "
+            f"{settings.max_rate_hz:g} Hz); for a replay start it with max_rate:=0"
+        )
+
+
+def preload_difference(model: Model, settings: NodeSettings) -> str:
+    """Describe preloads of the node that differ from the replay's robot, with remedies.
+
+    Args:
+        model: the robot from the replay's ``--robot`` and ``--preload``.
+        settings: settings of the node.
+
+    Returns:
+        One line with both values; empty if they agree or the node's preloads are unknown.
+    """
+    cables = model.robot.cables
+    ours = [cable.preload for cable in cables]
+    theirs = settings.preload
+    if not theirs or (len(ours) == len(theirs) and np.allclose(ours, theirs, rtol=TOLERANCE)):
+        return ""
+    names = [cable.name for cable in cables]
+    if len(ours) != len(theirs):
+        return (
+            f"the estimator has {len(theirs)} preloads, {model.robot.name} has {len(ours)}: "
+            "it is of another robot"
+        )
+    text = ", ".join(
+        f"{name} {node:g} N in the estimator, {own:g} N here"
+        for name, node, own in zip(names, theirs, ours, strict=True)
+    )
+    return (
+        f"preloads differ: {text}. The estimates are those of the estimator; start it with "
+        f"-p preload:=[{','.join(f'{own:g}' for own in ours)}], call its ~/set_preload, or give "
+        "--use-node-preload"
+    )
+
+
+def slow_playback(rate: float | None, *, clock: bool) -> str:
+    """What a slow playback does to the estimator's statuses, with remedies.
+
+    Args:
+        rate: multiple of real time; None: as fast as possible.
+        clock: whether the playback publishes /clock.
+
+    Returns:
+        One line; empty if stamps do not fall behind the estimator's clock.
+    """
+    if clock or rate is None or rate >= 1.0:
+        return ""
+    return (
+        "the recording is played slower than it was made: the estimator marks its estimates "
+        "STALE, unless it follows the playback (--clock here, use_sim_time:=true there) or has "
+        "same_clock_within:=0"
+    )
+
+
+@dataclass(eq=False)
+class Outcome:
+    """All answers to one recording, over all passes.
+
+    If two passes have an answer with the same stamp, the later one is used.
+    """
+
+    model: Model
+    tally: Tally = field(default_factory=Tally)
+    passes: int = 0
+    """Number of passes, each of which begins with a reset of the estimator."""
+    whole_passes: int = 0
+    """Number of passes that were played to the end."""
+    span_s: float = 0.0
+    """Duration of the played parts of the recording, including repetitions [s]."""
+    wall_s: float = 0.0
+    """Elapsed wall time [s]."""
+    behind_s: float = 0.0
+    """Maximum delay of a message after its due time [s]."""
+    ending: str = ""
+    """Description of how the last pass ended."""
+    difference: float = 0.0
+    """Maximum difference between whole passes, over all channels [unit of the channel]."""
+    refused: Counter[str] = field(default_factory=Counter)
+    accepted: int = 0
+    clock_jumps: int = 0
+    gaps: int = 0
+    steps: int = 0
+    latency_s: Floats = field(default_factory=lambda: np.empty(0))
+    stamp_ns: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
+    """Unique stamps of all answers in increasing order [ns], shape (n,)."""
+
+    def __post_init__(self) -> None:
+        layout = self.model.layout
+        channels = len(channels_of(layout))
+        self.value: Floats = np.empty((0, channels))
+        self.force: Floats = np.empty((0, 3, len(layout.pulleys)))
+        self.stddev: Floats = np.empty((0, channels))
+        self.angle: Floats = np.empty((0, len(layout.motors) + len(layout.joints)))
+
+    def add(self, answers: Answers, *, whole: bool) -> None:
+        """Add one pass; ``whole`` if it was played to the end."""
+        self.passes += 1
+        self.tally += answers.tally
+        self.refused.update(answers.refused)
+        self.accepted += answers.accepted
+        self.clock_jumps += answers.clock_jumps
+        self.gaps += answers.gaps
+        self.steps += answers.steps
+        self.latency_s = np.concatenate((self.latency_s, answers.latency_s))[-KEPT:]
+        if whole and self.whole_passes:
+            _, mine, new = np.intersect1d(self.stamp_ns, answers.stamp_ns, return_indices=True)
+            for ours, theirs in ((self.value, answers.value), (self.force, answers.force)):
+                gap = np.abs(ours[mine] - theirs[new])
+                self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
+        self.whole_passes += whole
+        # use the later answer, also after a clock jump within a run
+        stamps = np.concatenate((answers.stamp_ns[::-1], self.stamp_ns))
+        self.stamp_ns, first = np.unique(stamps, return_index=True)
+        self.value, self.force, self.stddev, self.angle = (
+            np.concatenate((new[::-1], old))[first]
+            for new, old in (
+                (answers.value, self.value),
+                (answers.force, self.force),
+                (answers.stddev, self.stddev),
+                (answers.angle, self.angle),
+            )
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether all expected estimates have been received."""
+        return self.tally.lost == 0
+
+    def facts(self, duration_s: float) -> dict[str, str]:
+        """Rows for the report."""
+        tally, wall_s = self.tally, max(self.wall_s, 1e-9)
+        again = ""
+        if self.passes > 1:
+            again = f", {self.passes} passes, {self.whole_passes} of them whole"
+        rows = {
+            "path": "estimator node in another process, over DDS",
+            "played": f"{self.span_s:.3f} s of {duration_s:.3f} s{again}; ended {self.ending}",
+            "inputs sent": f"{tally.sent}",
+            "estimates expected": f"{tally.expected}",
+            "estimates received": f"{tally.received}",
+            "estimates lost": f"{tally.lost}",
+            "estimates late": f"{tally.late} (given up after {STALLED_S:g} s, or overtaken)",
+            "rate achieved": f"{self.span_s / wall_s:.2f} x real time, "
+            f"{tally.sent / wall_s:.0f} inputs/s",
+        }
+        if self.behind_s > 0:
+            rows["latest sending"] = f"{self.behind_s * 1e3:.2f} ms behind the recorded time"
+        if self.latency_s.size:
+            p50, p99 = np.percentile(self.latency_s, (50, 99)) * 1e3
+            rows["latency"] = f"p50 {p50:.2f} ms, p99 {p99:.2f} ms from input sent to answer heard"
+        if tally.strange:
+            rows["answers not asked for"] = f"{tally.strange}"
+        if self.whole_passes > 1:
+            rows["between passes"] = f"{self.difference:.3g} at most, over all channels"
+        return rows
+
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for the report; none if nothing went wrong."""
+        tally = self.tally
+        found = []
+        if tally.lost:
+            found.append(f"{tally.lost} expected estimates did not arrive on all three topics.")
+        if tally.strange:
+            found.append(
+                f"{tally.strange} answers belong to no input: another estimator or replay may be "
+                "in the same ROS domain."
+            )
+        if self.clock_jumps:
+            found.append(
+                f"The clock of the recording went back {self.clock_jumps} times; where stamps "
+                "repeat, the later estimate counts."
+            )
+        if self.whole_passes > 1 and self.difference > 0:
+            found.append(f"Passes differ by up to {self.difference:.3g}; they should be identical.")
+        return tuple(found)
+
+    def comparison(self, path: str, recording: Recording) -> BagComparison:
+        """Compare with the references in the bag; the result has no channels if there are none."""
+        layout = self.model.layout
+        motors = len(layout.motors)
+        samples = Samples(self.stamp_ns, self.angle[:, :motors], self.angle[:, motors:])
+        conditioned = Conditioned(
+            (samples,), dict(self.refused), self.accepted, self.clock_jumps, self.gaps, self.steps
+        )
+        duration_s = (recording.end_ns - recording.start_ns) * 1e-9
+        facts = self.facts(duration_s)
+        if not recording.references or not self.stamp_ns.size:
+            return BagComparison(
+                path, duration_s, (), counters_of(recording, conditioned),
+                (*recording.notes, *self.notes()), facts,
+            )  # fmt: skip
+        names = channels_of(layout)
+        known = np.atleast_1d(np.isfinite(self.stddev).any(axis=0))
+        values = dict(zip(names, self.value.T, strict=True))
+        values |= {
+            f"{FORCE_VECTOR}/{name}": self.force[:, :, k] for k, name in enumerate(layout.pulleys)
+        }
+        estimates = ByChannel(
+            self.stamp_ns.size,
+            values,
+            {n: self.stddev[:, k] for k, n in enumerate(names) if known[k]},
+        )
+        return compare_with_references(
+            self.model, path, recording, conditioned, self.stamp_ns, estimates, facts, self.notes()
+        )

@@ -1,0 +1,443 @@
+"""Validation: estimation over a recording, and comparison with its references."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+from typing import Final, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.encoderless import efforts_at
+from cdrj_ros.estimation.estimator import Angles, Estimates
+from cdrj_ros.estimation.recorded_health import RecordedHealth
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.evaluation.channels import (
+    ANGLE,
+    BagComparison,
+    Channel,
+    Floats,
+    estimate_channels,
+    plot_angles,
+    stddev_channels,
+)
+from cdrj_ros.evaluation.comparison import Comparing, summed_up, unknown_references
+from cdrj_ros.evaluation.estimating import (
+    OUTPUTS,
+    log_times,
+    pieces_encoderless,
+    pieces_of,
+    write_estimates,
+)
+from cdrj_ros.evaluation.inputs import (
+    WHOLE,
+    Window,
+    condition_recording,
+    counters_of,
+    duration_s,
+    in_frames_of,
+    one_after_another,
+    read_encoderless,
+    read_inputs,
+    references_in,
+    references_of_passes,
+    require_axes,
+    with_estimated_joints,
+)
+from cdrj_ros.evaluation.pulley_friction import FrictionSums
+from cdrj_ros.evaluation.reversals import reversal_zones
+from cdrj_ros.model.channels import EFFORT, TENSION
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
+from cdrj_ros.recordings.topics import TENSION_SENSORS, in_namespace
+
+MAX_GAP_NS: Final = 100_000_000
+"""References are compared only between estimates at most this far apart [ns]."""
+
+PRELOAD_DIFFERS: Final = 0.1
+"""Relative difference of all mean tensions of a cable beyond which its preload is questioned."""
+
+
+class ByChannel(NamedTuple):
+    """Consecutive estimates by channel name."""
+
+    n: int
+    """Number of estimates."""
+    estimates: Mapping[str, Floats]
+    """Estimated values [unit of the channel], shape (n,) each, of vectors (n, 3)."""
+    stddev: Mapping[str, Floats]
+    """Standard deviations where they are known [unit of the channel], shape (n,) each."""
+
+
+class Sensors(NamedTuple):
+    """Readings of the sensors that the health monitor compares with the robot file."""
+
+    efforts: Mapping[str, Series]
+    """Of the motors by name [N m]."""
+    cells: Mapping[str, Series]
+    """Tensions by element [N]."""
+
+
+class Validation:
+    """A recording that is estimated and compared with its references, piece by piece."""
+
+    def __init__(
+        self,
+        model: Model,
+        path: str,
+        recording: Recording,
+        conditioned: Conditioned,
+        *,
+        spread: bool = False,
+        window: Window = WHOLE,
+        progress: Callable[[float], None] | None = None,
+        sensors: Sensors | None = None,
+    ) -> None:
+        """Choose the references.
+
+        Args:
+            model: the prepared robot.
+            path: the recording, as the user named it.
+            recording: the recorded series.
+            conditioned: its samples; each segment is compared with the references of its own pass.
+            spread: whether to estimate standard deviations.
+            window: time interval of the references that are compared.
+            progress: called with the completed fraction, from 0 to 1.
+            sensors: readings for the health monitor; None or none at all: it does not run.
+
+        Raises:
+            BagError: there is nothing to compare.
+        """
+        self._sensors = sensors or Sensors({}, {})
+        named = [name for readings in self._sensors for name in readings]
+        self._health = RecordedHealth(model, named) if named else None
+        recording = in_frames_of(model.robot, recording)
+        self._references = references_in(path, recording, conditioned, window)
+        self._model, self._path, self._recording = model, path, recording
+        self._conditioned, self._window, self._progress = conditioned, window, progress
+        self._spread = spread
+        self._friction = FrictionSums(model.layout)
+        self._names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
+        unmeasured = [model.layout.joints[j] for j in model.robot.unmeasured]
+        self._names += [f"{ANGLE}/{name}" for name in unmeasured]
+        self._efforts = recording.motor_efforts if unmeasured else {}
+        self._passes: list[tuple[Channel, ...]] = []
+
+    def pieces(self) -> Iterator[Estimates]:
+        """Estimate and compare; exhaust it once, before ``result``.
+
+        Yields:
+            Consecutive estimates, which are not stored otherwise.
+        """
+        segments = self._conditioned.segments
+        total = sum(segment.stamp_ns.size for segment in segments)
+        longest = max(segments, key=lambda segment: segment.stamp_ns.size)
+        of_passes = references_of_passes(self._references, self._recording, len(segments))
+        efforts = references_of_passes(self._efforts, self._recording, len(segments))
+        monitored = zip(
+            *(references_of_passes(o, self._recording, len(segments)) for o in self._sensors),
+            strict=True,
+        )
+        done = 0
+        for segment, references, measured, sensors in zip(
+            segments, of_passes, efforts, monitored, strict=True
+        ):
+            if self._health:
+                self._health.begin_pass(*sensors)
+            begin = done
+            comparing = _comparing(segment.stamp_ns, self._names, references)
+            found: list[Angles] = []
+            for piece in self._pieces(segment, measured):
+                if piece.angles is not None:
+                    found.append(piece.angles)
+                if segment is longest:
+                    self._friction.add(piece.stamp_ns, piece.values)
+                named = _named(piece)
+                comparing.add(named.estimates, named.stddev, named.n)
+                if self._health:
+                    part = slice(done - begin, done - begin + piece.stamp_ns.size)
+                    self._health.follow(segment.part(part), piece.stddev)
+                yield piece
+                done += piece.stamp_ns.size
+                if self._progress:
+                    self._progress(done / total)
+            whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
+            self._passes.append(_channels(self._model, whole, comparing))
+
+    def _pieces(self, segment: Samples, measured: Mapping[str, Series]) -> Iterator[Estimates]:
+        """The estimates of one pass; ``measured`` holds the motors' efforts."""
+        if not self._model.robot.unmeasured:
+            return pieces_of(self._model, segment, spread=self._spread)
+        efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, measured)
+        return pieces_encoderless(self._model, segment, efforts)
+
+    def result(self) -> BagComparison:
+        """The comparison of all pieces."""
+        channels = one_after_another(self._passes)
+        passes = len(self._passes)
+        compared = summed_up(
+            self._path,
+            duration_s(self._recording, self._window),
+            channels,
+            unknown_references(self._names, self._references),
+            counters_of(self._recording, self._conditioned),
+            (
+                *self._recording.notes,
+                *_pass_notes(passes),
+                *_preload_notes(self._model, channels),
+            ),
+            friction=self._friction.result(),
+        )
+        return replace(compared, health=self._health.verdict() if self._health else None)
+
+
+def validate_recording(
+    model: Model, path: str, recording: Recording, conditioned: Conditioned
+) -> BagComparison:
+    """Estimate a whole recording and compare it with all of its references, see ``Validation``.
+
+    Raises:
+        BagError: there is nothing to compare.
+    """
+    validation = Validation(model, path, recording, conditioned)
+    for _ in validation.pieces():
+        pass
+    return validation.result()
+
+
+def _named(piece: Estimates) -> ByChannel:
+    estimates = estimate_channels(piece.layout, piece.values)
+    stddev = stddev_channels(piece.layout, piece.stddev)
+    if piece.angles is not None:
+        for k, name in enumerate(piece.angles.names):
+            estimates[f"{ANGLE}/{name}"] = piece.angles.value[:, k]
+            stddev[f"{ANGLE}/{name}"] = piece.angles.stddev[:, k]
+    return ByChannel(piece.stamp_ns.size, estimates, stddev)
+
+
+def _pass_notes(passes: int) -> list[str]:
+    if passes == 1:
+        return []
+    note = (
+        f"The clock went back {passes - 1} times; each of the {passes} passes is compared on its "
+        "own, one drawn after the other."
+    )
+    return [note]
+
+
+def compare_with_references(
+    model: Model,
+    path: str,
+    recording: Recording,
+    conditioned: Conditioned,
+    stamps: NDArray[np.int64],
+    estimates: ByChannel,
+    facts: Mapping[str, str] | None = None,
+    notes: tuple[str, ...] = (),
+) -> BagComparison:
+    """Compare estimates of one pass, from any source, with the recorded references.
+
+    Args:
+        model: the prepared robot.
+        path: the recording, as the user named it.
+        recording: the recorded series.
+        conditioned: counters and the samples; exactly one segment.
+        stamps: of the estimates [ns], strictly increasing, shape (n,).
+        estimates: n estimates by channel name.
+        facts: further facts for the reader, by label.
+        notes: remarks for the reader.
+
+    Raises:
+        BagError: there is nothing to compare.
+    """
+    recording = in_frames_of(model.robot, recording)
+    references = references_in(path, recording, conditioned, WHOLE)
+    (segment,) = conditioned.segments
+    names = list(estimates.estimates)
+    comparing = _comparing(stamps, names, references)
+    comparing.add(estimates.estimates, estimates.stddev, estimates.n)
+    compared = _channels(model, segment, comparing)
+    return summed_up(
+        path,
+        duration_s(recording, WHOLE),
+        compared,
+        unknown_references(names, references),
+        counters_of(recording, conditioned),
+        (*recording.notes, *notes, *_preload_notes(model, compared)),
+        facts,
+    )
+
+
+def _comparing(
+    stamps: NDArray[np.int64], names: list[str], references: Mapping[str, Series]
+) -> Comparing:
+    """The comparison of one pass, to which its estimates are to be added."""
+    given = {name: (series.stamp_ns, series.value) for name, series in references.items()}
+    return Comparing(names, stamps, given, MAX_GAP_NS)
+
+
+def _channels(model: Model, segment: Samples, comparing: Comparing) -> tuple[Channel, ...]:
+    """The channels of one pass; ``segment`` has the angles."""
+    zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
+    return comparing.channels(plot_angles(model, segment), zones)
+
+
+def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
+    """Notes on cables whose recorded tensions are all larger or all smaller than estimated."""
+    notes = []
+    for cable in model.robot.cables:
+        ratios = [
+            float(np.sum(channel.reference) / np.sum(channel.estimate))
+            for channel in channels
+            if channel.name.startswith(f"{TENSION}/{cable.name}/")
+            and np.sum(channel.estimate) > 0.0
+        ]
+        if ratios and (min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS):
+            notes.append(
+                f"Recorded tensions of cable {cable.name} are {100.0 * np.mean(ratios):.0f} % of "
+                f"the estimates on average; its preload is {cable.preload:.4g} N here. If "
+                "the recording had another one, give it with --preload."
+            )
+    return notes
+
+
+LOAD_CELLS: Final = in_namespace(TENSION_SENSORS)
+"""Topic of the load cells in the default namespace."""
+
+READING_SHARE: Final = 0.3
+"""Share of the processing time of a bag that reading takes, for the progress display."""
+
+Progress = Callable[[float], None]
+
+Health = Literal["auto", "references", "off"]
+HEALTH: Final[tuple[Health, ...]] = get_args(Health)
+"""What the health monitor may hear: what the node would hear, references too, or nothing."""
+
+
+@dataclass(frozen=True)
+class BagTask:
+    """The work on one bag, with everything that another process needs for it."""
+
+    path: str
+    """The bag, as the user named it."""
+    topics: Topics
+    robot: str = ""
+    """The robot file."""
+    preload: str | None = None
+    """Preloads that replace those of the robot file."""
+    window: Window = WHOLE
+    outputs: tuple[str, str, str] = OUTPUTS
+    """Topics of the estimates in the written bag."""
+    spread: bool = False
+    """Whether standard deviations are computed."""
+    written: str = ""
+    """Bag to write with the original messages and the estimates; empty for none."""
+    health: Health = "off"
+    """What the health monitor hears: what the node would hear, or also the references."""
+    load_cells: str = LOAD_CELLS
+    """Topic of the load cells that the node would hear."""
+    folder: str = ""
+    """Folder from which relative paths start, for a process with another working folder."""
+
+
+prepared_model = cache(load_model)
+"""The model of a robot file with preloads, loaded once per process."""
+
+
+def validate_bag(
+    model: Model,
+    path: str,
+    topics: Topics,
+    progress: Progress | None = None,
+    *,
+    spread: bool = False,
+) -> BagComparison:
+    """``compare_bag`` with a given model; ``spread`` requests standard deviations."""
+    return compare_bag(BagTask(path, topics, spread=spread), progress, model)
+
+
+def compare_bag(
+    task: BagTask, progress: Progress | None = None, model: Model | None = None
+) -> BagComparison:
+    """Run the estimator on one bag and compare it with the bag's references.
+
+    Args:
+        task: the work.
+        progress: called with the completed fraction, from 0 to 1.
+        model: the prepared robot; by default that of the task's robot file.
+
+    Raises:
+        BagError: the bag cannot be read or has nothing to compare.
+        RobotFileError: the robot file describes no possible robot.
+    """
+    model = model or prepared_model(str(Path(task.folder, task.robot)), task.preload)
+    begin = perf_counter()
+    sensors = None  # a robot with joints without encoder has no health monitor, as in the node
+    path = str(Path(task.folder, task.path)) if task.folder else task.path
+    if model.robot.unmeasured:
+        recording = read_encoderless(path, task.topics, model.robot)
+        require_axes(path, recording, model.robot.as_read)
+    else:
+        efforts = task.health != "off"
+        recording = read_inputs(path, task.topics, model, motor_efforts=efforts, force_vectors=True)
+        sensors = _sensors(path, task, model, recording) if efforts else None
+    conditioned = condition_recording(model, recording)
+    log_ns = log_times(recording, conditioned) if task.written else None
+    if len(conditioned.segments) == 1:
+        recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
+    reading_s = perf_counter() - begin
+    if progress:
+        progress(READING_SHARE)
+
+    def on(share: float) -> None:
+        if progress:
+            progress(READING_SHARE + (1.0 - READING_SHARE) * share)
+
+    begin = perf_counter()
+    validation = Validation(
+        model, task.path, recording, conditioned, spread=task.spread, window=task.window,
+        progress=on, sensors=sensors,
+    )  # fmt: skip
+    if log_ns is not None:
+        written = str(Path(task.folder, task.written))
+        write_estimates(written, path, log_ns, validation.pieces(), task.outputs)
+    else:
+        for _ in validation.pieces():
+            pass
+    comparison = validation.result()
+    facts = {
+        "samples": f"{sum(segment.stamp_ns.size for segment in conditioned.segments)}",
+        "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
+        "path": "offline, in lock-step",
+    }
+    if task.preload is not None:
+        facts["preload"] = f"{task.preload} N"
+    return replace(comparison, facts=facts)
+
+
+def _sensors(path: str, task: BagTask, model: Model, recording: Recording) -> Sensors:
+    """Readings for the health monitor: efforts of the motors, and load cells.
+
+    Raises:
+        BagError: the topic of the load cells cannot be read.
+    """
+    tensions: Mapping[str, Series] = {}
+    if task.load_cells in task.topics.references:
+        tensions = recording.references
+    elif task.load_cells in open_source(path).channels():
+        topics = replace(task.topics, references=(task.load_cells,))
+        tensions = read_recording(path, topics).references
+    also = recording.references if task.health == "references" else {}
+    efforts = {name: also.get(f"{EFFORT}/{name}") for name in model.layout.motors}
+    cells = {
+        name: tensions.get(f"{TENSION}/{name}", also.get(f"{TENSION}/{name}"))
+        for name in model.layout.elements
+    }
+    efforts |= {n: one for n, one in recording.motor_efforts.items() if n in efforts}
+    return Sensors(*({n: one for n, one in o.items() if one} for o in (efforts, cells)))

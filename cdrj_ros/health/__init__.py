@@ -1,1 +1,0 @@
-"""Detection of changes of the robot from measured efforts and tensions."""

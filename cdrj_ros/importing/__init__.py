@@ -1,1 +1,0 @@
-"""Conversion of models of other programs to robot files."""

@@ -1,1 +1,0 @@
-"""Comparison of estimates with recorded references."""

@@ -1,1 +1,0 @@
-"""Conversion between serialised messages and values."""

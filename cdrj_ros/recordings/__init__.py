@@ -1,0 +1,27 @@
+"""Recordings and their messages: reading, writing and playback."""
+
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.source import (
+    RawMessage,
+    Source,
+    TopicInfo,
+    list_topics,
+    open_source,
+    read_messages,
+)
+from cdrj_ros.recordings.writer import BagWriter
+
+__all__ = [
+    "BagWriter",
+    "RawMessage",
+    "Recording",
+    "Series",
+    "Source",
+    "TopicInfo",
+    "Topics",
+    "list_topics",
+    "open_source",
+    "read_messages",
+    "read_recording",
+]

@@ -1,0 +1,400 @@
+"""Reader of an MCAP file that may be complete, unindexed, damaged or truncated.
+
+The package `mcap` finds the chunks, by the index of a complete file, otherwise by reading it record
+by record up to the damage.  Only the messages within a chunk are not read one by one: their places
+go into flat arrays, one `Batch` per chunk, from which `BulkDecoder` decodes them.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import tempfile
+import weakref
+import zlib
+from array import array
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from io import BufferedReader, BytesIO, FileIO
+from pathlib import Path
+from typing import IO, Final
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import SeekingReader
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
+
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings.batch import Batch, Channel, Int64s, Stretch, column, open_regular, pick
+from cdrj_ros.recordings.bounds import CHUNK_BYTES, DEFINITION_BYTES, UNPACKED_FILE, Unpacked
+from cdrj_ros.recordings.decoding import ZSTD_MAGIC
+from cdrj_ros.recordings.definitions import long_name
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+
+_FRAME: Final = struct.Struct("<BQ")
+"""Header of every record: its code and the length of its content [bytes]."""
+_SCHEMA, _CHANNEL, _MESSAGE = 3, 4, 5
+_MESSAGE_HEAD: Final = 31
+"""Bytes of a message record before its payload: code, length, channel, sequence and two times."""
+_CHUNK_HEAD: Final = 49
+"""Bytes of a chunk record before its data, without the name of the compression."""
+_RECORD_BYTES: Final = CHUNK_BYTES + (1 << 16)
+"""Maximum size of a record that is read."""
+_RUN_BYTES: Final = 1 << 22
+"""Size of a run of messages outside chunks that is read at once."""
+_AT_A_TIME: Final = 1 << 20
+"""Number of bytes decompressed at a time."""
+_DAMAGES: Final = (McapError, EndOfFile, struct.error, ValueError, LookupError, OSError)
+"""What `mcap` raises at damage."""
+
+
+class _BoundedReader(BufferedReader):
+    """A file of which at most `_RECORD_BYTES` are read between two calls of `renew`.
+
+    A damaged record may claim to be, or to hold a list, of any length.
+    """
+
+    left = _RECORD_BYTES
+
+    def renew(self) -> int:
+        """Allow the next record; returns the current offset in the file."""
+        self.left = _RECORD_BYTES
+        return self.tell()
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most `size` bytes, and at most as many as are left.
+
+        Raises:
+            ValueError: `mcap` subtracts the size of a header from that of a smaller record.
+        """
+        if size is None or size < 0:
+            raise ValueError("a record is shorter than its kind requires")
+        data = super().read(min(size, self.left))
+        self.left -= len(data)
+        return data
+
+
+class McapFile:
+    """An MCAP file opened for reading.
+
+    `channels` grows while batches are read, since channels may be declared inside chunks;
+    `counts` is available from the start if the file has an index.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Find the file's chunks without reading messages."""
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.counts: Mapping[int, int] | None = None
+        """Number of messages by channel number; None if the file has no index."""
+        self.stretches: tuple[Stretch, ...] = ()
+        self.messages_read = 0
+        self._schemas: dict[int, records.Schema] = {}
+        self._notes: dict[str, int] = {}
+        self._damaged_at = -1
+        self._descriptor = self._open()
+        weakref.finalize(self, os.close, self._descriptor)
+        self._packed_size = path.stat().st_size
+        summary = self._summary()
+        if summary is None:
+            self._walk()
+        else:
+            self._take(summary)
+
+    @property
+    def channels_known(self) -> bool:
+        """Whether `channels` is complete without reading messages."""
+        return self.counts is not None
+
+    def declare_all(self) -> None:
+        """Complete `channels`, reading the whole file if it has no index."""
+        if not self.channels_known:
+            for _ in self.batches():
+                pass
+
+    def batches(self, stretches: Iterable[Stretch] | None = None) -> Iterator[Batch]:
+        """Read the stretches in the given order (None: all of them).
+
+        Raises:
+            BagError: the file unpacks to more than `Unpacked` allows.
+        """
+        unpacked = Unpacked(self.path, self._packed_size)
+        with self._reading() as stream:
+            for stretch in self.stretches if stretches is None else stretches:
+                unpacked.add(stretch.size)
+                raw = self._raw(stream, stretch)
+                offsets, declared, rest = _records(raw)
+                if rest:
+                    self._note(f"ends in {rest} bytes that form no complete record", stretch)
+                for code, content in declared:
+                    self._declare(code, content)
+                self.messages_read += len(offsets)
+                yield _batch(raw, offsets, unpacked)
+
+    def notes(self) -> list[str]:
+        """Irregularities found so far, as sentences."""
+        found = [
+            f"{self.path.name}: {words}" + (f", and {count - 1} more like it" if count > 1 else "")
+            for words, count in self._notes.items()
+        ]
+        if self._damaged_at >= 0:
+            found.append(
+                f"{self.path.name} is cut or damaged at byte {self._damaged_at}: "
+                f"read {self.messages_read} messages until there"
+            )
+        elif self.counts is None and any(stretch.chunked for stretch in self.stretches):
+            found.append(f"{self.path.name} has no index; read from start to end")
+        return found
+
+    def _note(self, words: str, stretch: Stretch | None = None) -> None:
+        """Count a fault; of faults of one kind, only the first is worded."""
+        if stretch is None:
+            self._notes[words] = 1
+            return
+        for noted in self._notes:
+            if noted.endswith(words):
+                self._notes[noted] += 1
+                return
+        self._notes[f"the chunk at byte {stretch.offset} {words}"] = 1
+
+    def _open(self) -> int:
+        """Descriptor of the file, or of its decompressed content in a temporary file."""
+        try:
+            with open_regular(self.path) as stream:
+                head = stream.read(len(MAGIC))
+                if not head:
+                    raise BagError(f"{self.path} is empty, expected an MCAP file")
+                if not head.startswith(ZSTD_MAGIC):
+                    self._require_magic(head)
+                    return os.dup(stream.fileno())
+                with tempfile.TemporaryFile() as plain:
+                    stream.seek(0)
+                    self._unpack(stream, plain)
+                    plain.seek(0)
+                    self._require_magic(plain.read(len(MAGIC)))
+                    return os.dup(plain.fileno())
+        except OSError as error:
+            raise BagError(f"{self.path} cannot be read: {error.strerror or error}") from None
+
+    def _require_magic(self, head: bytes) -> None:
+        if head != MAGIC:
+            raise BagError(
+                f"{self.path} is not an MCAP file: it begins with {head!r}, expected {MAGIC!r}"
+            )
+
+    def _unpack(self, packed: IO[bytes], plain: IO[bytes]) -> None:
+        """Decompress a file compressed as a whole (rosbag2's file mode), as far as possible."""
+        unpacked = Unpacked(self.path, os.fstat(packed.fileno()).st_size)
+        decompressor = zstandard.ZstdDecompressor()
+        with decompressor.stream_reader(packed, read_across_frames=True) as reader:
+            try:
+                while block := reader.read(_AT_A_TIME):
+                    unpacked.add(len(block))
+                    if plain.tell() + len(block) > UNPACKED_FILE:
+                        raise BagError(
+                            f"{self.path} unpacks to more than {UNPACKED_FILE} bytes: unpack it "
+                            f"first, `zstd -d {self.path}`"
+                        )
+                    plain.write(block)
+            except zstandard.ZstdError as error:
+                self._note(f"damaged compression ({error})")
+        plain.flush()
+        if not plain.tell():
+            raise BagError(f"{self.path} holds no data that can be decompressed")
+
+    @contextmanager
+    def _reading(self) -> Iterator[_BoundedReader]:
+        """The file at its start."""
+        with _BoundedReader(FileIO(os.dup(self._descriptor))) as stream:
+            stream.seek(0)
+            yield stream
+
+    def _summary(self) -> Summary | None:
+        """The file's index; None if it has none that covers the whole file."""
+        with self._reading() as stream:
+            try:
+                reader = SeekingReader(stream, record_size_limit=_RECORD_BYTES)
+                summary = reader.get_summary()
+            except _DAMAGES:
+                return None
+        if summary is None or summary.statistics is None or not summary.chunk_indexes:
+            return None
+        complete = summary.statistics.chunk_count == len(summary.chunk_indexes)
+        return summary if complete else None
+
+    def _take(self, summary: Summary) -> None:
+        """Adopt the index of a complete file."""
+        self._schemas = summary.schemas
+        for channel in summary.channels.values():
+            self._add_channel(channel)
+        if summary.statistics is not None:
+            self.counts = summary.statistics.channel_message_counts
+        found = {
+            index.chunk_start_offset: Stretch(
+                index.chunk_start_offset, index.chunk_length, index.uncompressed_size,
+                index.message_start_time, index.message_end_time,
+            )
+            for index in summary.chunk_indexes
+        }  # fmt: skip
+        self.stretches = tuple(self._fitting(found[offset] for offset in sorted(found)))
+
+    def _walk(self) -> None:
+        """Find the stretches of a file without an index, up to its end or to the first damage."""
+        found: list[Stretch] = []
+        with self._reading() as stream:
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_BYTES)
+            at = stream.renew()
+            try:
+                for record in reader.records:
+                    at = stream.renew()
+                    if isinstance(record, records.Schema):
+                        self._add_schema(record)
+                    elif isinstance(record, records.Channel):
+                        self._add_channel(record)
+                    elif isinstance(record, records.Chunk):
+                        found.append(_chunk(record, at))
+                    elif isinstance(record, records.Message):
+                        _append(found, record, at)
+            except _DAMAGES:
+                self._damaged_at = at
+        self.stretches = tuple(self._fitting(found))
+
+    def _fitting(self, found: Iterable[Stretch]) -> Iterator[Stretch]:
+        """The stretches that are not too large."""
+        for stretch in found:
+            if stretch.size > CHUNK_BYTES or stretch.length > _RECORD_BYTES:
+                self._note(
+                    f"claims {stretch.size} bytes, more than {CHUNK_BYTES}, left out", stretch
+                )
+            else:
+                yield stretch
+
+    def _raw(self, stream: _BoundedReader, stretch: Stretch) -> bytes:
+        """The records of a stretch; none, with a note, if its chunk is damaged."""
+        try:
+            stream.seek(stretch.offset)
+            stream.renew()
+            content = stream.read(stretch.length)
+            if not stretch.chunked:
+                return content
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(content[_FRAME.size :])))
+            return _unpacked(chunk, stretch.size)
+        except (*_DAMAGES, zstandard.ZstdError, RuntimeError, MemoryError) as error:
+            self._note(f"was left out, damaged ({str(error) or 'cut'})", stretch)
+            return b""
+
+    def _declare(self, code: int, content: bytes) -> None:
+        """Add a schema or channel that is declared in a chunk."""
+        stream = ReadDataStream(BytesIO(content))
+        try:
+            if code == _SCHEMA:
+                self._add_schema(records.Schema.read(stream))
+            else:
+                self._add_channel(records.Channel.read(stream))
+        except _DAMAGES:
+            self._note("a damaged schema or channel record was left out")
+
+    def _add_schema(self, schema: records.Schema) -> None:
+        self._schemas[schema.id] = schema
+
+    def _add_channel(self, found: records.Channel) -> None:
+        schema = self._schemas.get(found.schema_id)
+        data = schema.data if schema else b""
+        name = schema.name if schema else ""
+        if not (found.topic + found.message_encoding + name).isprintable():
+            self._note("a damaged schema or channel record was left out")
+            return
+        if len(data) > DEFINITION_BYTES:
+            name, data = "", b""
+        self.channels[found.id] = Channel(
+            topic=found.topic,
+            msgtype=long_name(name),
+            encoding=found.message_encoding,
+            definition_encoding=schema.encoding if schema else "",
+            definition=data.decode(errors="replace"),
+            metadata=tuple(found.metadata.items()),
+        )
+
+
+def _chunk(chunk: records.Chunk, stop: int) -> Stretch:
+    """The stretch of a chunk record that ends at byte `stop`."""
+    length = _CHUNK_HEAD + len(chunk.compression.encode()) + len(chunk.data)
+    return Stretch(
+        stop - length, length, chunk.uncompressed_size,
+        chunk.message_start_time, chunk.message_end_time,
+    )  # fmt: skip
+
+
+def _append(found: list[Stretch], message: records.Message, stop: int) -> None:
+    """Append a message outside chunks, which ends at byte `stop`, to the run before it."""
+    length = _MESSAGE_HEAD + len(message.data)
+    time_ns, start = message.log_time, stop - length
+    run = found[-1] if found else None
+    if run and not run.chunked and run.offset + run.length == start and run.size < _RUN_BYTES:
+        found[-1] = replace(
+            run, length=run.length + length, size=run.size + length,
+            first_ns=min(run.first_ns, time_ns), last_ns=max(run.last_ns, time_ns),
+        )  # fmt: skip
+    else:
+        found.append(Stretch(start, length, length, time_ns, time_ns, chunked=False))
+
+
+def _unpacked(chunk: records.Chunk, size: int) -> bytes:
+    """A chunk's data, decompressed to `size` bytes whatever size it claims.
+
+    Raises:
+        ValueError: it has another size or checksum, or an unknown compression.
+        ZstdError, RuntimeError: it cannot be decompressed.
+    """
+    if chunk.compression == "":
+        raw = chunk.data
+    elif chunk.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
+            raw = reader.read(size + 1)
+    elif chunk.compression == "lz4":
+        raw = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    else:
+        raise ValueError(f"unknown compression {chunk.compression!r}")
+    if len(raw) != size:
+        raise ValueError(f"{len(raw)} bytes instead of {size}")
+    if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
+        raise ValueError("wrong checksum")
+    return raw
+
+
+def _records(raw: bytes) -> tuple[Int64s, tuple[tuple[int, bytes], ...], int]:
+    """Offsets of the message records, schema and channel records, and the number of bytes left."""
+    offsets = array("q")
+    declared: list[tuple[int, bytes]] = []
+    append, unpack = offsets.append, _FRAME.unpack_from
+    at, end = 0, len(raw)
+    last = end - _FRAME.size
+    while at <= last:
+        code, length = unpack(raw, at)
+        after = at + 9 + length
+        if after > end:
+            break
+        if code == _MESSAGE and after - at >= _MESSAGE_HEAD:
+            append(at)
+        elif code in (_SCHEMA, _CHANNEL):
+            declared.append((code, raw[at + 9 : after]))
+        elif code == 0:
+            break
+        at = after
+    return np.frombuffer(offsets, np.int64), tuple(declared), end - at
+
+
+def _batch(raw: bytes, offsets: Int64s, unpacked: Unpacked) -> Batch:
+    """The message records that begin at `offsets`."""
+    rows = pick(np.frombuffer(raw, np.uint8), offsets, _MESSAGE_HEAD)
+    length = column(rows, 1, "<u8")[:, 0].astype(np.int64) - (_MESSAGE_HEAD - _FRAME.size)
+    channel = column(rows, 9, "<u2")[:, 0].astype(np.uint16)
+    log_ns = column(rows, 15, "<i8")[:, 0].astype(np.int64)
+    return Batch(raw, channel, log_ns, offsets + _MESSAGE_HEAD, length, unpacked)

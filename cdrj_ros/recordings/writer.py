@@ -1,0 +1,437 @@
+"""Write a rosbag2 folder that holds metadata.yaml and one MCAP file."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from io import StringIO
+from pathlib import Path
+from textwrap import indent
+from types import TracebackType
+from typing import IO, TYPE_CHECKING, Any, Final, TypeVar
+from uuid import uuid4
+
+import numpy as np
+import numpy.typing as npt
+from ruamel.yaml import YAML
+
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.files import write_text
+from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
+from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.recordings.definitions import message_type, own_definition, parse_definition
+from cdrj_ros.recordings.source import METADATA, open_source, read_messages
+from cdrj_ros.recordings.templates import Template
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
+_CHUNK_BYTES: Final = 1 << 20
+_AT_ONCE: Final = 4096
+"""Number of messages encoded at once."""
+_COMPRESSIONS: Final = {"zstd": "ZSTD", "lz4": "LZ4", "": "NONE"}
+"""Names of mcap's compressions."""
+
+ArrayLike = npt.ArrayLike
+Piece = TypeVar("Piece")
+Queued = tuple[int, str, bytes]
+"""Log time [ns], topic and payload of a message to be written."""
+
+
+@dataclass(frozen=True)
+class _Encoded:
+    """Messages of one topic, encoded when the file is written."""
+
+    topic: str
+    log_ns: Int64s
+    """Shape (n,), never decreasing."""
+    stamp_ns: Int64s
+    template: Template
+    arrays: Mapping[str, npt.NDArray[Any]]
+
+    def messages(self) -> Iterator[Queued]:
+        size = len(self.template.payload)
+        for first in range(0, len(self.log_ns), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            arrays = {name: values[part] for name, values in self.arrays.items()}
+            data = self.template.encode_many(self.stamp_ns[part], arrays).tobytes()
+            for k, log_ns in enumerate(self.log_ns[part].tolist()):
+                yield log_ns, self.topic, data[k * size : (k + 1) * size]
+
+
+@dataclass(frozen=True)
+class _Copied:
+    """Messages of another bag, read when the file is written."""
+
+    path: Path | str
+    topics: Collection[str]
+
+    def messages(self) -> Iterator[Queued]:
+        for message in read_messages(self.path, self.topics):
+            yield message.log_ns, message.topic, message.data
+
+
+@dataclass(frozen=True)
+class _InPieces:
+    """Messages of which a part at a time is made when the file is written."""
+
+    parts: Iterator[list[_Encoded]]
+    """Log times of a part are not before those of the part before it."""
+
+    def messages(self) -> Iterator[Queued]:
+        for part in self.parts:
+            yield from merge(*(one.messages() for one in part), key=lambda message: message[0])
+
+
+class BagWriter:
+    """Collects messages and writes them, in order of log time, when closed.
+
+    The writer is a context manager; if its body raises, nothing is written.  The folder is created
+    atomically.  Every `write_…` may be called repeatedly for a topic.  `log_ns` are the log times;
+    None: the stamps.  Messages with equal log times keep the order of the calls.
+    """
+
+    def __init__(
+        self, path: Path | str, *, compression: str = "zstd", chunk_bytes: int = _CHUNK_BYTES
+    ) -> None:
+        """`path` is the folder to create; `compression` of the chunks is zstd, lz4 or empty."""
+        self.path = Path(path)
+        if self.path.exists():
+            raise BagError(f"{self.path} exists already; a bag is written to a new folder")
+        if not str(self.path).isprintable():
+            raise BagError(
+                f"{self.path} is not a name for a bag: metadata.yaml takes printable text"
+            )
+        if compression not in _COMPRESSIONS:
+            known = tuple(_COMPRESSIONS)
+            raise BagError(f"compression must be one of {known}, got {compression!r}")
+        self._compression = _COMPRESSIONS[compression]
+        self._chunk_bytes = chunk_bytes
+        self._channels: dict[str, Channel] = {}
+        self._queue: list[_Encoded | _Copied | _InPieces] = []
+        self._closed = False
+
+    def __enter__(self) -> BagWriter:
+        """Return the writer; nothing is written yet."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write the bag, unless the body raised."""
+        if kind is None:
+            self.close()
+        self._closed = True
+
+    def write_joint_states(
+        self,
+        topic: str,
+        stamp_ns: ArrayLike,
+        names: Sequence[str],
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+        *,
+        log_ns: ArrayLike | None = None,
+        frame_id: str = "",
+    ) -> None:
+        """Add sensor_msgs/JointState; stamps (n,), arrays (n, len(names)) or None for empty."""
+        arrays = {"position": position, "velocity": velocity, "effort": effort}
+        self._write(JOINT_STATE.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
+
+    def write_tensions(
+        self,
+        topic: str,
+        stamp_ns: ArrayLike,
+        names: Sequence[str],
+        tension: ArrayLike,
+        stddev: ArrayLike | None = None,
+        status: ArrayLike | None = None,
+        *,
+        log_ns: ArrayLike | None = None,
+        frame_id: str = "",
+    ) -> None:
+        """Add cdrj_msgs/CableTensions [N]; stamps (n,), arrays (n, len(names)).
+
+        `stddev` of None is written as empty (unknown), `status` of None as OK.
+        """
+        status = np.zeros(np.shape(tension), np.uint8) if status is None else status
+        arrays = {"tension": tension, "stddev": stddev, "status": status}
+        self._write(CABLE_TENSIONS.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
+
+    def write_nodal_forces(
+        self,
+        topic: str,
+        stamp_ns: ArrayLike,
+        names: Sequence[str],
+        magnitude: ArrayLike,
+        *,
+        force_x: ArrayLike | None = None,
+        force_y: ArrayLike | None = None,
+        force_z: ArrayLike | None = None,
+        stddev: ArrayLike | None = None,
+        friction: ArrayLike | None = None,
+        slip_speed: ArrayLike | None = None,
+        status: ArrayLike | None = None,
+        log_ns: ArrayLike | None = None,
+        frame_id: str = "",
+    ) -> None:
+        """Add cdrj_msgs/NodalForces [N, m/s]; stamps (n,), arrays (n, len(names)).
+
+        `status` of None is written as OK, any other array of None as empty (unknown).
+        Takes 14 arguments because the message has eight arrays and each may be missing.
+        """
+        status = np.zeros(np.shape(magnitude), np.uint8) if status is None else status
+        arrays = {
+            "force_x": force_x,
+            "force_y": force_y,
+            "force_z": force_z,
+            "magnitude": magnitude,
+            "stddev": stddev,
+            "friction": friction,
+            "slip_speed": slip_speed,
+            "status": status,
+        }
+        self._write(NODAL_FORCES.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
+
+    def copy(self, path: Path | str, topic_names: Collection[str] | None = None) -> None:
+        """Copy the messages of these topics (None: all) from another bag, unchanged.
+
+        They are read when this writer is closed.
+        """
+        source = open_source(path)
+        for file in source.files:
+            file.declare_all()
+        chosen = {
+            topic: channel
+            for topic, channel in source.channels().items()
+            if topic_names is None or topic in topic_names
+        }
+        for channel in chosen.values():
+            require_cdr(source.path, channel)
+            self._declare(channel)
+        if chosen:
+            self._queue.append(_Copied(path, tuple(chosen)))
+
+    def write_pieces(
+        self,
+        topics: Mapping[str, str],
+        pieces: Iterable[Piece],
+        write: Callable[[BagWriter, Piece], None],
+    ) -> None:
+        """Write what need not be in memory at once.
+
+        Each piece is asked for, and forgotten, while the bag is written.  What `pieces` raises
+        passes through, and no bag is left behind.
+
+        Args:
+            topics: types of the topics that `write` writes, by name.
+            pieces: what is written, in order of log time.
+            write: calls the `write_…` for one of them.
+        """
+        for topic, msgtype in topics.items():
+            definition = own_definition(msgtype).text
+            self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
+
+        def parts() -> Iterator[list[_Encoded]]:
+            for piece in pieces:
+                part = BagWriter(self.path)
+                write(part, piece)
+                yield [one for one in part._queue if isinstance(one, _Encoded)]
+
+        self._queue.append(_InPieces(parts()))
+
+    def close(self) -> None:
+        """Write the folder; called by the context manager."""
+        if self._closed:
+            return
+        self._closed = True
+        draft = self.path.with_name(f".{self.path.name[:100]}.{uuid4().hex}")
+        try:
+            draft.mkdir(parents=True)
+            name = f"{self.path.name}_0.mcap"
+            with (draft / name).open("xb") as stream:
+                text = self._write_file(stream, name)
+                stream.flush()
+                os.fsync(stream.fileno())
+            write_text(draft / METADATA, "rosbag2_bagfile_information:\n" + indent(text, "  "))
+            draft.rename(self.path)
+        except OSError as error:
+            raise BagError(f"{self.path} cannot be made: {error.strerror or error}") from None
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+
+    def _write_file(self, stream: IO[bytes], name: str) -> str:
+        """Write the MCAP file; return the metadata text, which is also stored inside the file."""
+        from mcap.writer import CompressionType, Writer  # slow
+
+        compression = CompressionType[self._compression]
+        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=compression)
+        writer.start(profile="ros2", library="cdrj_ros")
+        numbers = self._register(writer)
+        counts = dict.fromkeys(self._channels, 0)
+        first_ns: int | None = None
+        last_ns = 0
+        try:
+            queues = [queued.messages() for queued in self._queue]
+            for log_ns, topic, data in merge(*queues, key=lambda message: message[0]):
+                first_ns, last_ns = log_ns if first_ns is None else first_ns, log_ns
+                counts[topic] += 1
+                writer.add_message(numbers[topic], log_ns, data, log_ns)
+        except struct.error:
+            raise BagError(f"{self.path}: a log time before {last_ns} ns is negative") from None
+        text = _information(name, first_ns or 0, last_ns, self._channels.values(), counts)
+        writer.add_metadata("rosbag2", {"serialized_metadata": text})
+        writer.finish()  # type: ignore[no-untyped-call]
+        return text
+
+    def _register(self, writer: Writer) -> dict[str, int]:
+        """Channel numbers by topic; equal definitions share a schema."""
+        schemas: dict[tuple[str, str, str], int] = {}
+        numbers: dict[str, int] = {}
+        for topic, channel in self._channels.items():
+            key = (channel.msgtype, channel.definition_encoding, channel.definition)
+            if key not in schemas:
+                name, encoding, text = key
+                schemas[key] = writer.register_schema(name, encoding, text.encode())
+            metadata = {
+                "offered_qos_profiles": _yaml([_qos()]).strip(),
+                "topic_type_hash": _type_hash(channel),
+            }
+            numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
+        return numbers
+
+    def _write(
+        self,
+        msgtype: str,
+        topic: str,
+        stamp_ns: ArrayLike,
+        names: Sequence[str],
+        arrays: Mapping[str, ArrayLike | None],
+        log_ns: ArrayLike | None,
+        frame_id: str,
+    ) -> None:
+        definition = own_definition(msgtype).text
+        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
+        stamps = np.array(stamp_ns, np.int64)
+        times = stamps if log_ns is None else np.array(log_ns, np.int64)
+        given = {name: np.array(a) for name, a in arrays.items() if a is not None}
+        shape = (*stamps.shape, len(names))
+        wrong = {name: a.shape for name, a in given.items() if a.shape != shape}
+        if stamps.ndim != 1 or times.shape != stamps.shape or wrong:
+            raise BagError(
+                f"{topic}: {stamps.shape} stamps, {times.shape} log times and {len(names)} names "
+                f"take arrays of shape {shape}, got {wrong}"
+            )
+        if (times[1:] < times[:-1]).any():
+            order = np.argsort(times, kind="stable")
+            times, stamps = times[order], stamps[order]
+            given = {name: values[order] for name, values in given.items()}
+        message = parse_definition(msgtype, definition)
+        template = Template(message, names, list(given), frame_id=frame_id)
+        self._queue.append(_Encoded(topic, times, stamps, template, given))
+
+    def _declare(self, wanted: Channel) -> None:
+        """Declare a topic; a known topic must keep its type and fields (comments may differ)."""
+        if self._closed:
+            raise BagError(f"{self.path} is closed")
+        known = self._channels.setdefault(wanted.topic, wanted)
+        if known.msgtype != wanted.msgtype:
+            raise BagError(
+                f"{self.path}: topic {known.topic} is {known.msgtype}, it cannot also be "
+                f"{wanted.msgtype}"
+            )
+        if known.definition != wanted.definition and _fields(known) != _fields(wanted):
+            raise BagError(
+                f"{self.path}: topic {known.topic} is {known.msgtype} with other fields than before"
+            )
+
+
+def _fields(channel: Channel) -> object:
+    """The parsed fields of a definition; its text if it cannot be parsed."""
+    try:
+        return message_type(channel.msgtype, channel.definition_encoding, channel.definition)
+    except BagError:
+        return channel.definition
+
+
+def _type_hash(channel: Channel) -> str:
+    """The type's hash: from the copied bag, or as computed for this project's types; else empty."""
+    copied = dict(channel.metadata).get("topic_type_hash")
+    if copied is not None:
+        return copied
+    try:
+        own = own_definition(channel.msgtype)
+    except BagError:
+        return ""
+    return own.hash if own.text == channel.definition else ""
+
+
+def _information(
+    file_name: str, start_ns: int, end_ns: int, channels: Iterable[Channel],
+    counts: Mapping[str, int],
+) -> str:  # fmt: skip
+    """Metadata of a bag of one file as rosbag2 of ROS 2 Jazzy writes it (version 9), in YAML."""
+
+    def extent() -> dict[str, Any]:
+        return {
+            "duration": {"nanoseconds": end_ns - start_ns},
+            "starting_time": {"nanoseconds_since_epoch": start_ns},
+            "message_count": sum(counts.values()),
+        }
+
+    return _yaml(
+        {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **extent(),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": channel.topic,
+                        "type": channel.msgtype,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": [_qos()],
+                        "type_description_hash": _type_hash(channel),
+                    },
+                    "message_count": counts[channel.topic],
+                }
+                for channel in channels
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file_name],
+            "files": [{"path": file_name, **extent()}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
+    )
+
+
+def _qos() -> dict[str, Any]:
+    """Reliable with depth 10; a new object for each call, so that YAML writes no anchors."""
+    durations = ("deadline", "lifespan", "liveliness_lease_duration")
+    return {
+        "history": "keep_last",
+        "depth": 10,
+        "reliability": "reliable",
+        "durability": "volatile",
+        "liveliness": "automatic",
+        "avoid_ros_namespace_conventions": False,
+    } | {name: {"sec": 9223372036, "nsec": 854775807} for name in durations}
+
+
+def _yaml(content: object) -> str:
+    stream = StringIO()
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.width = 4096
+    yaml.dump(content, stream)
+    return stream.getvalue()

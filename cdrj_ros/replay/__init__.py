@@ -1,1 +1,0 @@
-"""Playback of a bag, without ROS."""

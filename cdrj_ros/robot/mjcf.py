@@ -1,0 +1,196 @@
+"""Reading of MuJoCo models (MJCF) in bounded time and memory.
+
+A few hundred bytes of MJCF can ask MuJoCo's compiler for gigabytes, by a height field, a grid of
+bodies or nested replication.  Therefore it runs in a process of its own, with limits, which also
+converts what it has compiled; a model that is too large, or that ends the compiler, ends only that
+process.  Files that a model names must be regular ones, since reading others might not end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.untrusted import InputError, parse_xml, read_regular
+from cdrj_ros.robot.mjcf_tendons import Branch, Imported, convert
+
+LARGEST_XML: Final = 20_000_000
+"""Largest accepted size of a model's XML files, each [bytes]."""
+
+MEMORY: Final = 350_000_000
+"""Memory of the process that compiles, for a model of a few files [bytes]."""
+
+MEMORY_PER_BYTE: Final = 20
+"""Additional memory for each byte of meshes, textures and height fields that the model names."""
+
+TIME_S: Final = 15.0
+"""Time in which a model must be compiled and converted [s]."""
+
+LARGEST_RESULT: Final = 8_000_000
+"""Largest accepted size of what is converted, as JSON [bytes]; a robot file has 1e6 at most."""
+
+FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
+"""Attributes of ``compiler`` that name folders of files."""
+
+
+def load_mujoco() -> ModuleType:
+    """The ``mujoco`` package.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise UsageError(
+            "reading MJCF needs the package mujoco, which is not installed: pip install mujoco"
+        ) from error
+    module: ModuleType = mujoco
+    return module
+
+
+def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Imported:
+    """Read a MuJoCo model's spatial tendons, in a process of its own.
+
+    Args:
+        path: MJCF file.
+        tendons: names of those that become cables; None for all.
+
+    Raises:
+        UsageError: the model cannot be read within the limits, or none of its tendons can be
+            represented.
+    """
+    name = printable(str(path))
+    memory = MEMORY + MEMORY_PER_BYTE * _size_of_assets(Path(path))
+    wanted = None if tendons is None else [*tendons]
+    arguments = json.dumps([str(Path(path).absolute()), name, wanted])
+    folders = [str(Path(entry).absolute()) for entry in sys.path]  # "" is the current folder
+    with tempfile.TemporaryDirectory() as folder:  # MuJoCo writes a log into the current folder
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "cdrj_ros.robot.mjcf", str(memory), arguments],
+                cwd=folder,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(folders)},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                timeout=TIME_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise UsageError(
+                f"cannot read {name}: MuJoCo needs more than {TIME_S:g} s for it"
+            ) from None
+    if not done.stdout:
+        raise UsageError(
+            f"cannot read {name}: MuJoCo gave up, or needs more than {memory / 1e6:.0f} MB for it"
+        )
+    found: dict[str, Any] = json.loads(done.stdout)
+    if "error" in found:
+        raise UsageError(found["error"])
+    branches = [Branch(**branch) for branch in found["branches"]]
+    return Imported(found["document"], found["remarks"], branches, found["joints"])
+
+
+def _size_of_assets(model: Path) -> int:
+    """Size of all files that a model names [bytes], other than XML.
+
+    Raises:
+        UsageError: one of them, or the model, is not a regular file or too large, or is no XML.
+    """
+    size, left, waiting, seen = 0, LARGEST_XML, [model.absolute()], set[Path]()
+    folders: dict[str, str] = {}
+    while waiting:
+        xml = waiting.pop()
+        try:
+            data = read_regular(xml, left)
+            root = parse_xml(data)
+        except InputError as error:
+            raise UsageError(f"cannot read {printable(str(xml))}: {error}") from error
+        left -= len(data)
+        for compiler in root.iter("compiler"):
+            folders |= {key: compiler.attrib[key] for key in FOLDERS if key in compiler.attrib}
+        bases = {model.absolute().parent, xml.parent}
+        for is_xml, name in _files(root):
+            places = {base / folder / name for base in bases for folder in (".", *folders.values())}
+            for place in map(_existing, places):
+                if place is None or place in seen:
+                    continue
+                seen.add(place)
+                if is_xml:
+                    waiting.append(place)
+                else:
+                    size += place.stat().st_size
+    return size
+
+
+def _existing(place: Path) -> Path | None:
+    """The path without links; None where there is no file, which MuJoCo will say."""
+    try:
+        found = place.resolve(strict=True)
+    except (OSError, ValueError, RuntimeError):
+        return None
+    if found.is_dir():
+        return None
+    if not found.is_file():
+        raise UsageError(f"cannot read {printable(str(place))}: it is not a regular file")
+    return found
+
+
+def _files(root: Any) -> Iterator[tuple[bool, str]]:
+    """Names of the files that a model names, and whether they are models themselves."""
+    for element in root.iter():
+        for key, name in element.attrib.items():
+            if key.startswith("file"):
+                yield element.tag in ("include", "model"), name
+
+
+def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> dict[str, Any]:
+    """What ``read_mjcf`` returns, or its error, as plain values."""
+    mujoco = load_mujoco()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        model = mujoco.MjModel.from_xml_path(path)
+        return asdict(convert(mujoco, model, name, tendons))
+    except CdrjError as error:
+        return {"error": str(error)}
+    except MemoryError:
+        return {"error": f"cannot read {name}: MuJoCo needs more than {memory / 1e6:.0f} MB for it"}
+    except RecursionError:
+        return {"error": f"cannot read {name}: its bodies are nested too deep"}
+    except (ValueError, OSError, mujoco.FatalError) as error:
+        reason = printable(" ".join(str(error).split())[:300])
+        return {"error": f"cannot read {name}: {reason}"}
+
+
+def _serve(memory: int, path: str, name: str, tendons: list[str] | None) -> None:
+    """Compile within limits and write the result to standard output."""
+    for kind, most in (
+        (resource.RLIMIT_DATA, memory),
+        (resource.RLIMIT_CORE, 0),
+        (resource.RLIMIT_FSIZE, 1_000_000),
+    ):
+        hard = resource.getrlimit(kind)[1]
+        allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (allowed, allowed))
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as answer:
+        os.dup2(2, 1)  # what MuJoCo prints is no answer
+        text = json.dumps(_compiled(path, name, tendons, memory))
+        if len(text) > LARGEST_RESULT:
+            text = json.dumps({"error": f"cannot read {name}: it is too large for a robot file"})
+        answer.write(text)
+
+
+if __name__ == "__main__":
+    _serve(int(sys.argv[1]), *json.loads(sys.argv[2]))

@@ -1,0 +1,325 @@
+"""The rig advanced step by step: motor angles in, truth out.
+
+One joint moves by its dynamics under the cables; the others are held.  Every step is one of the
+stepper that carries a whole motion in ``simulation/truth.py``, so the same motor angles give
+bit-identical results.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros import _core
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.status import INVALID
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.simulation.assembly import Rig, divide_contacts
+from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all
+from cdrj_ros.simulation.load import Load, resting_start
+from cdrj_ros.simulation.truth import UNSOLVED
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+
+MOST_TORQUE: Final = 1e4
+"""Largest push on a joint [N m], or [N] on a prismatic joint."""
+
+LONGEST_PUSH: Final = 3600.0
+"""Longest duration of a push [s]."""
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """Settings of the rig and its load."""
+
+    load: Load = field(default_factory=lambda: Load(RollingLoad()))
+    """Load of the free joint."""
+    cells: int = 8
+    """Contact cells per pulley."""
+    rate: float = 1000.0
+    """Steps per second of simulated time [Hz]."""
+    joint: int = 0
+    """The joint that moves freely; the others are held in the reference pose."""
+    lower: float | None = None
+    """Lower end stop of the free joint [rad] or [m]; None for the end of its range."""
+    upper: float | None = None
+    """Upper end stop [rad] or [m]; None for the end of its range."""
+    start: float | None = None
+    """Angle at which the joint is released at rest [rad]; None for its equilibrium or end stop."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """An external torque on the free joint."""
+
+    torque: float
+    """Torque along positive joint angle [N m], or force [N] on a prismatic joint."""
+    end_s: float
+    """End of the push in simulated time [s]."""
+
+
+class LiveRig:
+    """The rig and its current state.
+
+    ``step`` takes the motors' next angles.  All arrays that it returns are new.
+    """
+
+    def __init__(self, robot: Robot, settings: LiveSettings | None = None) -> None:
+        """Put the rig at rest: motors at their reference angles, the joint held or on a stop.
+
+        Raises:
+            UsageError: no joint, or stops outside the range.
+        """
+        self.robot = robot
+        self.settings = _checked(robot, settings or LiveSettings())
+        self._possible = wire_all(robot)
+        self._sound = Rig(prepare(robot), self._fine(()), self._possible.without_faults())
+        self.load = self.settings.load
+        axis = robot.joints[self.settings.joint]
+        self.lower = axis.lower if self.settings.lower is None else self.settings.lower
+        self.upper = axis.upper if self.settings.upper is None else self.settings.upper
+        self.reset()
+
+    def reset(self) -> None:
+        """Remove all faults and restart at time 0; the load and the stops are kept."""
+        self._rig = self._sound
+        self._uncoupled: tuple[str, ...] = ()
+        self.pushes: tuple[Push, ...] = ()
+        self.steps = 0
+        self.unsolved = 0
+        self.stalled = 0
+        self.motor_angle = np.array([motor.reference_angle for motor in self.robot.motors])
+        pose = np.array([joint.reference_angle for joint in self.robot.joints])
+        drums = self._rig.drums(self.motor_angle[None])
+        start = self.settings.start
+        if start is None:
+            start = resting_start(
+                self._rig, drums[0], pose, self.settings.joint, self.load.coefficients(),
+                (self.lower, self.upper),
+            )  # fmt: skip
+        pose[self.settings.joint] = start
+        self.at_stop = start in (self.lower, self.upper)
+        self._pose = pose
+        self._stepper = _core.Stepper(self._rig.fine.core, self.settings.joint)
+        self._stepper.swing = np.array([start, 0.0, 0.0, 0.0])
+        self._release()
+        self._estimates = np.empty((1, self._rig.fine.layout.size))
+        self._imbalance = np.empty(1)
+        self._run(self.motor_angle, 0.0)
+        self._read()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return self.steps / self.settings.rate
+
+    @property
+    def joint_angle(self) -> Vector:
+        """Angles of all joints [rad], shape (joints,)."""
+        return self._pose.copy()
+
+    @property
+    def joint_speed(self) -> float:
+        """Speed of the free joint [rad/s]."""
+        return float(self._stepper.swing[1])
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Faults injected since the last reset."""
+        return tuple(fault for _, fault in self._rig.wiring.faults)
+
+    @property
+    def push_torque(self) -> float:
+        """Sum of the pushes on the free joint now [N m]."""
+        return sum(push.torque for push in self.pushes)
+
+    def set_load(self, load: Load) -> None:
+        """Change the load, effective from the next step."""
+        self.load = load
+        self._release()
+
+    def push(self, torque: float, duration_s: float) -> None:
+        """Push on the free joint from the next step on, in addition to other pushes.
+
+        Raises:
+            UsageError: a torque or duration out of its range.
+        """
+        if not abs(torque) <= MOST_TORQUE:
+            raise UsageError(f"torque must be in [-{MOST_TORQUE:g}, {MOST_TORQUE:g}], got {torque}")
+        if not 0.0 < duration_s <= LONGEST_PUSH:
+            raise UsageError(f"duration must be in (0, {LONGEST_PUSH:g}] s, got {duration_s}")
+        self.pushes = (*self.pushes, Push(torque, self.time_s + duration_s))
+
+    def break_cable(self, name: FaultName, cable: str, amount: float | None = None) -> str:
+        """Inject a fault now.
+
+        Args:
+            name: name of the fault.
+            cable: name of the faulty cable.
+            amount: length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for
+                ``slip``; None for the default.  A cut takes no amount.
+
+        Returns:
+            A description of the fault.
+
+        Raises:
+            UsageError: an unknown fault or cable, or an impossible amount.
+        """
+        fault = fault_now(self.robot, name, cable, amount, self.time_s)
+        motor = next(
+            motor
+            for motor, other in self._possible.faults
+            if (other.kind, other.cable) == (fault.kind, fault.cable)
+        )
+        turn = float(wire(self.robot, (fault,)).turn[0])
+        self._rig = replace(self._rig, wiring=self._rig.wiring.with_fault(motor, fault, turn))
+        if name == "cut":
+            self._uncouple(cable)
+        unit = "rad of drum" if name == "slip" else "m of cable"
+        return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
+
+    def _uncouple(self, cable: str) -> None:
+        """Go on without friction in a cable, since a loose one has none.
+
+        With friction the solver would need thousands of iterations for a cable without tension.
+        """
+        self._uncoupled = (*self._uncoupled, cable)
+        self._rig = replace(self._rig, fine=self._fine(self._uncoupled))
+        before = self._stepper
+        self._stepper = _core.Stepper(self._rig.fine.core, self.settings.joint)
+        self._stepper.state, self._stepper.swing = before.state, before.swing
+        self._release()
+
+    def _fine(self, frictionless: tuple[str, ...]) -> Model:
+        """The fine robot, some of whose cables have no friction."""
+        wired = divide_contacts(self._possible.robot, self.settings.cells)
+        cables = tuple(
+            replace(one, law="none") if one.name in frictionless else one for one in wired.cables
+        )
+        return prepare(replace(wired, cables=cables))
+
+    def _release(self) -> None:
+        """Let the joint move freely under its load."""
+        sign = self.robot.joints[self.settings.joint].effort_sign
+        self._stepper.release(self.load.coefficients(), sign, self.lower, self.upper)
+
+    def step(self, motor_angle: Vector) -> bool:
+        """Advance by one step, turning the motors to ``motor_angle`` [rad], shape (motors,).
+
+        If a cable cannot follow (it is wound in entirely, or its path is impossible), motors and
+        joint do not move and ``stalled`` is incremented.
+
+        Returns:
+            Whether the motors turned to these angles.
+        """
+        before = self.time_s
+        self.steps += 1
+        now = self.time_s
+        self.pushes = tuple(push for push in self.pushes if push.end_s > before)
+        dt = now - before
+        state, swing, pose = self._stepper.state, self._stepper.swing, self._pose
+        if self._advance(motor_angle, dt):
+            self.motor_angle = np.array(motor_angle, dtype=np.float64)
+            self._read()
+            return True
+        self.stalled += 1
+        self._stepper.state, self._stepper.swing, self._pose = state, swing, pose
+        self._hold(float(swing[0]), self.motor_angle, dt)
+        if self._valid():
+            self._read()
+        else:  # the truth does not change
+            self._stepper.state = state
+        return False
+
+    def _advance(self, motor_angle: Vector, dt: float) -> bool:
+        """Advance the joint freely or against a stop; False if a cable cannot follow."""
+        self.at_stop = False
+        if self._run(motor_angle, dt):
+            self.unsolved += int(not abs(self._imbalance[0]) <= UNSOLVED)
+            return self._valid()
+        angle, speed = self._stepper.swing[:2]
+        stop = self.lower if angle - self.lower < self.upper - angle else self.upper
+        near = 1e-3 * (self.upper - self.lower) + 3.0 * abs(speed) * dt
+        self.at_stop = abs(stop - angle) <= near
+        self.unsolved += int(not self.at_stop)
+        self._hold(float(stop if self.at_stop else angle), motor_angle, dt)
+        return self._valid()
+
+    def _run(self, motor_angle: Vector, dt: float) -> bool:
+        """Take a step; returns False and keeps the state if the joint would leave its range."""
+        drums = self._rig.drums(motor_angle[None])
+        joints = np.empty((1, self._pose.size))
+        done, _ = self._stepper.run(
+            drums, self._pose[None], np.array([self.push_torque], dtype=np.float64),
+            np.array([dt]), self._rig.wiring.offset(np.array([self.time_s])),
+            np.zeros(1, dtype=np.bool_), np.empty_like(drums), joints, self._imbalance,
+            self._estimates,
+        )  # fmt: skip
+        if done:
+            self._pose = joints[0]
+        return bool(done)
+
+    def _hold(self, angle: float, motor_angle: Vector, dt: float) -> None:
+        """Hold the free joint at an angle for one step and set its speed to zero."""
+        joint = self.settings.joint
+        self._pose = self._pose.copy()
+        self._pose[joint] = angle
+        self._stepper.prescribe()
+        self._run(motor_angle, dt)
+        self._release()
+        effort = self._estimates[0, self._rig.fine.layout.joint_effort][joint]
+        torque = self.robot.joints[joint].effort_sign * effort
+        self._stepper.swing = np.array([angle, 0.0, 0.0, torque])
+
+    def _valid(self) -> bool:
+        row, layout = self._estimates[0], self._rig.fine.layout
+        status = row[layout.status].astype(np.int64)
+        return not np.any(status & INVALID) and bool(np.isfinite(row).all())
+
+    def _read(self) -> None:
+        """Store the results in the robot's own order, as ``read_out`` does."""
+        row, layout = self._estimates[0], self._rig.fine.layout
+        self.tension = row[layout.tension].copy()
+        """Tensions of all elements [N], shape (elements,)."""
+        parts = (layout.force_x, layout.force_y, layout.force_z)
+        self.force = np.stack([row[part] for part in parts], axis=-1)
+        """Force of the cable on every pulley [N], shape (pulleys, 3), as ``Truth.force``."""
+        every = row[layout.motor_effort]
+        owner = self._rig.wiring.owner
+        self.motor_effort = every[: len(self.robot.motors)].copy()
+        """Efforts of the cables on the motors [N m], shape (motors,)."""
+        for end in range(len(self.robot.motors), owner.size):
+            if owner[end] >= 0:
+                self.motor_effort[owner[end]] += every[end]
+        self.joint_effort = row[layout.joint_effort].copy()
+        """Efforts of the cables on the joints [N m], shape (joints,)."""
+
+
+def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:
+    if not robot.motors or not robot.joints:
+        raise UsageError("a live rig needs at least one motor and one joint")
+    if not 0 <= settings.joint < len(robot.joints):
+        raise UsageError(f"joint must be in [0, {len(robot.joints) - 1}], got {settings.joint}")
+    if not 1 <= settings.cells <= 200:
+        raise UsageError(f"cells must be in [1, 200], got {settings.cells}")
+    if not 10.0 <= settings.rate <= 1e5:
+        raise UsageError(f"rate must be in [10, 1e5] Hz, got {settings.rate:g}")
+    axis = robot.joints[settings.joint]
+    lower = axis.lower if settings.lower is None else settings.lower
+    upper = axis.upper if settings.upper is None else settings.upper
+    if not axis.lower <= lower < upper <= axis.upper:
+        raise UsageError(
+            f"the stops of {axis.name} must lie within its range [{axis.lower:.4g}, "
+            f"{axis.upper:.4g}], the lower one below the upper, got {lower:.4g} and {upper:.4g}"
+        )
+    if settings.start is not None and not lower <= settings.start <= upper:
+        raise UsageError(
+            f"start must lie between the stops [{lower:.4g}, {upper:.4g}], got {settings.start:g}"
+        )
+    return settings

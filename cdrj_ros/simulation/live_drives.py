@@ -1,0 +1,173 @@
+"""The drives of a live rig, which turn commands into the motors' next angles.
+
+In position mode a motor moves to its angle at full speed and stays there; in velocity mode it turns
+until the next command or the timeout; in effort mode its torque accelerates the rotor against the
+cables (semi-implicit Euler).  In position and velocity mode, a motor that would need more than its
+torque limit stalls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.simulation.live_commands import Command, Mode, Trajectory
+from cdrj_ros.simulation.live_limits import DriveLimits
+
+Vector = NDArray[np.float64]
+
+Program = Callable[[int], Vector]
+"""Function from the step number to the angles of all motors [rad], shape (motors,)."""
+
+HOLDING: Final = "position"
+
+
+class Drives:
+    """All motors of a rig, each with its own mode."""
+
+    def __init__(self, limits: DriveLimits, program: Program | None = None) -> None:
+        """Start at rest at the reference angles.
+
+        Args:
+            limits: limits of the drives.
+            program: motion of the motors until the first command; if None, they hold.
+        """
+        self.limits = limits
+        self._program = program
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard all commands and restart the program."""
+        count = len(self.limits.motors)
+        self.angle = np.array(self.limits.reference, dtype=np.float64)
+        """Angles of all motors [rad], shape (motors,)."""
+        self.speed = np.zeros(count)
+        """Speeds of all motors [rad/s], shape (motors,)."""
+        self.modes: list[Mode] = [HOLDING] * count
+        self._target = self.angle.copy()
+        self._heard_s = np.zeros(count)
+        self._trajectory: Trajectory | None = None
+        self._from = self.angle.copy()
+        self._begin_s = 0.0
+        self.program = self._program
+        self.timeouts = 0
+        """Number of timeouts of motors in velocity or effort mode."""
+
+    def command(self, command: Command | Trajectory, now_s: float) -> None:
+        """Apply a command; motors that it does not name keep their previous commands.
+
+        A command for one motor of a trajectory ends the trajectory for all its motors.
+        """
+        motors = list(command.motors)
+        self.program = None
+        if self._trajectory is not None and set(motors) & set(self._trajectory.motors):
+            self._hold(list(self._trajectory.motors))
+            self._trajectory = None
+        self._hold(motors)
+        if isinstance(command, Trajectory):
+            if command.time.size:
+                self._trajectory, self._begin_s = command, now_s
+                self._from = self.angle[motors]
+            return
+        self._heard_s[motors] = now_s
+        for motor, value in zip(motors, command.values, strict=True):
+            # a torque accelerates the rotor from its current speed
+            self.modes[motor] = command.mode
+            self._target[motor] = value
+
+    def next(self, step: int, now_s: float, dt: float, effort: Vector) -> Vector:
+        """Angles of all motors after a step [rad], shape (motors,).
+
+        Args:
+            step: number of the step.
+            now_s: time at the end of the step [s].
+            dt: duration of the step [s].
+            effort: efforts of the cables on the motors, with the robot's signs [N m], shape
+                (motors,).
+        """
+        if self.program is not None:
+            self._target = self.program(step)
+        if self._trajectory is not None:
+            self._follow(self._trajectory, now_s)
+        for motor in range(self.angle.size):
+            mode = self.modes[motor]
+            if mode != HOLDING and now_s - self._heard_s[motor] > self.limits.timeout_s:
+                self.timeouts += 1
+                self._hold([motor])
+                mode = HOLDING
+            torque = self.limits.effort_sign[motor] * float(effort[motor])
+            if mode == "effort":
+                self._accelerate(motor, torque, dt)
+            else:
+                self._turn(motor, mode, torque, dt)
+        return self.angle.copy()
+
+    def stopped(self, angle: Vector) -> None:
+        """Set the angles at which the cables stopped the motors [rad], shape (motors,)."""
+        self.angle = angle.copy()
+        self.speed[:] = 0.0
+
+    def _hold(self, motors: list[int]) -> None:
+        """Hold the current angles of these motors."""
+        for motor in motors:
+            self.modes[motor] = HOLDING
+            self._target[motor] = self.angle[motor]
+
+    def _turn(self, motor: int, mode: Mode, torque: float, dt: float) -> None:
+        """Advance a motor towards its target angle, or at its target speed."""
+        most = self.limits.speed[motor] * dt
+        before = float(self.angle[motor])
+        wanted = float(self._target[motor])
+        if mode == "velocity":
+            wanted = before + wanted * dt
+        way = wanted - before
+        if abs(way) > most:
+            wanted = before + (most if way > 0.0 else -most)
+        against = -torque if way > 0.0 else torque
+        if way != 0.0 and against > self.limits.torque[motor]:
+            wanted = before
+        self.angle[motor] = wanted
+        self.speed[motor] = (wanted - before) / dt
+
+    def _accelerate(self, motor: int, torque: float, dt: float) -> None:
+        """Advance a rotor under the motor's and the cables' torque."""
+        limits = self.limits
+        inertia, damping = limits.inertia[motor], limits.damping
+        whole = float(self._target[motor]) + torque
+        speed = (inertia * float(self.speed[motor]) + dt * whole) / (inertia + damping * dt)
+        speed = min(max(speed, -limits.speed[motor]), limits.speed[motor])
+        self.speed[motor] = speed
+        self.angle[motor] += speed * dt
+
+    def _follow(self, trajectory: Trajectory, now_s: float) -> None:
+        """Set the targets along a trajectory; after its end the last point is held."""
+        motors = list(trajectory.motors)
+        at = now_s - self._begin_s
+        self._target[motors] = _interpolated(trajectory, self._from, at)
+        if at >= trajectory.time[-1]:
+            self._trajectory = None
+
+
+def _interpolated(trajectory: Trajectory, start: Vector, at: float) -> Vector:
+    """Angles of the trajectory's motors [rad]; before the first point from ``start`` at rest."""
+    time, angle, speed = trajectory.time, trajectory.angle, trajectory.speed
+    k = int(np.searchsorted(time, at, side="right"))
+    if k == time.size:
+        return angle[-1].copy()
+    t0, a0 = (0.0, start) if k == 0 else (float(time[k - 1]), angle[k - 1])
+    t1, a1 = float(time[k]), angle[k]
+    span = t1 - t0
+    share = (at - t0) / span
+    if speed is None:
+        return np.asarray(a0 + share * (a1 - a0))
+    v0 = np.zeros_like(start) if k == 0 else speed[k - 1]
+    u2, u3 = share**2, share**3
+    return np.asarray(
+        (2.0 * u3 - 3.0 * u2 + 1.0) * a0
+        + (u3 - 2.0 * u2 + share) * span * v0
+        + (3.0 * u2 - 2.0 * u3) * a1
+        + (u3 - u2) * span * speed[k]
+    )

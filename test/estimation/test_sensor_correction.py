@@ -1,0 +1,82 @@
+"""Correction of a sensor's systematic error over its angle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.conditioner import Conditioner
+from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.robot.description import Robot, Sensor
+from cdrj_ros.robot.reader import load_robot, parse_robot
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+TEXT = PROTOTYPE.read_text(encoding="utf-8")
+EPOCH_NS = 1_700_000_000_000_000_000
+
+
+def corrected(text: str) -> Robot:
+    return parse_robot(
+        TEXT.replace("  - name: elbow\n", f"  - name: elbow\n    correction: {text}\n")
+    )
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return corrected("{angle_deg: [-30, 0, 30], value_deg: [1, 0, -0.5]}")
+
+
+@pytest.mark.parametrize(
+    ("reading_deg", "angle_deg"), [(-35.0, -34.0), (-30.0, -29.0), (-15.0, -14.5), (38.0, 37.5)]
+)
+def test_a_correction_is_linear_between_its_points_and_constant_beyond(
+    robot: Robot, reading_deg: float, angle_deg: float
+) -> None:
+    stamps = EPOCH_NS + np.arange(2, dtype=np.int64) * 10_000_000
+    flat = Series(stamps, stamps, np.zeros(2))
+    reading = Series(stamps, stamps, np.full(2, np.radians(reading_deg)))
+    (samples,) = condition(robot, {"winch": flat}, {"elbow": reading}).segments
+    np.testing.assert_allclose(np.degrees(samples.joint_angle[:, 0]), angle_deg)
+
+
+def test_a_correction_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot) -> None:
+    time = np.arange(200)
+    stamps = EPOCH_NS + time * 5_000_000
+    angle = 0.6 * np.sin(0.1 * time)
+    readings = Series(stamps, stamps, angle)
+    (bulk,) = condition(robot, {"winch": readings}, {"elbow": readings}).segments
+    conditioner = Conditioner(robot)
+    samples = []
+    for stamp, value in zip(stamps.tolist(), angle.tolist(), strict=True):
+        samples += conditioner.feed_motors(stamp, ["winch"], [value])
+        samples += conditioner.feed_joints(stamp, ["elbow"], [value])
+    np.testing.assert_array_equal([s.joint_angle[0] for s in samples], bulk.joint_angle[:, 0])
+    assert not np.array_equal(bulk.joint_angle[:, 0], angle)
+
+
+def test_a_sensor_without_correction_is_unchanged() -> None:
+    joint = load_robot(PROTOTYPE).joints[0]
+    assert (
+        replace(joint.sensor, resolution=0.0, noise=0.0, tracking_bandwidth=0.0, tracking="fixed")
+        == Sensor()
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "taught"),
+    [
+        ("{angle: [0, 1], value: [0]}", "at least 2"),
+        ("{angle: [0, 1, 2], value: [0, 0]}", "must have 3 entries like angle, got 2"),
+        ("{angle: [1, 0], value: [0, 0]}", "must increase"),
+        ("{angle: [0, 0.1], value: [0.2, 0]}", "two readings would give one angle"),
+        ("{angle: [0, 1]}", "value is missing"),
+    ],
+)
+def test_an_impossible_correction_is_refused(text: str, taught: str) -> None:
+    with pytest.raises(RobotFileError, match=taught):
+        corrected(text)

@@ -1,0 +1,262 @@
+"""Prediction of the estimates and counting of the answers.  Does not depend on ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.conditioner import Mode
+from cdrj_ros.estimation.estimator import Estimate, initial_state, run, step
+from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.evaluation.answers import FOLD, AnotherRobotError, Run, Tally, channels_of
+from cdrj_ros.evaluation.inputs import read_inputs
+from cdrj_ros.evaluation.metrics import errors_of
+from cdrj_ros.evaluation.replayed import Outcome
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.cdr import JOINT_STATE
+from cdrj_ros.recordings.estimate_encoder import EstimateEncoder
+from cdrj_ros.recordings.templates import Template
+
+SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+MS = 1_000_000
+FIRST_NS = 1_000 * MS
+
+
+class Bench:
+    """A run with its inputs and an estimator whose answers the test determines."""
+
+    def __init__(self, model: Model, conditioning: Mode = "wait") -> None:
+        self.model = model
+        self.run = Run(model, conditioning)
+        layout = model.layout
+        self._motor = Template(JOINT_STATE, layout.motors, ("position",))
+        self._joint = Template(JOINT_STATE, layout.joints, ("position",))
+        self._ask = self.run.asker("motors"), self.run.asker("joints")
+        self._encoder = EstimateEncoder(layout)
+        self._hear = [self.run.listener(k) for k in range(3)]
+        at = Sample(FIRST_NS, np.zeros(len(layout.motors)), np.zeros(len(layout.joints)))
+        self._estimate: Estimate = step(model, initial_state(model), at)[1]
+
+    def send(self, *numbers: int, motors: bool = True, joints: bool = True) -> None:
+        for number in numbers:
+            stamp = FIRST_NS + number * MS
+            if motors:
+                self._ask[0](self._motor.encode(stamp, position=0.0))
+            if joints:
+                self._ask[1](self._joint.encode(stamp, position=0.0))
+
+    def answer(self, *numbers: int, topics: tuple[int, ...] = (0, 1, 2)) -> None:
+        for number in numbers:
+            estimate = replace(self._estimate, stamp_ns=FIRST_NS + number * MS)
+            messages = self._encoder.encode(estimate)
+            for topic in topics:
+                self._hear[topic](messages[topic])
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return load_model(str(ROBOTS / "prototype.yaml"))
+
+
+@pytest.fixture
+def bench(model: Model) -> Bench:
+    return Bench(model)
+
+
+def test_an_estimate_is_expected_once_motors_and_joints_have_been_sent(bench: Bench) -> None:
+    bench.send(0, 1, 2, joints=False)
+    assert bench.run.tally() == Tally(sent=3)
+    bench.send(0, 1, motors=False)
+    assert bench.run.tally() == Tally(sent=5, expected=2)
+    assert bench.run.under_way == 2
+
+
+def test_inputs_that_can_have_no_answer_yet_do_not_count_as_under_way(bench: Bench) -> None:
+    bench.send(0)
+    bench.send(*range(1, 500), joints=False)
+    assert bench.run.unanswerable == 499
+    assert bench.run.under_way == 1
+
+
+def test_an_answer_counts_when_all_three_topics_have_it(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, topics=(0, 1))
+    assert bench.run.tally().received == 0
+    bench.answer(0, topics=(2,))
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
+    assert bench.run.tally().under_way == 1
+
+
+def test_an_answer_overtaken_by_later_ones_is_lost(bench: Bench) -> None:
+    bench.send(0, 1, 2, 3)
+    bench.answer(0, 2, 3)
+    assert bench.run.tally() == Tally(sent=8, expected=4, received=3, lost=1)
+
+
+def test_an_answer_that_comes_after_later_ones_is_late_and_no_longer_lost(bench: Bench) -> None:
+    bench.send(0, 1, 2)
+    bench.answer(0, 2, 1)
+    assert bench.run.tally() == Tally(sent=6, expected=3, received=3, late=1)
+    answers = bench.run.finish()
+    assert answers.tally.late == 1
+    assert answers.stamp_ns.tolist() == [FIRST_NS + k * MS for k in range(3)]
+
+
+def test_one_topic_missing_makes_the_estimate_lost(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, topics=(0, 2))
+    bench.answer(1)
+    assert bench.run.finish().tally == Tally(sent=4, expected=2, received=1, lost=1)
+
+
+def test_an_answer_missing_for_too_long_is_lost_but_may_still_come_late(bench: Bench) -> None:
+    bench.send(0, 1)
+    now = bench.run.received_s + 1e9
+    assert bench.run.give_up_stalled(0.0) == 0
+    assert bench.run.give_up_stalled(now) == 2
+    assert bench.run.tally() == Tally(sent=4, expected=2, lost=2)
+    bench.answer(1)
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1, lost=1, late=1)
+
+
+def test_an_answer_without_an_input_is_counted_as_strange(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(77)
+    assert bench.run.tally().strange == 3
+    assert bench.run.tally().received == 0
+
+
+def test_the_last_answer_repeated_while_paused_is_not_counted(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, 0, 0)
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
+
+
+def test_a_refused_reading_is_not_waited_for(bench: Bench) -> None:
+    bench.send(0, 1, 1, 2)
+    assert bench.run.tally().expected == 3
+    assert bench.run.finish().refused["repeated"] == 2
+
+
+def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
+    layout = bench.model.layout
+    names = tuple(name.replace("upper", "left") for name in layout.elements)
+    encoder = EstimateEncoder(replace(layout, elements=names))
+    bench.send(0)
+    bench.run.listener(0)(encoder.encode(replace(bench._estimate, stamp_ns=FIRST_NS)).tensions)
+    assert isinstance(bench.run.trouble, AnotherRobotError)
+    assert "tensions are of left/1" in str(bench.run.trouble)
+    assert "expected upper/1" in str(bench.run.trouble)
+
+
+def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
+    count = 2 * FOLD + 10
+    for k in range(count):
+        bench.send(k)
+        bench.answer(k)
+    answers = bench.run.finish()
+    layout, values = bench.model.layout, bench._estimate.values
+    expected = np.concatenate(
+        [
+            values[layout.tension],
+            values[layout.magnitude],
+            values[layout.motor_effort],
+            values[layout.joint_effort],
+        ]
+    )
+    assert answers.value.shape == (count, len(channels_of(layout)))
+    np.testing.assert_array_equal(answers.value, np.broadcast_to(expected, answers.value.shape))
+    forces = np.stack([values[getattr(layout, f"force_{axis}")] for axis in "xyz"])
+    assert np.all(np.linalg.norm(forces, axis=0) > 1.0)
+    np.testing.assert_array_equal(answers.force, np.broadcast_to(forces, (count, *forces.shape)))
+    assert np.all(answers.latency_s >= 0)
+
+
+def _played(model: Model, numbers: range) -> Outcome:
+    bench, outcome = Bench(model), Outcome(model)
+    bench.send(*numbers)
+    bench.answer(*numbers)
+    outcome.add(bench.run.finish(), whole=True)
+    return outcome
+
+
+def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
+    outcome = _played(model, range(5))
+    again = Bench(model)
+    again.send(*range(5))
+    again.answer(*range(5))
+    outcome.add(again.run.finish(), whole=True)
+    assert (outcome.passes, outcome.whole_passes, outcome.difference) == (2, 2, 0.0)
+    assert outcome.stamp_ns.size == 5
+    assert outcome.tally.received == 10
+    assert outcome.notes() == ()
+
+
+def test_a_pass_that_differs_is_noted(model: Model) -> None:
+    outcome = _played(model, range(5))
+    again = Bench(model)
+    again._estimate = replace(again._estimate, whole=again._estimate.whole + 0.25)
+    again.send(*range(5))
+    again.answer(*range(5))
+    outcome.add(again.run.finish(), whole=True)
+    assert outcome.difference == pytest.approx(0.25)
+    assert any("should be identical" in note for note in outcome.notes())
+
+
+def test_where_passes_overlap_the_later_one_counts(model: Model) -> None:
+    outcome = _played(model, range(5))
+    again = Bench(model)
+    again._estimate = replace(again._estimate, whole=again._estimate.whole + 1.0)
+    again.send(*range(3, 8))
+    again.answer(*range(3, 8))
+    outcome.add(again.run.finish(), whole=False)
+    assert outcome.stamp_ns.size == 8
+    np.testing.assert_allclose(outcome.value[3:] - outcome.value[0], 1.0)
+
+
+def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
+    """The joint is read at every fifth stamp; what was predicted between is computed again."""
+    bench = Bench(model, "predict")
+    for number in range(1, 31):
+        bench.send(number, joints=number % 5 == 0)
+        assert list(bench.run._expected) == sorted(set(bench.run._expected))
+    bench.answer(*range(5, 31))
+    assert bench.run.tally() == Tally(36, 26, 26, 0, 0, 0)
+
+
+def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
+    model: Model, recorded: Callable[[Model, int], Samples]
+) -> None:
+    """As from a node that runs without them."""
+    samples = recorded(model, 100)
+    count, outcome = samples.stamp_ns.size, Outcome(model)
+    estimates = run(model, initial_state(model), samples)[1]
+    layout, values = model.layout, estimates.values
+    outcome.stamp_ns = samples.stamp_ns
+    outcome.angle = np.hstack([samples.motor_angle, samples.joint_angle])
+    outcome.value = np.hstack(
+        [values[:, k] for k in (layout.tension, layout.magnitude)]
+        + [values[:, k] for k in (layout.motor_effort, layout.joint_effort)]
+    )
+    outcome.force = np.zeros((count, 3, len(layout.pulleys)))
+    outcome.stddev = np.full(outcome.value.shape, 0.05)
+    outcome.stddev[: count // 2, :16] = np.inf
+    outcome.stddev[:, -1] = np.nan
+    recording = read_inputs(str(SAMPLE), Topics(), model)
+    errors = errors_of([outcome.comparison("bag", recording)]).pooled
+    half, whole = errors["tension/upper/8"].coverage, errors["nodal_force/upper/8"].coverage
+    assert half is not None
+    assert whole is not None
+    assert 0.0 < half < 1.0
+    assert 0.0 < whole < 1.0
+    outcome.stddev[: count // 2, :16] = 0.05
+    all_known = errors_of([outcome.comparison("bag", recording)]).pooled["tension/upper/8"]
+    assert all_known.coverage == pytest.approx(half, abs=0.1)
+    assert errors["effort/elbow"].coverage is None

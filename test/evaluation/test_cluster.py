@@ -1,0 +1,147 @@
+"""Tasks on a Dask cluster of real worker processes, one of which is killed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.clusters import running_cluster
+from support.many_tasks import killed_once, square, sum_after_death, sum_with
+
+from cdrj_ros.commands import validate
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.evaluation.cluster import check_address, on_cluster
+from cdrj_ros.evaluation.cluster_pool import cluster_pool
+from cdrj_ros.evaluation.tasks import Failed, Work, in_this_process
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.identification.observations import Recorded, observe, samples_of
+from cdrj_ros.identification.problem import Problem
+from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.loading import load_model, robot_path
+from cdrj_ros.robot.reader import load_document
+from cdrj_ros.simulation.follow import follow_joints
+
+from .test_processes import kill_when_noted
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's own modules
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _dask() -> None:
+    """Skip without Dask; not while tests are collected, which every worker does."""
+    pytest.importorskip("distributed", reason="Dask's distributed is not installed")
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with running_cluster(tmp_path_factory.mktemp("cluster")) as address:
+        yield address
+
+
+def test_a_cluster_gives_the_results_of_one_process_and_names_what_failed(address: str) -> None:
+    numbers = [3.0, -1.0, 7.0, 13.0, 0.3]
+    work = Work(square, numbers, [f"bag {n:g}" for n in numbers], [10] * 5)
+    done: list[float] = []
+    assert on_cluster(work, address, done.append) == in_this_process(work, lambda _: None)
+    assert done == [10.0, 20.0, 30.0, 40.0, 50.0]
+
+
+def figures(path: Path, *arguments: str) -> dict[str, Any]:
+    """What ``validate`` writes for three bags, without the time that it took."""
+    bags = [str(ROOT / "bags" / f"prototype_preload_{name}") for name in ("36_26", "23_6", "36_26")]
+    short = ["--robot", "prototype", "--quiet", "--duration", "3", "--json", str(path)]
+    assert validate.main([*bags, *short, *arguments]) == 0
+    found: dict[str, Any] = json.loads(path.read_text())
+    for bag in found["bags"]:
+        del bag["facts"]["time"]
+    return found
+
+
+def test_validate_has_the_figures_of_this_process(address: str, tmp_path: Path) -> None:
+    here = figures(tmp_path / "here.json", "--jobs", "1")
+    assert figures(tmp_path / "there.json", "--scheduler", address) == here
+
+
+def test_the_task_of_a_killed_worker_is_done_by_another(address: str, tmp_path: Path) -> None:
+    notes = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
+    notes[0].write_text("no first attempt\n")
+    notes[2].write_text("no first attempt\n")
+    thread = kill_when_noted(notes[1])
+    tasks = [str(path) for path in notes]
+    results = on_cluster(Work(killed_once, tasks, tasks, [1, 1, 1]), address, lambda _: None)
+    thread.join()
+    assert results == ["a", "b", "c"]
+    first, second = notes[1].read_text().split()
+    assert first != second
+
+
+def test_a_task_that_kills_every_worker_is_named_and_the_others_are_done(address: str) -> None:
+    numbers = [1.0, 99.0, 2.0, 3.0]
+    work = Work(square, numbers, [f"bag {n:g}" for n in numbers], [1] * 4)
+    results = on_cluster(work, address, lambda _: None)
+    assert results[1] == Failed("bag 99", "bag 99: every worker that processed it died")
+    assert [one for one in results if not isinstance(one, Failed)] == [0.1, 0.4, 0.1 * 3.0 * 3.0]
+
+
+def test_pairs_have_the_results_of_this_process_in_their_order(address: str) -> None:
+    tables = [np.arange(1000.0), np.arange(10.0)]
+    pairs = [(0.1, tables[0]), (0.2, tables[1]), (0.3, tables[0])]
+    with cluster_pool(address) as pool:
+        for _ in range(2):
+            found = pool.map(sum_with, *zip(*pairs, strict=True))
+            assert found == [sum_with(*pair) for pair in pairs]
+        with pytest.raises(CdrjError, match=r"-1\.0 is no number"):
+            pool.map(sum_with, [1.0, -1.0], tables)
+
+
+def test_an_argument_that_died_with_its_worker_is_sent_again(address: str, tmp_path: Path) -> None:
+    table = np.arange(100.0)
+    with cluster_pool(address) as pool:
+        notes = [str(tmp_path / "a"), str(tmp_path / "b")]
+        assert pool.map(sum_after_death, notes, [table, table]) == [4950.0, 4950.0]
+
+
+def test_residuals_from_a_cluster_have_the_digits_of_this_process(address: str) -> None:
+    document, source = load_document(str(robot_path("prototype")))
+    model = load_model("prototype")
+    time_s = np.arange(0.0, 2.0, 0.01)
+    joint = 0.4 * np.sin(3.0 * time_s)[:, None]
+    motor = follow_joints(model, joint).motor_angle
+    stamps = (1e9 * (1.0 + time_s)).astype(np.int64)
+    _, true = run(model, initial_state(model), Samples(stamps, motor, joint))
+    read = [
+        {name: Series(stamps, stamps, values[:, 0])}
+        for name, values in (("winch", motor), ("elbow", joint))
+    ]
+    recording = Recorded("rig", *read, {"tension/upper/8": (stamps, true.values[:, 7])})
+    unknowns = parse_unknowns(document, "mu_c")
+    samples = samples_of(model, recording)
+    observed = observe(model, recording, samples, {"tension/upper/8": 1.0}, 1, 1000, 0.0, False)
+    points = [np.full(len(unknowns), at) for at in (0.0, 0.5)]
+    with ThreadPoolExecutor(2) as threads, cluster_pool(address) as cluster:
+        here, there = (
+            Problem(document, source, unknowns, [observed], pool).residuals_of(points)
+            for pool in (threads, cluster)
+        )
+    assert [one.tobytes() for one in here] == [one.tobytes() for one in there]
+    assert here[0].tobytes() != here[1].tobytes()
+
+
+def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cdrj_ros.evaluation.cluster.CONNECT_S", 0.2)
+    with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1: no Dask scheduler answered"):
+        on_cluster(Work(square, [1.0], ["one"], [1]), "tcp://127.0.0.1:1", lambda _: None)
+
+
+@pytest.mark.parametrize("address", ["", "host", "host:port", "smtp://host:25", "tcp://:8786"])
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(UsageError, match="--scheduler must be the address"):
+        check_address(address)

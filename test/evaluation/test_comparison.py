@@ -1,0 +1,237 @@
+"""Estimates are interpolated at the reference's stamps; the reference is unchanged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdrj_ros.evaluation.channels import QUANTITIES, Angle, Channel, unit_of
+from cdrj_ros.evaluation.comparison import (
+    DROP_CAUSES,
+    Comparing,
+    compare,
+    summed_up,
+    unknown_references,
+)
+from cdrj_ros.evaluation.metrics import mean_over_channels, pooled_errors
+from cdrj_ros.report.figures import hysteresis
+from cdrj_ros.report.pictures import Window
+from cdrj_ros.report.table import table_groups
+
+EPOCH_NS = 1_722_000_000_123_456_789
+NAME = "tension/upper/8"
+
+
+def one(
+    stamps: object, values: object, reference: tuple[object, object], max_gap_ns: int = 1000
+) -> Channel:
+    (channel,) = compare(stamps, {NAME: values}, {NAME: reference}, max_gap_ns=max_gap_ns)  # type: ignore[arg-type,dict-item]
+    return channel
+
+
+def test_coinciding_stamps_leave_every_bit_of_the_estimate() -> None:
+    random = np.random.default_rng(1)
+    stamps = EPOCH_NS + np.arange(1000, dtype=np.int64) * 333_333
+    values = random.normal(size=1000) * 10.0 ** random.integers(-300, 300, 1000)
+    chosen = np.sort(random.choice(1000, 400, replace=False))
+    channel = one(stamps, values, (stamps[chosen], np.zeros(400)), max_gap_ns=10**9)
+    assert channel.estimate.tobytes() == values[chosen].tobytes()
+    # also with other reference samples in between
+    mixed = np.sort(np.concatenate([stamps[chosen], stamps[:-1] + 5]))
+    channel = one(stamps, values, (mixed, np.zeros(len(mixed))), max_gap_ns=10**9)
+    at = np.searchsorted(channel.stamp_ns, stamps[chosen])
+    assert channel.estimate[at].tobytes() == values[chosen].tobytes()
+
+
+def test_a_line_with_uneven_stamps_is_interpolated_without_error() -> None:
+    random = np.random.default_rng(2)
+    stamps = EPOCH_NS + np.cumsum(random.integers(1, 1000, 500))
+    wanted = np.unique(random.integers(int(stamps[0]), int(stamps[-1]), 2000))
+    line = 3.0 - 2e-6 * (stamps - EPOCH_NS).astype(np.float64)
+    channel = one(stamps, line, (wanted, np.zeros(len(wanted))))
+    np.testing.assert_allclose(
+        channel.estimate, 3.0 - 2e-6 * (wanted - EPOCH_NS).astype(np.float64), atol=1e-14
+    )
+
+
+def test_nothing_is_compared_outside_the_estimates_or_across_a_gap() -> None:
+    channel = one([0, 10, 100, 110], [1.0] * 4, ([-1, 0, 5, 10, 50, 100, 105, 111], [2.0] * 8), 10)
+    assert channel.stamp_ns.tolist() == [0, 5, 10, 100, 105]
+    assert channel.dropped["outside_estimates"] == 2
+    assert channel.dropped["between_distant_estimates"] == 1
+
+
+def test_references_are_sorted_and_of_equal_stamps_the_first_counts() -> None:
+    channel = one([0, 10], [0.0, 10.0], ([7, 3, 7, 0], [70.0, 30.0, 71.0, 0.0]))
+    assert channel.stamp_ns.tolist() == [0, 3, 7]
+    assert channel.reference.tolist() == [0.0, 30.0, 70.0]
+    assert channel.dropped["reference_repeated"] == 1
+
+
+def test_values_that_are_not_finite_are_left_out_and_counted() -> None:
+    channel = one(
+        [0, 10, 20, 30],
+        [0.0, 1.0, np.nan, np.inf],
+        ([0, 0, 5, 10, 15, 20, 30, 8], [np.nan, 4.0, 1.0, 2.0, 3.0, 4.0, 5.0, np.inf]),
+    )
+    assert channel.stamp_ns.tolist() == [0, 5, 10]
+    assert channel.reference.tolist() == [4.0, 1.0, 2.0]
+    assert channel.estimate.tolist() == [0.0, 0.5, 1.0]
+    assert channel.dropped["reference_not_finite"] == 2
+    assert channel.dropped["estimate_not_finite"] == 3
+    assert set(channel.dropped) == set(DROP_CAUSES)
+    nothing = one([], [], ([0, 1], [1.0, 2.0]))
+    assert (len(nothing.stamp_ns), nothing.dropped["outside_estimates"]) == (0, 2)
+
+
+def test_every_reference_sample_is_compared_or_counted() -> None:
+    random = np.random.default_rng(3)
+    values = random.normal(size=300)
+    values[::17] = np.nan
+    stamps = np.sort(random.choice(20_000, 100, replace=False))
+    own = random.normal(size=100)
+    own[::9] = np.nan
+    channel = one(stamps, own, (random.integers(0, 20_000, 300), values), 400)
+    assert len(channel.stamp_ns) + sum(channel.dropped.values()) == 300
+    assert np.all(np.diff(channel.stamp_ns) > 0)
+    assert np.isfinite(channel.estimate).all()
+    assert np.isfinite(channel.reference).all()
+
+
+def test_channels_sharing_stamps_do_not_share_samples() -> None:
+    stamps = np.array([0, 10, 20])
+    references = {
+        "tension/upper/1": (stamps, np.array([1.0, 2.0, 3.0])),
+        "tension/upper/2": (stamps, np.array([4.0, np.nan, 6.0])),
+    }
+    estimates = {name: np.zeros(3) for name in references}
+    first, second = compare(stamps, estimates, references, max_gap_ns=10)
+    assert first.reference.tolist() == [1.0, 2.0, 3.0]
+    assert second.stamp_ns.tolist() == [0, 20]
+    assert second.reference.tolist() == [4.0, 6.0]
+
+
+def test_channels_come_in_the_order_of_the_estimates() -> None:
+    names = ["effort/spindle", "tension/upper/10", "tension/upper/2"]
+    references = {name: ([0], [0.0]) for name in reversed(names)}
+    channels = compare([0], {name: [0.0] for name in names}, references, max_gap_ns=1)
+    assert [channel.name for channel in channels] == names
+    assert [channel.unit for channel in channels] == ["N·m", "N", "N"]
+
+
+def test_a_reference_without_estimate_is_reported_by_name() -> None:
+    references = {NAME: ([0], [1.0]), "tension/third/1": ([0], [1.0])}
+    assert unknown_references({NAME: [0.0]}, references) == ("tension/third/1",)
+    channels = compare([0], {NAME: [0.0]}, references, max_gap_ns=1)
+    bag = summed_up("a.mcap", 1.0, channels, ("tension/third/1",))
+    assert [channel.name for channel in bag.channels] == [NAME]
+    assert any("tension/third/1" in note for note in bag.notes)
+
+
+def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:
+    channels = compare(
+        [0, 10],
+        {NAME: [0.0, 0.0], "effort/spindle": [0.0, 0.0]},
+        {NAME: ([0, 50], [1.0, 1.0]), "effort/spindle": ([60], [1.0])},
+        max_gap_ns=10,
+    )
+    bag = summed_up("a.mcap", 1.0, channels, counters={"late": 4})
+    assert bag.counters["late"] == 4
+    assert bag.counters["outside_estimates"] == 2
+    assert any("effort/spindle" in note for note in bag.notes)
+
+
+def test_the_angle_is_added_where_it_is_known() -> None:
+    stamps = np.array([0, 10, 20, 30, 100])
+    rolling = Angle("rolling", np.array([10, 20, 90]), np.array([1.0, 2.0, 9.0]))
+    reference = {NAME: (stamps, np.zeros(5)), "effort/spindle": (stamps, np.zeros(5))}
+    estimates = {name: np.zeros(5) for name in reference}
+    both = compare(stamps, estimates, reference, max_gap_ns=50, angle=rolling)
+    for channel in both:
+        assert channel.angle_name == "rolling"
+        np.testing.assert_array_equal(channel.angle, [np.nan, 1.0, 2.0, np.nan, np.nan])
+    tension, effort = compare(stamps, estimates, reference, max_gap_ns=50, angle={NAME: rolling})
+    assert tension.angle_name == "rolling"
+    assert effort.angle_name == ""
+    assert np.isnan(effort.angle).all()
+
+
+@pytest.mark.parametrize("sizes", [[1] * 100, [37, 0, 1, 50, 12], [99, 1]])
+def test_the_pieces_in_which_estimates_come_change_no_bit(sizes: list[int]) -> None:
+    random = np.random.default_rng(7)
+    stamps = EPOCH_NS + np.cumsum(random.integers(1, 300, 100))
+    reference = np.sort(random.integers(int(stamps[0]) - 500, int(stamps[-1]) + 500, 400))
+    references = {
+        NAME: (reference, random.normal(size=400)),
+        "effort/winch": (stamps[::3], random.normal(size=34)),
+    }
+    values = {name: random.normal(size=100) for name in references}
+    values[NAME][[5, 36, 37, 70]] = np.nan
+    deviations = {NAME: random.uniform(0.1, 1.0, 100)}
+    deviations[NAME][[4, 36, 80]] = -1.0
+    whole = compare(stamps, values, references, max_gap_ns=250, stddev=deviations)
+    comparing = Comparing(list(values), stamps, references, 250)
+    begin = 0
+    for size in sizes:
+        part = slice(begin, begin + size)
+        comparing.add(
+            {name: column[part] for name, column in values.items()},
+            {name: column[part] for name, column in deviations.items()},
+            size,
+        )
+        begin += size
+    for one, other in zip(whole, comparing.channels(None, None), strict=True):
+        assert len(one.stamp_ns) > 20
+        for column in ("stamp_ns", "estimate", "reference"):
+            assert getattr(one, column).tobytes() == getattr(other, column).tobytes()
+        assert one.dropped == other.dropped
+        np.testing.assert_array_equal(one.stddev, other.stddev)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "values", "reference", "complaint"),
+    [
+        ([0.0, 1.0], [0.0, 0.0], ([0], [0.0]), "integer nanoseconds"),
+        ([0, 1], [0.0, 0.0], ([0.5], [0.0]), "integer nanoseconds"),
+        ([0, 2, 1], [0.0] * 3, ([0], [0.0]), r"\[2\] = 1 ns follows \[1\] = 2 ns"),
+        ([0, 0], [0.0] * 2, ([0], [0.0]), "increase strictly"),
+        ([0, 1], [0.0], ([0], [0.0]), "one value per stamp"),
+        ([0, 1], [0.0, 0.0], ([0], [0.0, 1.0]), "one value per stamp"),
+    ],
+)
+def test_bad_series_are_refused_with_a_reason(
+    stamps: object, values: object, reference: tuple[object, object], complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        one(stamps, values, reference)
+
+
+def test_names_need_a_known_prefix() -> None:
+    assert {unit_of(f"{prefix}/a/1") for prefix in QUANTITIES} == {"N", "N·m", "rad"}
+    for name in ("tension", "tension/", "torque/a", ""):
+        with pytest.raises(ValueError, match="channel name must be one of tension/"):
+            unit_of(name)
+    with pytest.raises(ValueError, match="max_gap_ns must be positive"):
+        one([0], [0.0], ([0], [0.0]), max_gap_ns=0)
+
+
+def test_effort_and_position_of_a_prismatic_joint_have_their_own_units() -> None:
+    stamps = np.arange(3)
+    slide, turn = (
+        Angle(name, stamps, 0.1 * stamps, unit) for name, unit in (("x", "m"), ("j", "rad"))
+    )
+    names = ("effort/x", "angle/x", "effort/j", "tension/c/1", "effort/motor")
+    values = {name: np.array([1.0, 2.0, 4.0]) for name in names}
+    found = compare(
+        stamps, values, {name: (stamps, value + 0.01) for name, value in values.items()},
+        angle={name: turn if name.endswith("/j") else slide for name in names}, max_gap_ns=5,
+    )  # fmt: skip
+    units = {channel.name: channel.unit for channel in found}
+    assert units == dict(zip(names, ("N", "m", "N·m", "N", "N·m"), strict=True))
+    assert {channel.angle_unit for channel in found if channel.name != "effort/j"} == {"m"}
+    errors = pooled_errors([summed_up("bag", 1.0, found, ())])
+    efforts = [errors[name] for name in names if name.startswith("effort")]
+    assert mean_over_channels(efforts).unit == "N or N·m"
+    (title,) = (group.title for group in table_groups(errors) if group.quantity == "effort")
+    assert title == "Effort [N or N·m]"
+    assert "[mm]" in hysteresis(found[0], Window(0, 3, None)).axes[0].get_xlabel()

@@ -1,0 +1,44 @@
+"""Recordings of robots with joints without encoder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.motor_alone import without_encoder
+
+from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless
+from cdrj_ros.evaluation.validation import BagTask, compare_bag
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings import Topics
+
+BAG = str(Path(__file__).parents[2] / "bags" / "prototype_preload_36_26")
+
+
+def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
+    model = without_encoder("prototype", "elbow")
+    compared = compare_bag(BagTask(BAG, Topics(), window=(1.0, 20.0)), model=model)
+    channels = {channel.name: channel for channel in compared.channels}
+    assert "effort/winch" not in channels
+    assert "effort/winch is an input here, and not compared." in compared.notes
+    angle = channels["angle/elbow"]
+    assert angle.unit == "rad"
+    assert np.sqrt(np.mean((angle.estimate - angle.reference) ** 2)) < 5e-3
+    assert np.ptp(angle.reference) > 0.5
+    assert angle.stddev is not None
+
+
+def test_samples_hold_only_joints_with_encoders() -> None:
+    model = without_encoder("prototype", "elbow")
+    recording = read_encoderless(BAG, Topics(), model.robot)
+    assert "elbow" not in recording.joints
+    assert set(recording.motor_efforts) == {"winch"}
+    (segment,) = condition_recording(model, recording).segments
+    assert segment.joint_angle.shape == (segment.stamp_ns.size, 0)
+
+
+def test_a_bag_without_efforts_is_refused() -> None:
+    robot = without_encoder("prototype", "elbow").robot
+    with pytest.raises(BagError, match="no efforts of winch, from which elbow"):
+        read_encoderless(BAG, Topics(references=()), robot)

@@ -1,0 +1,167 @@
+"""Vectors are compared by the length of their difference and by the angle between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdrj_ros.evaluation.channels import BagComparison, Channel
+from cdrj_ros.evaluation.comparison import Comparing, compare
+from cdrj_ros.evaluation.inputs import one_after_another, passes_of
+from cdrj_ros.evaluation.metrics import (
+    DIRECTION_SHARE,
+    ChannelError,
+    channel_error,
+    mean_over_channels,
+    pooled_errors,
+)
+from cdrj_ros.foundation.series import Series
+
+Floats = NDArray[np.float64]
+NAME = "force_vector/upper/3"
+RANDOM = np.random.default_rng(11)
+FORCE: Floats = RANDOM.normal(0.0, 30.0, (400, 3))
+STAMPS = np.arange(400, dtype=np.int64) * 1_000_000
+
+
+def perpendicular(vectors: Floats) -> Floats:
+    """Unit vectors at right angles to these, in random directions."""
+    across = np.cross(vectors, np.random.default_rng(1).normal(size=vectors.shape))
+    return across / np.linalg.norm(across, axis=1)[:, None]
+
+
+def turned(vectors: Floats, degrees: float) -> Floats:
+    """The vectors, each turned by the angle about an axis at right angles to it."""
+    angle, length = np.radians(degrees), np.linalg.norm(vectors, axis=1)[:, None]
+    return np.cos(angle) * vectors + np.sin(angle) * length * perpendicular(vectors)
+
+
+@pytest.mark.parametrize("degrees", [1e-5, 0.3, 8.0, 90.0, 173.0, 180.0])
+def test_a_turned_force_has_that_angle_and_the_length_of_its_chord(degrees: float) -> None:
+    error = channel_error(turned(FORCE, degrees), FORCE)
+    chord = 2.0 * np.sin(np.radians(degrees) / 2.0)
+    assert error.mean_direction_error_deg == pytest.approx(degrees, rel=1e-7)
+    assert error.max_direction_error_deg == pytest.approx(degrees, rel=1e-7)
+    assert error.mean_relative_error == pytest.approx(chord, rel=1e-7)
+    longest = np.linalg.norm(FORCE, axis=1).max()
+    assert error.max_abs_error == pytest.approx(chord * longest, rel=1e-7)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.3])
+def test_a_force_of_another_size_has_a_vector_error_but_no_direction_error(factor: float) -> None:
+    error = channel_error(factor * FORCE, FORCE)
+    assert error.mean_relative_error == pytest.approx(abs(factor - 1.0))
+    assert error.max_direction_error_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def test_no_figure_depends_on_the_frame_if_both_are_in_it() -> None:
+    estimate = FORCE + RANDOM.normal(0.0, 2.0, FORCE.shape)
+    frame, _ = np.linalg.qr(RANDOM.normal(size=(3, 3)))
+    plain, other = channel_error(estimate, FORCE), channel_error(estimate @ frame, FORCE @ frame)
+    for figure, value in vars(plain).items():
+        assert getattr(other, figure) == pytest.approx(value), figure
+
+
+def test_the_error_of_a_vector_is_never_less_than_that_of_its_magnitude() -> None:
+    estimate = FORCE + RANDOM.normal(0.0, 5.0, FORCE.shape)
+    vector = channel_error(estimate, FORCE)
+    scalar = channel_error(np.linalg.norm(estimate, axis=1), np.linalg.norm(FORCE, axis=1))
+    for figure in ("mean_abs_error", "mean_relative_error", "rmse", "max_abs_error"):
+        assert getattr(vector, figure) > getattr(scalar, figure)
+
+
+def test_figures_agree_with_those_computed_by_hand() -> None:
+    # differences (3, 4, 0) and 0; deviations of the reference from its mean are ±(5, 0, 0)
+    error = channel_error(
+        np.array([[3.0, 4.0, 0.0], [10.0, 0.0, 0.0]]), np.array([[0.0] * 3, [10.0, 0.0, 0.0]])
+    )
+    assert (error.n, error.mean_abs_error, error.max_abs_error) == (2, 2.5, 5.0)
+    assert error.rmse == pytest.approx(np.sqrt(12.5))
+    assert error.mean_relative_error == 0.0  # of the one that is not zero
+    assert error.r2 == pytest.approx(1.0 - 25.0 / 50.0)
+    assert error.mean_direction_error_deg == 0.0
+
+
+def test_forces_too_small_for_a_direction_have_none() -> None:
+    reference = np.array([[100.0, 0.0, 0.0]] * 4)
+    estimate = turned(reference, 10.0)
+    small = 100.0 * DIRECTION_SHARE * 0.99
+    reference[1] = [0.0, small, 0.0]
+    estimate[2] = [0.0, small, 0.0]
+    estimate[3] = 0.0
+    error = channel_error(estimate, reference)
+    assert error.max_direction_error_deg == pytest.approx(10.0)
+    assert error.n == 4
+    assert error.max_abs_error >= 100.0  # they count in the error of the vector
+    nothing = channel_error(np.zeros((3, 3)), np.zeros((3, 3)))
+    assert nothing.mean_direction_error_deg is None
+    assert nothing.max_direction_error_deg is None
+
+
+def test_a_component_that_is_not_finite_is_counted_and_nothing_else_is_lost() -> None:
+    reference, estimate = FORCE.copy(), turned(FORCE, 5.0)
+    reference[3, 1] = np.nan
+    estimate[7, 2] = np.inf
+    (channel,) = compare(STAMPS, {NAME: estimate}, {NAME: (STAMPS, reference)}, max_gap_ns=10**9)
+    kept = np.delete(np.arange(len(FORCE)), [3, 7])
+    assert channel.dropped["reference_not_finite"] == 1
+    assert channel.dropped["estimate_not_finite"] == 1
+    assert channel.stamp_ns.tolist() == STAMPS[kept].tolist()
+    assert channel.estimate.tobytes() == estimate[kept].tobytes()
+    assert channel.reference.tobytes() == reference[kept].tobytes()
+
+
+def test_components_are_interpolated_along_a_line_also_between_pieces() -> None:
+    slope = np.array([1e-6, -2e-6, 0.5e-6])
+    line = 3.0 + STAMPS[:, None] * slope
+    at = STAMPS[:-1] + 300_000
+    comparing = Comparing([NAME], STAMPS, {NAME: (at, np.zeros((len(at), 3)))}, 10**9)
+    for begin in range(0, len(STAMPS), 64):
+        piece = line[begin : begin + 64]
+        comparing.add({NAME: piece}, {}, len(piece))
+    (channel,) = comparing.channels(None, None)
+    np.testing.assert_allclose(channel.estimate, 3.0 + at[:, None] * slope, rtol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(400,), (400, 2)])
+def test_estimates_of_another_shape_than_their_reference_are_refused(shape: tuple[int]) -> None:
+    with pytest.raises(ValueError, match="force_vector/upper/3: estimate must have"):
+        compare(STAMPS, {NAME: np.zeros(shape)}, {NAME: (STAMPS, FORCE)}, max_gap_ns=10**9)
+
+
+def test_the_passes_of_a_looped_recording_are_cut_and_joined_as_vectors() -> None:
+    stamps = 100 * STAMPS
+    both = np.concatenate([stamps, stamps])
+    log_ns = np.arange(len(both), dtype=np.int64)
+    series = Series(both, log_ns, np.concatenate([FORCE, 2.0 * FORCE]))
+    first, second = passes_of(series, 1, series)
+    (channel,) = one_after_another(
+        [
+            compare(stamps, {NAME: FORCE}, {NAME: (one.stamp_ns, one.value)}, max_gap_ns=10**9)
+            for one in (first, second)
+        ]
+    )
+    np.testing.assert_array_equal(channel.reference, series.value)
+    np.testing.assert_array_equal(channel.estimate, np.concatenate([FORCE, FORCE]))
+    assert (np.diff(channel.stamp_ns) > 0).all()
+
+
+def _bag(estimate: Floats, reference: Floats) -> BagComparison:
+    unknown = np.full(len(reference), np.nan)
+    channel = Channel(NAME, "N", STAMPS[: len(reference)], estimate, reference, unknown, "")
+    return BagComparison("bag", 1.0, (channel,))
+
+
+def test_recordings_are_pooled_and_channels_summed_up() -> None:
+    pooled = pooled_errors([_bag(turned(FORCE, 2.0), FORCE), _bag(turned(FORCE, 6.0), FORCE)])
+    assert pooled[NAME].n == 800
+    assert pooled[NAME].mean_direction_error_deg == pytest.approx(4.0)
+    assert pooled[NAME].max_direction_error_deg == pytest.approx(6.0)
+    scalar = ChannelError(5, 1.0, 0.1, 1.0, 2.0, 0.9)
+    other = replace(pooled[NAME], mean_direction_error_deg=2.0, max_direction_error_deg=9.0)
+    overall = mean_over_channels([pooled[NAME], other, scalar])
+    assert overall.mean_direction_error_deg == pytest.approx(3.0)
+    assert overall.max_direction_error_deg == 9.0

@@ -1,0 +1,188 @@
+"""Validation of a recording in pieces."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation import whole_recording
+from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.evaluation import estimating
+from cdrj_ros.evaluation.channels import estimate_channels
+from cdrj_ros.evaluation.comparison import compare
+from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, write_estimates
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation.validation import (
+    MAX_GAP_NS,
+    BagTask,
+    Validation,
+    compare_bag,
+    validate_recording,
+)
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.status import UNSURE
+from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
+
+ROOT = Path(__file__).parents[2]
+BAG = str(ROOT / "bags" / "prototype_preload_36_26")
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+
+
+def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memory() -> None:
+    model = load_model(ROBOT)
+    recording = read_inputs(BAG, Topics(), model)
+    conditioned = condition_recording(model, recording)
+    whole = estimate(model, conditioned)
+    references = {n: (s.stamp_ns, s.value) for n, s in recording.references.items()}
+    named = estimate_channels(model.layout, whole.values)
+    expected = compare(whole.stamp_ns, named, references, max_gap_ns=MAX_GAP_NS)
+    pieces: list[Estimates] = list(Validation(model, BAG, recording, conditioned).pieces())
+    assert len(pieces) > 3
+    assert np.concatenate([piece.values for piece in pieces]).tobytes() == whole.values.tobytes()
+    pieces.clear()
+    tracemalloc.start()
+    got = validate_recording(model, BAG, recording, conditioned)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 0.5 * whole.values.nbytes
+    for one, other in zip(expected, got.channels, strict=True):
+        assert one.name == other.name
+        assert one.estimate.tobytes() == other.estimate.tobytes()
+
+
+def test_a_bag_of_estimates_is_written_piece_by_piece(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A piece is forgotten once it has been written."""
+    monkeypatch.setattr(estimating, "AT_ONCE", 512)
+    model = load_model(ROBOT)
+    read = read_inputs(BAG, Topics(), model)
+    motors, joints = (
+        {
+            name: Series(*(column[:6000] for column in vars(one).values()))
+            for name, one in of.items()
+        }
+        for of in (read.motors, read.joints)
+    )
+    recording = replace(read, motors=motors, joints=joints)
+    conditioned = condition_recording(model, recording)
+    stamps = conditioned.segments[0].stamp_ns
+    alive: list[weakref.ref[Estimates]] = []
+    most = 0
+
+    def watched() -> Iterator[Estimates]:
+        nonlocal most
+        for piece in Validation(model, BAG, recording, conditioned).pieces():
+            alive.append(weakref.ref(piece))
+            most = max(most, sum(one() is not None for one in alive))
+            yield piece
+
+    out = tmp_path / "out"
+    write_estimates(str(out), BAG, log_times(recording, conditioned), watched())
+    assert len(alive) > 10
+    assert most <= 2
+    written = read_recording(out, Topics(references=OUTPUTS), force_vectors=True).references
+    named = estimate_channels(model.layout, estimate(model, conditioned).values)
+    assert set(written) == set(named)
+    for name, series in written.items():
+        assert np.array_equal(series.stamp_ns, stamps)
+        assert np.array_equal(series.value, named[name])
+
+
+HOUR_S: Final = 3600
+PROGRAM: Final = 160e6
+"""Memory that the program itself takes [bytes]."""
+GIGABYTE: Final = 1e9
+SPANS_S: Final = 6, 12
+"""Durations of the two recordings [s]."""
+
+
+def _part_of(recording: Recording, folder: Path, seconds: int) -> Path:
+    """The first seconds of a recording, with references before the first angle and a bad angle."""
+    path = folder / f"{seconds}"
+    with BagWriter(path, chunk_bytes=1 << 15) as bag:
+        for topic, of in ((Topics().motors, recording.motors), (Topics().joints, recording.joints)):
+            for name, one in of.items():
+                kept = slice(20, int(np.searchsorted(one.log_ns, one.log_ns[0] + seconds * 10**9)))
+                value = one.value[kept].copy()
+                value[10] = np.nan
+                bag.write_joint_states(topic, one.stamp_ns[kept], [name], value[:, None])
+        names = [name for name in recording.references if name.startswith("tension/")]
+        stamps = recording.references[names[0]].stamp_ns[: 100 * seconds]
+        tension = [recording.references[name].value[: stamps.size] for name in names]
+        bare = [name.removeprefix("tension/") for name in names]
+        bag.write_tensions(Topics().references[0], stamps, bare, np.transpose(tension))
+    return path
+
+
+def test_an_hour_at_1_khz_takes_less_than_a_gigabyte(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the growth from a short recording to a longer one, written with estimates."""
+    monkeypatch.setattr(whole_recording, "PIECE", 512)
+    monkeypatch.setattr(estimating, "AT_ONCE", 512)
+    monkeypatch.setattr(estimating, "LOGS_AT_ONCE", 512)
+    model, recording = load_model(ROBOT), read_inputs(BAG, Topics(), load_model(ROBOT))
+    peaks = []
+    for run, seconds in enumerate((1, *SPANS_S)):  # the first run imports modules
+        folder = tmp_path / f"{run}"
+        bag = _part_of(recording, folder, seconds)
+        task = BagTask(str(bag), Topics(), spread=True, written=str(folder / "estimates"))
+        gc.collect()
+        tracemalloc.start()
+        try:
+            found = compare_bag(task, model=model)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+        assert found.counters["not_finite"] == 2
+        assert found.counters["outside_estimates"] > 0
+    growth = (peaks[2] - peaks[1]) / (SPANS_S[1] - SPANS_S[0])
+    assert PROGRAM + growth * HOUR_S < GIGABYTE
+
+
+def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
+    """With UNSURE elements at the start, in a gap, and after the encoder has slipped."""
+    model = load_model(ROBOT)
+    recording = read_inputs(BAG, Topics(), model)
+    motor, joint = recording.motors["winch"], recording.joints["elbow"]
+    winch = motor.value[:20_000].copy()
+    winch[15_000:] += 0.6
+    heard = np.r_[0:6000, 6600:9000]
+    slipped = replace(
+        recording,
+        motors={"winch": Series(motor.stamp_ns[:20_000], motor.log_ns[:20_000], winch)},
+        joints={"elbow": Series(*(column[heard] for column in vars(joint).values()))},
+    )
+    offline = estimate(model, condition_recording(model, slipped), spread=True)
+    live = LiveEstimator(model)
+    messages = [
+        (log, kind, name, stamp, value)
+        for kind, name, series in (
+            ("motors", "winch", slipped.motors["winch"]),
+            ("joints", "elbow", slipped.joints["elbow"]),
+        )
+        for stamp, log, value in zip(*(c.tolist() for c in vars(series).values()), strict=True)
+    ]
+    node = [
+        output
+        for _, kind, name, stamp, value in sorted(messages)
+        for output in live.feed(kind, stamp, (name,), (value,))[1]
+    ]
+    status = np.array([output.estimate.status for output in node])
+    unsure = (status.astype(int) & UNSURE > 0).mean(axis=1)
+    assert np.array_equal(offline.stamp_ns, [output.estimate.stamp_ns for output in node])
+    assert np.array_equal(offline.values[:, model.layout.status], status)
+    after = offline.stamp_ns > motor.stamp_ns[15_000]
+    assert np.all(unsure[after] == 1.0)
+    assert after.sum() > 3000
+    assert 0.0 < unsure[~after].mean() < 0.5

@@ -1,3 +1,0 @@
-from support.foreign_bags import make
-
-__all__ = ["make"]

@@ -1,0 +1,123 @@
+"""The messages of estimates, beside those that are encoded array by array."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.ensemble import stddev_columns
+from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Layout
+from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
+from cdrj_ros.recordings.conversions import FORCE_ARRAYS, FORCES
+from cdrj_ros.recordings.estimate_encoder import Encoded, EstimateEncoder
+from cdrj_ros.recordings.templates import Template
+
+STAMP_NS = 1_700_000_000_123_456_789
+
+
+@pytest.fixture(scope="module", params=["prototype", "cdpr"])
+def layout(request: pytest.FixtureRequest) -> Layout:
+    return load_model(request.param).layout
+
+
+def some_estimate(layout: Layout, seed: int, *, solved: bool = True) -> Estimate:
+    """Random values, and every combination of flags."""
+    random = np.random.default_rng(seed)
+    values = random.normal(size=layout.size)
+    values[layout.status] = random.integers(0, 256, len(layout.elements))
+    return Estimate(STAMP_NS + seed, values, layout, solved)
+
+
+def array_by_array(layout: Layout, frame_id: str, estimate: Estimate, stddev: object) -> Encoded:
+    """The same messages, encoded by ``Template``."""
+    more = () if stddev is None else ("stddev",)
+    axes = layout.motors + layout.joints
+    status = estimate.status.astype(np.uint8)
+    parts = {} if stddev is None else {"stddev": np.asarray(stddev)}
+    first, beyond = len(layout.elements), len(layout.elements) + len(layout.pulleys)
+    tensions = Template(CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id)
+    forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), frame_id)
+    efforts = Template(JOINT_STATE, axes, ("effort",) if estimate.solved else (), frame_id)
+    effort = {"effort": np.concatenate([estimate.motor_effort, estimate.joint_effort])}
+    stamp, values = estimate.stamp_ns, estimate.values
+    return Encoded(
+        tensions.encode(
+            stamp,
+            tension=estimate.tension,
+            status=status,
+            **{k: v[:first] for k, v in parts.items()},
+        ),
+        forces.encode(
+            stamp,
+            status=layout.pulley_status(status),
+            **{name: values[getattr(layout, name)] for name in FORCES},
+            **{k: v[first:beyond] for k, v in parts.items()},
+        ),
+        efforts.encode(stamp, **(effort if estimate.solved else {})),
+    )
+
+
+@pytest.mark.parametrize("frame_id", ["", "base_link"])
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_all_bytes_are_those_of_messages_encoded_array_by_array(
+    layout: Layout, frame_id: str, uncertain: bool
+) -> None:
+    encoder = EstimateEncoder(layout, frame_id, uncertain)
+    width = stddev_columns(layout).size
+    for seed in range(20):
+        estimate = some_estimate(layout, seed, solved=seed % 5 != 4)
+        stddev = np.random.default_rng(100 + seed).random(width) if uncertain else None
+        ours = encoder.encode(estimate, stddev)
+        assert ours == array_by_array(layout, frame_id, estimate, stddev)
+
+
+@pytest.mark.parametrize("solved", [False, True])
+def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: bool) -> None:
+    stddev = np.arange(stddev_columns(layout).size) * 0.5
+    estimate = some_estimate(layout, 1, solved=solved)
+    payload = EstimateEncoder(layout, "f", uncertain=True).efforts_stddev(estimate, stddev)
+    axes, begin = layout.motors + layout.joints, len(layout.elements) + len(layout.pulleys)
+    template = Template(JOINT_STATE, axes, ("effort",) if solved else (), "f")
+    efforts = {"effort": stddev[begin:]} if solved else {}
+    assert payload == template.encode(estimate.stamp_ns, **efforts)
+
+
+def test_vectors_that_are_not_contiguous_are_copied(layout: Layout) -> None:
+    encoder = EstimateEncoder(layout, uncertain=True)
+    estimate, stddev = some_estimate(layout, 3), np.arange(stddev_columns(layout).size) * 0.5
+    spread = np.repeat(stddev, 2)[::2]
+    apart = replace(estimate, whole=np.repeat(estimate.values, 2)[::2])
+    assert encoder.encode(apart, spread) == encoder.encode(estimate, stddev)
+
+
+def test_vectors_of_other_types_are_converted(layout: Layout) -> None:
+    encoder = EstimateEncoder(layout, uncertain=True)
+    estimate, stddev = some_estimate(layout, 3), np.arange(stddev_columns(layout).size)
+    rounded = replace(estimate, whole=estimate.values.astype(np.float32))
+    exact = replace(estimate, whole=rounded.whole.astype(np.float64))
+    assert encoder.encode(rounded, stddev) == encoder.encode(exact, 1.0 * stddev)
+
+
+def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
+    certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
+    estimate, stddev = some_estimate(layout, 0), np.zeros(stddev_columns(layout).size)
+    short = replace(estimate, whole=estimate.values[:-1])
+    for encoder, *wrong in (
+        (certain, estimate, stddev),
+        (uncertain, estimate, None),
+        (uncertain, estimate, stddev[1:]),
+        (certain, short, None),
+    ):
+        with pytest.raises(MessageError, match="the messages take"):
+            encoder.encode(*wrong)
+
+
+@pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 1_000_000_000])
+def test_stamps_that_no_header_can_hold_are_refused(layout: Layout, stamp_ns: int) -> None:
+    estimate = replace(some_estimate(layout, 0), stamp_ns=stamp_ns)
+    with pytest.raises(MessageError, match=f"stamp {stamp_ns} ns does not fit"):
+        EstimateEncoder(layout).encode(estimate)

@@ -1,0 +1,198 @@
+"""Any damaged file gives a one-line error or its intact part, in bounded time and memory.
+
+``make soak`` sets CDRJ_DAMAGES and tries more.
+"""
+
+import os
+import struct
+import tracemalloc
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
+
+ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
+COUNT = 40
+SOAKED = "CDRJ_DAMAGES" in os.environ
+MOST_MEMORY = 300e6
+"""Memory for files of a few kilobytes [bytes]."""
+MOST_SECONDS = 5.0
+"""Limit of processor time, which excludes other work on the machine."""
+NOT_MEANT = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+
+
+@pytest.fixture(scope="module")
+def originals(make, tmp_path_factory):
+    """Undamaged files of one recording, by kind."""
+    folder = tmp_path_factory.mktemp("whole")
+    files = {}
+    for compression in CompressionType:
+        for chunked in (True, False):
+            path = make.mcap(
+                folder / "a.mcap",
+                make.swing(COUNT),
+                compression=compression,
+                chunked=chunked,
+                chunk_size=1500,
+            )
+            files[f"{compression.name}-{chunked}.mcap"] = path.read_bytes()
+    path = make.mcap(
+        folder / "a.mcap", make.swing(COUNT), compression=CompressionType.LZ4, chunk_size=1500,
+        indexed=False,
+    )  # fmt: skip
+    files["unindexed.mcap"] = path.read_bytes()
+    files["whole.mcap.zstd"] = zstandard.compress(files["NONE-True.mcap"])
+    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        channel = writer.add_connection(
+            make.topic, "sensor_msgs/msg/JointState", typestore=make.store
+        )
+        for _, log_ns, payload in make.swing(COUNT):
+            writer.write(channel, log_ns, payload)
+    (database,) = (folder / "bag").glob("*.db3")
+    files["a.db3"] = database.read_bytes()
+    return files
+
+
+def attempt(read):
+    """What `read` returns, and the text of the refusal; any other exception passes."""
+    try:
+        return read(), ""
+    except BagError as error:
+        return None, str(error)
+
+
+def read_every_way(path: Path) -> None:
+    """Read the file in every way; only a one-line BagError is allowed, within the time limit."""
+    begin = process_time()
+    for read in (
+        lambda: read_recording(path, ONE_TOPIC),
+        lambda: list(read_messages(path, ["/joint_states"])),
+        lambda: list_topics(path),
+    ):
+        refusal = attempt(read)[1]
+        assert "\n" not in refusal
+        assert not refusal or str(path) in refusal
+    assert process_time() - begin < MOST_SECONDS
+
+
+WORDS = st.sampled_from([0, 1, 2**8 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1])
+
+
+@st.composite
+def damages(draw):
+    """A function that damages a file in one to four places and may truncate it."""
+    places = draw(st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=4))
+    kinds = draw(st.lists(st.sampled_from(["byte", "word", "insert", "remove"]), min_size=4))
+    words = draw(st.lists(WORDS, min_size=4, max_size=4))
+    garbage = draw(st.binary(min_size=1, max_size=40))
+    cut = draw(st.one_of(st.just(1.0), st.floats(0.0, 1.0)))
+
+    def damage(content: bytes) -> bytes:
+        data = bytearray(content)
+        for place, kind, word in zip(places, kinds, words, strict=False):
+            at = int(place * len(data))
+            if kind == "byte":
+                data[at] = (data[at] + 1 + word % 255) % 256
+            elif kind == "word":
+                data[at : at + 8] = struct.pack("<Q", word)
+            elif kind == "insert":
+                data[at:at] = garbage
+            else:
+                del data[at : at + len(garbage)]
+        return bytes(data[: int(cut * len(data))])
+
+    return damage
+
+
+@settings(max_examples=600 if SOAKED else 60, suppress_health_check=NOT_MEANT)
+@given(damage=damages(), data=st.data())
+def test_no_damage_gives_more_than_one_clear_line(originals, tmp_path, damage, data):
+    name = data.draw(st.sampled_from(sorted(originals)))
+    path = tmp_path / name
+    path.write_bytes(damage(originals[name]))
+    tracemalloc.start()
+    try:
+        read_every_way(path)
+        assert tracemalloc.get_traced_memory()[1] < MOST_MEMORY
+    finally:
+        tracemalloc.stop()
+
+
+@settings(max_examples=600 if SOAKED else 30, suppress_health_check=NOT_MEANT)
+@given(garbage=st.binary(max_size=300), head=st.sampled_from([b"", b"\x89MCAP0\r\n"]))
+def test_random_bytes_are_refused(tmp_path, garbage, head):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(head + garbage)
+    read_every_way(path)
+    with pytest.raises(BagError):
+        read_recording(path, ONE_TOPIC)
+
+
+def test_cut_at_any_byte_a_file_gives_a_beginning_of_itself(make, tmp_path):
+    path = tmp_path / "a.mcap"
+    count = COUNT if SOAKED else 6
+    content = make.mcap(
+        path, make.swing(count), compression=CompressionType.NONE, chunked=False
+    ).read_bytes()
+    counts = []
+    for length in range(len(content)):
+        path.write_bytes(content[:length])
+        read, refusal = attempt(lambda: read_recording(path, ONE_TOPIC))
+        assert "\n" not in refusal
+        values = read.motors["motor"].value if read else np.zeros(0)
+        np.testing.assert_array_equal(values, np.arange(values.size))
+        counts.append(values.size)
+    assert counts == sorted(counts)
+    assert counts[-1] == count
+
+
+@pytest.mark.parametrize("name", ["lz4", "zstd"])
+def test_a_chunk_that_would_unpack_to_more_than_its_bytes_can_hold_is_left_out(
+    make, tmp_path, name
+):
+    path = make.mcap(
+        tmp_path / "a.mcap", make.swing(COUNT), compression=CompressionType[name.upper()],
+        chunk_size=1500, indexed=False,
+    )  # fmt: skip
+    content = bytearray(path.read_bytes())
+    mark = struct.pack("<I", len(name)) + name.encode()
+    at = content.index(mark, content.index(mark) + 1) - 12  # the first chunk declares the topic
+    content[at : at + 8] = struct.pack("<Q", 2**30 - 1)
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        read = read_recording(path, ONE_TOPIC)
+        assert tracemalloc.get_traced_memory()[1] < MOST_MEMORY
+    finally:
+        tracemalloc.stop()
+    assert any("claims 1073741823 bytes, more than" in note for note in read.notes)
+    assert 0 < read.motors["motor"].value.size < COUNT
+
+
+def test_a_message_that_unpacks_without_end_is_malformed(make, tmp_path):
+    bomb = zstandard.compress(bytes(2**27))
+    good = make.swing(3)
+    messages = [*good[:2], (make.topic, good[1][1] + 1, bomb), good[2]]
+    path = make.mcap(tmp_path / "a.mcap", messages)
+    read = read_recording(path, ONE_TOPIC)
+    assert read.malformed == {"/joint_states": 1}
+    np.testing.assert_array_equal(read.motors["motor"].value, [0, 1, 2])
+
+
+def test_a_message_of_many_megabytes_is_read(make, tmp_path):
+    names = [f"joint_{i:06d}" for i in range(100_000)]
+    values = np.arange(len(names), dtype=float)
+    messages = [(make.topic, k + 1, make.joint_state(k + 1, names, values + k)) for k in range(2)]
+    path = make.mcap(tmp_path / "a.mcap", messages, compression=CompressionType.ZSTD)
+    read = read_recording(path, ONE_TOPIC)
+    assert len(read.motors) == len(names)
+    np.testing.assert_array_equal(read.motors["joint_000007"].value, [7.0, 8.0])

@@ -1,0 +1,315 @@
+"""Results of read_recording for complete bags."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
+
+ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
+MS = 1_000_000
+
+
+def one_joint_state(make):
+    """A valid message for a topic that the test does not concern."""
+    return [(0, make.joint_state(1, ["a"], [1]))]
+
+
+def test_every_channel_comes_back_as_it_was_written(tmp_path):
+    rng = np.random.default_rng(1)
+    t = 1_700_000_000_000_000_000 + np.arange(500) * MS
+    motors, joints = rng.normal(size=(500, 2)), rng.normal(size=(250, 1))
+    tensions, forces, efforts = (rng.normal(size=(500, k)) for k in (3, 2, 2))
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_joint_states("/cdrj/motor_states", t, ["left", "right"], motors)
+        bag.write_joint_states(
+            "/cdrj/joint_states", t[::2], ["elbow"], joints, log_ns=t[::2] + 5, frame_id="arm"
+        )
+        bag.write_tensions("/reference/tensions", t, ["up/1", "up/2", "up/3"], tensions)
+        bag.write_nodal_forces("/reference/nodal_forces", t, ["up/1", "up/2"], forces)
+        bag.write_joint_states("/reference/efforts", t, ["left", "right"], effort=efforts)
+    read = read_recording(tmp_path / "bag")
+    assert (read.start_ns, read.end_ns) == (t[0], t[-1])
+    assert read.notes == ()
+    assert list(read.motors) == ["left", "right"]
+    np.testing.assert_array_equal(read.motors["right"].value, motors[:, 1])
+    np.testing.assert_array_equal(read.joints["elbow"].value, joints[:, 0])
+    np.testing.assert_array_equal(read.joints["elbow"].stamp_ns, t[::2])
+    np.testing.assert_array_equal(read.joints["elbow"].log_ns, t[::2] + 5)
+    np.testing.assert_array_equal(read.references["tension/up/3"].value, tensions[:, 2])
+    np.testing.assert_array_equal(read.references["nodal_force/up/1"].value, forces[:, 0])
+    np.testing.assert_array_equal(read.references["effort/right"].value, efforts[:, 1])
+    assert len(read.references) == 7
+    for series in (*read.motors.values(), *read.joints.values(), *read.references.values()):
+        assert series.value.dtype == np.float64
+        assert series.stamp_ns.dtype == series.log_ns.dtype == np.int64
+        for values in (series.stamp_ns, series.log_ns, series.value):
+            assert values.flags.c_contiguous
+            assert not values.flags.writeable
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_motors_joints_and_efforts_may_share_one_topic(make, tmp_path, little_endian):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(300, little_endian=little_endian))
+    read = read_recording(path, ONE_TOPIC, motor_names=["motor"], joint_names=["joint"])
+    assert list(read.motors) == ["motor"]
+    assert list(read.joints) == ["joint"]
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(300))
+    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(300))
+    np.testing.assert_array_equal(read.references["effort/joint"].value, -2 * np.arange(300))
+    np.testing.assert_array_equal(
+        read.motors["motor"].stamp_ns, make.start_ns + np.arange(300) * MS
+    )
+
+
+def test_names_may_change_their_order_and_number_within_a_recording(make, tmp_path):
+    forms = [["motor", "joint"], ["joint", "motor"], ["motor"], ["idler", "motor", "joint"]]
+    angle = {"motor": 1.0, "joint": -1.0, "idler": 7.0}
+    messages = []
+    for i in range(400):
+        names = forms[i // 100 if i < 300 else i % 4]
+        values = [angle[name] * (i + 1) for name in names]
+        messages.append((make.topic, i, make.joint_state(i + 1, names, values)))
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(400) + 1.0)
+    np.testing.assert_array_equal(read.motors["motor"].log_ns, np.arange(400))
+    has_joint = [i for i, (_, _, data) in enumerate(messages) if b"joint\0" in data]
+    np.testing.assert_array_equal(read.joints["joint"].log_ns, has_joint)
+    np.testing.assert_array_equal(read.joints["joint"].value, -np.array(has_joint) - 1.0)
+    assert read.motors["idler"].value.size == 25
+
+
+def test_messages_that_all_differ_in_layout_are_still_read(make, tmp_path):
+    rng = np.random.default_rng(2)
+    messages = []
+    for i in range(600):
+        names = [f"n{k:03}" for k in rng.permutation(1000)[:3]] + ["motor"]
+        messages.append((make.topic, i, make.joint_state(i + 1, names, [0, 0, 0, i])))
+    path = make.mcap(tmp_path / "a.mcap", messages, chunk_size=1 << 20)
+    read = read_recording(path, ONE_TOPIC, motor_names=["motor"])
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(600))
+    np.testing.assert_array_equal(read.motors["motor"].log_ns, np.arange(600))
+
+
+def test_a_frame_id_of_any_length_and_text_is_accepted(make, tmp_path):
+    messages = [
+        (make.topic, i, make.joint_state(i + 1, ["motor"], [i], frame_id="x" * (i % 5) + str(i)))
+        for i in range(200)
+    ]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(200))
+
+
+def test_values_that_are_not_finite_are_kept(make, tmp_path):
+    odd = [np.nan, np.inf, -np.inf, -0.0, 5e-324]
+    messages = [(make.topic, i, make.joint_state(9, ["m"], [v])) for i, v in enumerate(odd)]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    np.testing.assert_array_equal(read.motors["m"].value, odd)
+
+
+def test_messages_that_are_refused_whole_are_counted(make, tmp_path):
+    good = make.joint_state(1, ["a", "b"], [1, 2], [3, 4])
+    bad = [
+        make.joint_state(1, ["a", "b"], [1]),
+        make.joint_state(1, ["a"], [1, 2]),
+        make.joint_state(1, ["a"], []),
+        good[:-1],
+        good[:7],
+        b"",
+        b"\0\1\0\0" + b"\xff" * 60,
+        b'{"name": ["a"], "position": [1]}',
+    ]
+    payloads = [good, *bad, good, *bad, good, make.joint_state(1, [], [])]
+    messages = [(make.topic, i, payload) for i, payload in enumerate(payloads)]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert read.malformed == {make.topic: 2 * len(bad)}
+    np.testing.assert_array_equal(read.motors["b"].log_ns, [0, 1 + len(bad), 2 * len(bad) + 2])
+    np.testing.assert_array_equal(read.motors["b"].value, [2, 2, 2])
+
+
+def test_a_message_without_efforts_is_no_malformed_reference(make, tmp_path):
+    messages = [
+        (make.topic, 0, make.joint_state(1, ["a"], [1])),
+        (make.topic, 1, make.joint_state(2, ["a"], [1], effort=[4])),
+    ]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert read.malformed == {make.topic: 0}
+    np.testing.assert_array_equal(read.references["effort/a"].log_ns, [1])
+
+
+def test_messages_come_in_order_of_log_time_and_keep_their_stamps(make, tmp_path):
+    order = np.random.default_rng(3).permutation(500)
+    messages = [
+        (make.topic, int(i) // 2, make.joint_state(1000 - int(i), ["m"], [i])) for i in order
+    ]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    series = read.motors["m"]
+    assert (np.diff(series.log_ns) >= 0).all()
+    np.testing.assert_array_equal(series.stamp_ns, 1000 - series.value)
+    place = np.argsort(order)
+    for a, b in series.value.reshape(-1, 2).astype(int):
+        assert place[a] < place[b]
+
+
+def test_log_time_replaces_header_stamps_that_are_all_zero(make, tmp_path):
+    for stamps, expected in (([0, 0, 0], [5, 6, 7]), ([0, 0, 3], [0, 0, 3])):
+        messages = [
+            (make.topic, 5 + i, make.joint_state(stamp, ["m"], [i]))
+            for i, stamp in enumerate(stamps)
+        ]
+        path = make.mcap(tmp_path / f"{stamps[2]}.mcap", messages)
+        np.testing.assert_array_equal(
+            read_recording(path, ONE_TOPIC).motors["m"].stamp_ns, expected
+        )
+
+
+def test_several_robots_in_one_bag_are_kept_apart_by_topic(make, tmp_path):
+    messages = [
+        (f"/{robot}/states", i, make.joint_state(i + 1, ["m"], [i * sign]))
+        for i in range(50)
+        for robot, sign in (("one", 1), ("two", -1))
+    ]
+    path = make.mcap(tmp_path / "a.mcap", messages)
+    for robot, sign in (("one", 1), ("two", -1)):
+        topics = Topics(f"/{robot}/states", f"/{robot}/states")
+        np.testing.assert_array_equal(
+            read_recording(path, topics).motors["m"].value, sign * np.arange(50)
+        )
+
+
+def test_topics_that_are_missing_are_named_with_those_that_are_there(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3))
+    with pytest.raises(BagError, match=r"a\.mcap has no topic /cdrj/motor_states.*/joint_states"):
+        read_recording(path)
+    with pytest.raises(BagError, match=r"no topic /nowhere.*--motor-topic and --joint-topic"):
+        read_recording(path, replace(ONE_TOPIC, joints="/nowhere"))
+    read = read_recording(path, replace(ONE_TOPIC, references=("/nowhere",)))
+    assert not read.references
+
+
+def test_names_that_never_appear_are_named_with_those_that_do(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3))
+    with pytest.raises(BagError, match="never has the motor 'spindle', but 'motor', 'joint'"):
+        read_recording(path, ONE_TOPIC, motor_names=["motor", "spindle"])
+    with pytest.raises(BagError, match="never has the joint 'elbow'"):
+        read_recording(path, ONE_TOPIC, joint_names=["elbow"])
+
+
+def test_an_input_without_one_good_message_is_refused(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", [(make.topic, 0, b"\0\1\0\0")])
+    with pytest.raises(BagError, match=r"has no motor angles \(1 malformed messages, the first: "):
+        read_recording(path, ONE_TOPIC)
+
+
+def test_a_topic_of_another_type_is_refused_by_both_names(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3), msgtype="std_msgs/msg/String")
+    with pytest.raises(BagError, match=r"std_msgs/msg/String, expected sensor_msgs/msg/JointState"):
+        read_recording(path, ONE_TOPIC)
+    path = make.topics(
+        tmp_path / "b.mcap",
+        {
+            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            "/odd": ("std_msgs/msg/String", "", [(1, b"")]),
+            "/tensions": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
+        },
+    )
+    with pytest.raises(BagError, match=r"/odd for references is std_msgs/msg/String, expected"):
+        read_recording(path, replace(ONE_TOPIC, references=("/odd",)))
+    with pytest.raises(
+        BagError, match=r"/tensions for joint angles is cdrj_msgs/msg/CableTensions"
+    ):
+        read_recording(path, replace(ONE_TOPIC, joints="/tensions"))
+
+
+def test_messages_not_in_cdr_are_refused_by_their_encoding(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3), encoding="json")
+    with pytest.raises(BagError, match=r"/joint_states is encoded as 'json', expected 'cdr'"):
+        read_recording(path, ONE_TOPIC)
+
+
+def test_a_definition_with_other_fields_is_used(make, tmp_path):
+    from cdrj_ros.recordings.cdr import Field, MessageType
+    from cdrj_ros.recordings.templates import Template
+
+    header = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
+    text = Field("header.frame_id", "text")
+    fields = (*header, text, Field("gauge", "u1"), Field("name", "text", 0))
+    template = Template(
+        MessageType("cdrj_msgs/msg/CableTensions", (*fields, Field("tension", "f4", 0))), ["u/1"]
+    )
+    definition = "std_msgs/Header header\nuint8 gauge\nstring[] name\nfloat32[] tension\n"
+    raw = [(i, template.encode(i + 1, tension=[i / 2])) for i in range(20)]
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            "/t": ("cdrj_msgs/msg/CableTensions", definition, raw),
+        },
+    )
+    read = read_recording(path, replace(ONE_TOPIC, references=("/t",)))
+    np.testing.assert_array_equal(read.references["tension/u/1"].value, np.arange(20) / 2)
+
+
+def test_a_definition_without_what_is_needed_is_refused_by_name(make, tmp_path):
+    definition = "string[] name\nfloat64[] pull\n"
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            "/t": ("cdrj_msgs/msg/CableTensions", definition, [(1, b"\0\1\0\0")]),
+        },
+    )
+    with pytest.raises(
+        BagError, match=r"/t: cdrj_msgs/msg/CableTensions .* 'tension', but name, pull"
+    ):
+        read_recording(path, replace(ONE_TOPIC, references=("/t",)))
+
+
+def test_messages_of_the_second_version_of_cdr_are_named_with_what_to_do(make, tmp_path):
+    good = make.joint_state(1, ["a"], [1])
+    messages = [(i, bytes((0, 6 + i)) + good[2:]) for i in range(6)]
+    path = make.topics(
+        tmp_path / "a.mcap", {make.topic: ("sensor_msgs/msg/JointState", "", messages)}
+    )
+    words = r"6 malformed messages, the first: payload is XCDR2 \(encapsulation 0006\).*to XCDR1"
+    with pytest.raises(BagError, match=words):
+        read_recording(path, ONE_TOPIC)
+    messages.append((6, good))
+    make.topics(path, {make.topic: ("sensor_msgs/msg/JointState", "", messages)})
+    read = read_recording(path, ONE_TOPIC)
+    assert read.malformed == {make.topic: 6}
+    assert any("XCDR2" in note and "record again" in note for note in read.notes)
+
+
+def test_a_reference_that_is_not_a_measurement_is_left_out_with_a_note(tmp_path):
+    t = np.arange(4) + 1
+    tension = np.array([[1.0], [1e200], [-1e16], [2.0]])
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_joint_states("/joint_states", t, ["a"], np.zeros((4, 1)))
+        bag.write_tensions("/t", t, ["u/1"], tension)
+    read = read_recording(tmp_path / "bag", replace(ONE_TOPIC, references=("/t",)))
+    np.testing.assert_array_equal(read.references["tension/u/1"].value, [1, np.nan, np.nan, 2])
+    assert read.notes == ("tension/u/1: 2 values beyond 1e+15 were left out",)
+
+
+def test_control_characters_in_names_are_escaped(make, tmp_path):
+    messages = [(make.topic, 1, make.joint_state(1, ["a\x1b[31m\nb"], [1]))]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert list(read.motors) == [r"a\x1b[31m\nb"]
+
+
+def test_the_same_channel_on_two_reference_topics_is_refused(tmp_path):
+    t = np.arange(3)
+    with BagWriter(tmp_path / "bag") as bag:
+        for topic in ("/one", "/two"):
+            bag.write_joint_states(topic, t, ["a"], np.zeros((3, 1)), effort=np.zeros((3, 1)))
+    with pytest.raises(BagError, match="effort/a is on several reference topics"):
+        read_recording(tmp_path / "bag", Topics("/one", "/two", ("/one", "/two")))
+
+
+def test_a_path_that_is_not_there_is_refused_by_name(tmp_path):
+    with pytest.raises(BagError, match=r"nowhere does not exist"):
+        read_recording(Path(tmp_path / "nowhere"))

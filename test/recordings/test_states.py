@@ -1,0 +1,321 @@
+"""Bags in every state: compressed, split, without index or metadata, damaged, truncated.
+
+``make soak`` sets CDRJ_DAMAGES and damages more bytes.
+"""
+
+import os
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
+
+ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
+ODD_BAGS = Path(__file__).parents[3] / "shared" / "data" / "odd_bags"
+COUNT = 600
+needs_odd_bags = pytest.mark.skipif(not ODD_BAGS.is_dir(), reason=f"{ODD_BAGS} is not there")
+
+
+def attempt(read):
+    """What `read` returns, and the text of the refusal; any other exception passes."""
+    try:
+        return read(), ""
+    except BagError as error:
+        return None, str(error)
+
+
+def check_whole(path, count=COUNT):
+    """Check that every way of reading returns all messages of `swing`; returns the notes."""
+    read = read_recording(path, ONE_TOPIC)
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(count))
+    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(count))
+    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(count))
+    assert read.malformed == {"/joint_states": 0}
+    assert [info.count for info in list_topics(path)] == [count]
+    assert len(list(read_messages(path, ["/joint_states"]))) == count
+    return read.notes
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("indexed", [True, False])
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_compressed_chunks_or_none_indexed_or_not(make, tmp_path, compression, indexed, chunked):
+    path = make.mcap(
+        tmp_path / "a.mcap",
+        make.swing(COUNT),
+        compression=compression,
+        indexed=indexed,
+        chunked=chunked,
+    )
+    expected = () if indexed or not chunked else ("a.mcap has no index; read from start to end",)
+    assert check_whole(path) == expected
+
+
+@pytest.mark.parametrize("mode", list(CompressionMode))
+def test_every_compression_mode_of_rosbag2(make, tmp_path, mode):
+    folder = tmp_path / "bag"
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    if mode != CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        channel = writer.add_connection(
+            make.topic, "sensor_msgs/msg/JointState", typestore=make.store
+        )
+        for _, log_ns, payload in make.swing(COUNT):
+            writer.write(channel, log_ns, payload)
+    assert check_whole(folder) == ()
+    (folder / "metadata.yaml").unlink()
+    assert check_whole(folder) == ("no metadata.yaml",)
+    (file,) = folder.iterdir()
+    assert check_whole(file) == ()
+
+
+def split_bag(make, folder, parts, metadata=True):
+    folder.mkdir()
+    names = [f"{folder.name}_{i}.mcap" for i in range(parts)]
+    for i, name in enumerate(names):
+        make.mcap(folder / name, make.swing(COUNT)[i * COUNT // parts : (i + 1) * COUNT // parts])
+    if metadata:
+        listed = "".join(f"\n    - {name}" for name in names)
+        (folder / "metadata.yaml").write_text(
+            "rosbag2_bagfile_information:\n  storage_identifier: mcap\n"
+            f"  relative_file_paths:{listed}\n"
+        )
+    return folder
+
+
+@pytest.mark.parametrize("metadata", [True, False])
+def test_parts_are_joined_in_order_of_their_number(make, tmp_path, metadata):
+    folder = split_bag(make, tmp_path / "bag", 12, metadata)
+    assert check_whole(folder) == (() if metadata else ("no metadata.yaml",))
+
+
+@pytest.mark.parametrize("text", ["", "{", "a: [1", "rosbag2_bagfile_information: 3", "- \0"])
+def test_invalid_metadata_is_noted_and_not_needed(make, tmp_path, text):
+    folder = split_bag(make, tmp_path / "bag", 3)
+    (folder / "metadata.yaml").write_text(text)
+    assert check_whole(folder) == ("metadata.yaml lists no files",)
+
+
+def test_a_missing_part_is_noted_and_the_others_are_read(make, tmp_path):
+    folder = split_bag(make, tmp_path / "bag", 3)
+    (folder / "bag_1.mcap").unlink()
+    read = read_recording(folder, ONE_TOPIC)
+    assert read.notes == ("bag_1.mcap is listed in metadata.yaml but is not there",)
+    assert read.motors["motor"].value.size == COUNT * 2 // 3
+
+
+def test_a_part_that_is_empty_is_noted_and_the_others_are_read(make, tmp_path):
+    folder = split_bag(make, tmp_path / "bag", 3)
+    (folder / "bag_2.mcap").write_bytes(b"")
+    read = read_recording(folder, ONE_TOPIC)
+    assert len(read.notes) == 1
+    assert "bag_2.mcap is empty" in read.notes[0]
+    assert read.motors["motor"].value.size == COUNT * 2 // 3
+
+
+def test_of_several_recordings_in_a_folder_the_one_named_after_it_is_read(make, tmp_path):
+    folder = split_bag(make, tmp_path / "bag", 2, metadata=False)
+    make.mcap(folder / "other.mcap", make.swing(5))
+    assert check_whole(folder) == (
+        "no metadata.yaml",
+        "other recordings in the folder were left out: other",
+    )
+    folder = folder.rename(tmp_path / "renamed")
+    with pytest.raises(BagError, match=r"holds 2 recordings \(bag, other\): name one"):
+        read_recording(folder, ONE_TOPIC)
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"", "is empty"),
+        (b"#ROSBAG V2.0\n", "not an MCAP file: it begins with b'#ROSBAG"),
+        (b"\x89MCA", "not an MCAP file"),
+        (b"\x28\xb5\x2f\xfd" + b"\xff" * 40, "no data that can be decompressed"),
+        (b"\x89MCAP0\r\n", "has no topic /joint_states, but none"),
+        (b"\x89MCAP0\r\n" + bytes(500), "has no topic /joint_states, but none"),
+    ],
+)
+def test_files_that_are_not_bags_are_refused_by_name(tmp_path, content, word):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content)
+    with pytest.raises(BagError, match=word) as caught:
+        read_recording(path, ONE_TOPIC)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_folders_that_are_not_bags_are_refused_by_name(tmp_path):
+    with pytest.raises(BagError, match=r"holds no \.mcap file"):
+        read_recording(tmp_path)
+    (tmp_path / "bag_0.db3").touch()
+    for path in (tmp_path, tmp_path / "bag_0.db3"):
+        with pytest.raises(
+            BagError, match=r"bag_0\.db3 is empty, expected a bag stored as sqlite3"
+        ):
+            read_recording(path)
+
+
+def check_prefix(path, whole):
+    """Check that a truncated bag gives the beginning of the complete one; returns its length."""
+    read, refusal = attempt(lambda: read_recording(path, ONE_TOPIC))
+    if read is None:
+        assert str(path) in refusal
+        return 0
+    n = read.motors["motor"].value.size
+    for name, series in {**read.motors, **read.references}.items():
+        uncut = {**whole.motors, **whole.references}[name]
+        np.testing.assert_array_equal(series.value, uncut.value[:n])
+        np.testing.assert_array_equal(series.stamp_ns, uncut.stamp_ns[:n])
+    assert read.malformed == {"/joint_states": 0}
+    assert len(list(read_messages(path, ["/joint_states"]))) == n
+    assert any("cut" in note and f"read {n} messages" in note for note in read.notes)
+    return n
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression):
+    path = make.mcap(
+        tmp_path / "whole.mcap", make.swing(500), compression=compression, chunk_size=1_000
+    )
+    whole, content = read_recording(path, ONE_TOPIC), path.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    counts = []
+    for percent in range(100):
+        cut.write_bytes(content[: len(content) * percent // 100])
+        counts.append(check_prefix(cut, whole))
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    if compression == CompressionType.NONE:
+        for percent in range(10, 80):
+            assert counts[percent] >= 500 * (percent - 8) / 100
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_cut_file_that_was_compressed_whole_gives_what_decompresses(make, tmp_path, chunked):
+    import zstandard
+
+    rng = np.random.default_rng(6)
+    messages = [
+        (make.topic, i, make.joint_state(i + 1, ["m"], [value]))
+        for i, value in enumerate(rng.normal(size=12_000))
+    ]
+    plain = make.mcap(tmp_path / "a.mcap", messages, chunked=chunked)
+    whole = read_recording(plain, ONE_TOPIC).motors["m"].value
+    packed = zstandard.compress(plain.read_bytes())
+    path = tmp_path / "b.mcap.zstd"
+    path.write_bytes(packed[: len(packed) // 2])
+    read = read_recording(path, ONE_TOPIC)
+    n = read.motors["m"].value.size
+    assert 3_000 < n < 9_000
+    np.testing.assert_array_equal(read.motors["m"].value, whole[:n])
+
+
+def test_a_tail_of_zeros_is_a_cut(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT))
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2] + bytes(100_000))
+    read = read_recording(path, ONE_TOPIC)
+    n = read.motors["motor"].value.size
+    assert COUNT / 3 < n < COUNT
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(n))
+    assert read.notes
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_chunk_that_fails_its_checksum_is_left_out_and_noted(make, tmp_path, compression):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT), compression=compression)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 0xFF
+    path.write_bytes(content)
+    read = read_recording(path, ONE_TOPIC)
+    assert any("left out" in note for note in read.notes)
+    values = read.motors["motor"].value
+    assert COUNT / 2 < values.size < COUNT
+    assert np.isin(values, np.arange(COUNT)).all()
+
+
+def test_any_wrong_byte_gives_messages_or_a_clear_error(make, tmp_path):
+    content = make.mcap(tmp_path / "a.mcap", make.swing(12), chunk_size=500).read_bytes()
+    path = tmp_path / "b.mcap"
+    rng = np.random.default_rng(7)
+    for at in range(0, len(content), 1 if "CDRJ_DAMAGES" in os.environ else 9):
+        damaged = bytearray(content)
+        damaged[at] = (damaged[at] + int(rng.integers(1, 256))) % 256
+        path.write_bytes(damaged)
+        for read in (
+            lambda: read_recording(path, ONE_TOPIC),
+            lambda: list(read_messages(path, ["/joint_states"])),
+            lambda: list_topics(path),
+        ):
+            assert "\n" not in attempt(read)[1]
+
+
+@pytest.mark.parametrize("length", [3, 21, 2**27, 2**63])
+def test_a_message_record_of_impossible_length_ends_the_reading(make, tmp_path, length):
+    messages = make.swing(3)
+    path = make.mcap(tmp_path / "a.mcap", messages, chunked=False)
+    content = bytearray(path.read_bytes())
+    at = content.index(messages[2][2]) - 31
+    content[at + 1 : at + 9] = struct.pack("<Q", length)
+    path.write_bytes(content)
+    read = read_recording(path, ONE_TOPIC)
+    assert read.motors["motor"].value.tolist() == [0.0, 1.0]
+    assert read.notes == (f"a.mcap is cut or damaged at byte {at}: read 2 messages until there",)
+
+
+def test_an_index_that_leaves_out_a_chunk_is_not_trusted(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT))
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    content = path.read_bytes()
+    builder = RecordBuilder()
+    summary.chunk_indexes[3].write(builder)
+    at = content.index(builder.end())
+    damaged = bytearray(content)
+    damaged[at] = 0x80  # a record of a private kind, which readers skip
+    path.write_bytes(damaged)
+    assert check_whole(path) == ("a.mcap has no index; read from start to end",)
+
+
+@needs_odd_bags
+@pytest.mark.parametrize("name", ["plain", "zstd_chunks", "split", "joint_order_swaps_midway"])
+def test_the_odd_bags_hold_the_same_run(name):
+    plain, read = (read_recording(ODD_BAGS / bag, ONE_TOPIC) for bag in ("plain", name))
+    assert read.notes == ()
+    for channel in ("motor", "joint"):
+        assert read.motors[channel].value.size == 4000
+        np.testing.assert_array_equal(read.motors[channel].value, plain.motors[channel].value)
+        np.testing.assert_array_equal(
+            read.references[f"effort/{channel}"].value, plain.references[f"effort/{channel}"].value
+        )
+
+
+@needs_odd_bags
+def test_the_cut_odd_bags_are_a_beginning_of_the_whole():
+    whole = read_recording(ODD_BAGS / "plain", ONE_TOPIC)
+    folder = ODD_BAGS / "truncated_unclean"
+    assert check_prefix(folder / "truncated_unclean_0.mcap", whole) == 2128
+    assert check_prefix(folder / "truncated_uncompressed_0.mcap", whole) == 2128
+    assert check_prefix(folder, whole) == 2128
+
+
+def test_a_bag_is_read_while_its_folder_cannot_be_written(make, tmp_path):
+    folder = split_bag(make, tmp_path / "bag", 2)
+    for path in folder.iterdir():
+        path.chmod(0o444)
+    folder.chmod(0o555)
+    try:
+        check_whole(folder)
+    finally:
+        folder.chmod(0o755)
+        shutil.rmtree(folder)

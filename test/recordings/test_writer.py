@@ -1,0 +1,274 @@
+"""Written bags are readable by other libraries."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_types_from_msg
+
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings import BagWriter, Topics, list_topics, read_messages, read_recording
+
+T = 1_700_000_000_000_000_000 + np.arange(3000) * 1_000_000
+
+
+@pytest.fixture(params=["zstd", "lz4", ""])
+def written(request, tmp_path):
+    path = tmp_path / "bag"
+    rng = np.random.default_rng(8)
+    arrays = {"motor": rng.normal(size=(3000, 2)), "tension": rng.normal(size=(1500, 3))}
+    with BagWriter(path, compression=request.param, chunk_bytes=50_000) as bag:
+        bag.write_tensions(
+            "/tensions", T[::2], ["u/1", "u/2", "u/3"], arrays["tension"], log_ns=T[::2] + 7
+        )
+        bag.write_joint_states("/motors", T, ["left", "right"], arrays["motor"])
+        bag.write_nodal_forces("/forces", T[:1], ["u/1"], [[3.0]], friction=[[-1.0]])
+        bag.write_joint_states("/never", [], ["x"], np.zeros((0, 1)))
+    return path, arrays
+
+
+def test_rosbags_reads_every_message_with_the_definitions_embedded(written):
+    path, arrays = written
+    with AnyReader([path]) as reader:
+        motors, tensions, forces = [], [], []
+        last = 0
+        for connection, log_ns, data in reader.messages():
+            assert log_ns >= last
+            last = log_ns
+            message = reader.deserialize(data, connection.msgtype)
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            place = {"/motors": motors, "/tensions": tensions, "/forces": forces}
+            place[connection.topic].append((log_ns, stamp, message))
+    np.testing.assert_array_equal([stamp for _, stamp, _ in motors], T)
+    np.testing.assert_array_equal([log_ns for log_ns, _, _ in tensions], T[::2] + 7)
+    np.testing.assert_array_equal([m.position for *_, m in motors], arrays["motor"])
+    np.testing.assert_array_equal([m.tension for *_, m in tensions], arrays["tension"])
+    assert tensions[0][2].name == ["u/1", "u/2", "u/3"]
+    assert tensions[0][2].stddev.size == 0
+    assert tensions[0][2].status.tolist() == [0, 0, 0]
+    (_, _, force) = forces[0]
+    assert (force.magnitude, force.friction, force.force_x.size) == ([3.0], [-1.0], 0)
+
+
+def test_rosbags_finds_the_metadata_in_order(written):
+    path, _ = written
+    with Reader(path) as reader:
+        assert reader.message_count == 4501
+        assert reader.start_time == T[0]
+        assert reader.end_time == T[-1] + 1
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert counts == {"/motors": 3000, "/tensions": 1500, "/forces": 1, "/never": 0}
+        assert all(c.digest.startswith("RIHS01_") for c in reader.connections)
+        assert all(len(c.ext.offered_qos_profiles) == 1 for c in reader.connections)
+
+
+@pytest.mark.parametrize("validate", [False, True])
+def test_mcap_reads_the_file_by_its_index_and_checks_its_sums(written, validate):
+    path, _ = written
+    (file,) = path.glob("*.mcap")
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=validate)
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 4501
+        assert len(summary.chunk_indexes) > 3
+        assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
+        times = [message.log_time for _, _, message in reader.iter_messages()]
+        assert len(times) == 4501
+        assert times == sorted(times)
+        assert len(list(reader.iter_messages(topics=["/tensions"]))) == 1500
+        assert reader.get_header().profile == "ros2"
+        (metadata,) = reader.iter_metadata()
+        assert metadata.name == "rosbag2"
+
+
+def test_messages_of_all_topics_lie_in_the_file_in_order_of_log_time(written):
+    from mcap.records import Message
+    from mcap.stream_reader import StreamReader
+
+    path, _ = written
+    (file,) = path.glob("*.mcap")
+    with file.open("rb") as stream:
+        records = StreamReader(stream, validate_crcs=True).records
+        times = [record.log_time for record in records if isinstance(record, Message)]
+    assert len(times) == 4501
+    assert times == sorted(times)
+
+
+def test_an_embedded_definition_is_one_that_rosbags_understands(written):
+    path, _ = written
+    with Reader(path) as reader:
+        for connection in reader.connections:
+            assert connection.msgtype in get_types_from_msg(
+                connection.msgdef.data, connection.msgtype
+            )
+
+
+def test_a_path_that_exists_is_refused(tmp_path):
+    with pytest.raises(BagError, match="exists already"):
+        BagWriter(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    bag = BagWriter(tmp_path / "file" / "bag")
+    with pytest.raises(BagError, match="cannot be made"):
+        bag.close()
+
+
+def test_the_folder_appears_complete_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "bag"
+    seen = []
+
+    def see(folder, target):
+        (file,) = folder.glob("*.mcap")
+        with file.open("rb") as stream:
+            assert make_reader(stream).get_summary().statistics.message_count == 1
+        seen.append((path.exists(), sorted(entry.name for entry in folder.iterdir())))
+        return rename(folder, target)
+
+    rename = Path.rename
+    monkeypatch.setattr(Path, "rename", see)
+    with BagWriter(path) as bag:
+        bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    assert seen == [(False, ["bag_0.mcap", "metadata.yaml"])]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bag"]
+
+
+def test_a_folder_that_has_appeared_meanwhile_is_not_replaced(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "mine").touch()
+    with pytest.raises(BagError, match="cannot be made"):
+        bag.close()
+    assert [entry.name for entry in (tmp_path / "bag").iterdir()] == ["mine"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize("name", ["bag\udc80", "bag\n", "bag\x1b[31m"])
+def test_a_name_that_metadata_cannot_hold_is_refused(tmp_path, name):
+    with pytest.raises(BagError, match="not a name for a bag") as caught:
+        BagWriter(tmp_path / name)
+    assert str(caught.value).isprintable()
+
+
+def test_a_log_time_before_the_epoch_is_refused(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [5], ["x"], [[1.0]], log_ns=[-5])
+    with pytest.raises(BagError, match="is negative"):
+        bag.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_left_behind_where_the_body_raises(tmp_path):
+    def body():
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        body()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_left_behind_where_writing_fails(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [2**62], ["x"], [[1.0]])
+    with pytest.raises(BagError, match="stamp does not fit"):
+        bag.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_bag_can_be_read(tmp_path):
+    with BagWriter(tmp_path / "bag"):
+        pass
+    assert list_topics(tmp_path / "bag") == ()
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 0
+
+
+def test_a_topic_keeps_its_type(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    with pytest.raises(BagError, match=r"/a is sensor_msgs/msg/JointState, it cannot also be"):
+        bag.write_tensions("/a", [1], ["x"], [[1.0]])
+
+
+@pytest.mark.parametrize(
+    ("stamps", "position", "log_ns"),
+    [([1, 2], [[1.0]], None), ([1], [[1.0, 2.0]], None), ([1], [[1.0]], [1, 2]), (1, [1.0], None)],
+)
+def test_arrays_of_the_wrong_shape_are_refused_with_both_shapes(tmp_path, stamps, position, log_ns):
+    with pytest.raises(BagError, match=r"/a: \(.*take arrays of shape"):
+        BagWriter(tmp_path / "bag").write_joint_states("/a", stamps, ["x"], position, log_ns=log_ns)
+
+
+def test_an_unknown_compression_is_refused(tmp_path):
+    with pytest.raises(BagError, match="compression must be one of"):
+        BagWriter(tmp_path / "bag", compression="gzip")
+
+
+def test_arrays_may_be_changed_after_they_were_given(tmp_path):
+    position = np.ones((2, 1))
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_joint_states("/a", [1, 2], ["x"], position)
+        position[:] = 9
+    topics = Topics("/a", "/a")
+    assert read_recording(tmp_path / "bag", topics).motors["x"].value.tolist() == [1, 1]
+
+
+def test_a_topic_may_be_written_in_pieces_and_out_of_order(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_joint_states("/a", [5, 3], ["x"], [[5.0], [3.0]])
+        bag.write_joint_states("/a", [4, 3], ["x"], [[4.0], [3.5]])
+    series = read_recording(tmp_path / "bag", Topics("/a", "/a")).motors["x"]
+    assert series.value.tolist() == [3, 3.5, 4, 5]
+
+
+def test_a_copied_type_keeps_the_definition_it_had(make, tmp_path):
+    fields = "string[] name\nfloat32[] tension\n"
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            "/ours": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
+            "/theirs": ("cdrj_msgs/msg/CableTensions", fields, [(1, b"")]),
+        },
+    )
+    with BagWriter(tmp_path / "copy") as bag:
+        bag.copy(path)
+        bag.write_tensions("/ours", [1], ["u/1"], [[1.0]])
+        with pytest.raises(BagError, match=r"/theirs .* other fields"):
+            bag.write_tensions("/theirs", [1], ["u/1"], [[1.0]])
+    (file,) = (tmp_path / "copy").glob("*.mcap")
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    texts = {c.topic: summary.schemas[c.schema_id].data for c in summary.channels.values()}
+    assert texts["/theirs"].decode() == fields
+    assert b"stddev" in texts["/ours"]
+
+
+def test_a_copy_holds_the_same_messages_beside_new_ones(make, tmp_path, written):
+    path, _ = written
+    other = make.mcap(tmp_path / "other.mcap", make.swing(50))
+    with BagWriter(tmp_path / "copy") as bag:
+        bag.copy(path)
+        bag.copy(other, ["/joint_states", "/not/there"])
+        bag.write_joint_states("/new", T[:5], ["x"], np.zeros((5, 1)))
+    topics = ["/motors", "/tensions", "/forces"]
+    original = list(read_messages(path, topics))
+    copied = list(read_messages(tmp_path / "copy", topics))
+    assert sorted(copied) == sorted(original)
+    assert [m.log_ns for m in copied] == [m.log_ns for m in original]
+    assert len(list(read_messages(tmp_path / "copy", ["/joint_states"]))) == 50
+    infos = {info.name: info.count for info in list_topics(tmp_path / "copy")}
+    assert infos == {
+        "/motors": 3000,
+        "/tensions": 1500,
+        "/forces": 1,
+        "/never": 0,
+        "/joint_states": 50,
+        "/new": 5,
+    }

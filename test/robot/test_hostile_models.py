@@ -1,0 +1,120 @@
+"""No model of less than 1 MB takes more than 500 MB or 20 s, and each ends in one clear line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.robot import mjcf
+
+pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
+
+SITES = '<site name="a"/><site name="b" pos="0 0 1"/>'
+TENDON = '<tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></tendon>'
+BODY = '<body><geom size="1"/></body>'
+
+
+def model(body: str = "", *, assets: str = "", rest: str = "") -> str:
+    world = f"<worldbody>{SITES}{body}</worldbody>"
+    return f"<mujoco><asset>{assets}</asset>{world}{rest}{TENDON}</mujoco>"
+
+
+PROGRAM = """
+import re, resource, sys
+from pathlib import Path
+from cdrj_ros.commands.import_robot import main
+code = main(sys.argv[1:])
+# the largest size that getrusage reports may be that of the process that started this one
+own, = re.findall("VmHWM:[^0-9]*([0-9]+)", Path("/proc/self/status").read_text())
+print(code, own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
+
+HOSTILE = {
+    "height field": (
+        model(assets='<hfield name="h" nrow="20000" ncol="20000" size="1 1 1 1"/>'),
+        "needs more than 350 MB",
+    ),
+    "flexible grid": (
+        model(
+            '<body name="x"><flexcomp name="f" type="grid" count="400 400 400" spacing="1 1 1" '
+            'dim="3"/></body>'
+        ),
+        "cannot read",
+    ),
+    "nested replication": (
+        model(f'<replicate count="100000"><replicate count="1000">{BODY}</replicate></replicate>'),
+        "needs more than 350 MB",
+    ),
+    "texture": (
+        model(assets='<texture type="2d" builtin="flat" width="30000" height="30000"/>'),
+        "cannot read",
+    ),
+    "deep nesting": (model("<body>" * 70_000 + "</body>" * 70_000), "nesting is too deep"),
+    "pipe included": (model(rest='<include file="pipe.xml"/>'), "pipe.xml: it is not a regular"),
+    "pipe as a mesh": (
+        '<mujoco><compiler meshdir="meshes"/>' + model(assets='<mesh file="p.stl"/>')[8:],
+        "p.stl: it is not a regular file",
+    ),
+    "device included": (model(rest='<include file="/dev/zero"/>'), "zero: it is not a regular"),
+    "document type": (
+        '<!DOCTYPE a [<!ENTITY b "bbbbbbbbbb">]>' + model(), "declares a document type"
+    ),
+    "including itself": (model(rest='<include file="../here/model.xml"/>'), "already included"),
+    "too many tendons": (
+        model()[:-18] + TENDON[8:-9].replace(' name="t"', "") * 10_000 + "</tendon></mujoco>",
+        "at most 1000000",
+    ),
+    "uncertain numbers": (
+        model()[:-18] + TENDON[8:-9].replace(' name="t"', "") * 1000 + "</tendon></mujoco>",
+        "at most 7000 are kept",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_model_is_refused_in_one_line_within_bounds(name: str, tmp_path: Path) -> None:
+    text, message = HOSTILE[name]
+    folder = tmp_path / "here"
+    (folder / "meshes").mkdir(parents=True)
+    os.mkfifo(folder / "pipe.xml")
+    os.mkfifo(folder / "meshes" / "p.stl")
+    path = folder / "model.xml"
+    path.write_text(text)
+    assert path.stat().st_size < 1_000_000
+    begin = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, path, "--out", tmp_path / "robot.yaml"],
+        capture_output=True, text=True, timeout=60.0, check=True,
+    )  # fmt: skip
+    assert time.monotonic() - begin < 20.0
+    code, *memory_kb = map(int, done.stdout.split())
+    assert code == 2
+    assert max(memory_kb) < 500_000
+    assert message in done.stderr
+    assert done.stderr.startswith("import_robot: ")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "robot.yaml").exists()
+
+
+def test_a_model_that_takes_too_long_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert mjcf.TIME_S < 20.0
+    monkeypatch.setattr(mjcf, "TIME_S", 2.0)
+    (tmp_path / "many.xml").write_text(model(BODY * 10_000 + "<body/>" * 90_000))
+    begin = time.monotonic()
+    with pytest.raises(UsageError, match="MuJoCo needs more than 2 s"):
+        mjcf.read_mjcf(tmp_path / "many.xml")
+    assert time.monotonic() - begin < 6.0
+
+
+def test_a_pipe_in_place_of_the_model_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "model.xml")
+    with pytest.raises(UsageError, match="it is not a regular file"):
+        mjcf.read_mjcf(tmp_path / "model.xml")

@@ -1,0 +1,123 @@
+"""Small robots for the tests of the rig."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.truth import simulate
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+
+
+def prototype(law: str | None = None) -> Robot:
+    robot = load_robot(PROTOTYPE)
+    if law is None:
+        return robot
+    return replace(robot, cables=tuple(replace(cable, law=law) for cable in robot.cables))
+
+
+def finger() -> Robot:
+    """Two joints in series, two motors, two cables that each cross both joints, by positions."""
+    cable = """
+          - name: {name}
+            axial_stiffness: 5000
+            preload: 20
+            nodes:
+              - {{type: winch, motor: {name}_motor, radius_mm: 8, winding: 1,
+                 position_mm: [-40, {y}], turn: {turn}}}
+              - {{type: pulley, radius_mm: 8, position_mm: [0, 0], turn: {turn}}}
+              - {{type: pulley, radius_mm: 6, frame: link1, position_mm: [50, 0], turn: {turn}}}
+              - {{type: anchor, frame: link2, position_mm: [30, {end}]}}
+    """
+    return parse_robot(
+        """
+        name: finger
+        motors: [{name: flexor_motor}, {name: extensor_motor}]
+        joints:
+          - {name: base_joint, range_deg: [-20, 20]}
+          - {name: tip_joint, range_deg: [-20, 20]}
+        frames:
+          - {name: link1, motion: revolute, joint: base_joint}
+          - {name: link2, parent: link1, motion: revolute, joint: tip_joint, origin_mm: [50, 0]}
+        friction: {mu_c: 0.1}
+        cables:
+        """
+        + cable.format(name="flexor", y=40, end=15, turn="ccw")
+        + cable.format(name="extensor", y=-40, end=-15, turn="cw")
+    )
+
+
+def platform() -> Robot:
+    """A point held by four cables over fixed pulleys, a motor each: spans depend on x and y."""
+    corners = ((1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"), (1, -1, "cw"))
+    cables = "".join(
+        f"""
+          - name: c{k}
+            axial_stiffness: 5000
+            preload: 20
+            nodes:
+              - {{type: winch, motor: m{k}, radius_mm: 20, winding: 1, position_mm: [{600 * x}, 0],
+                 turn: {turn}}}
+              - {{type: pulley, radius_mm: 15, position_mm: [{500 * x}, {400 * y}], turn: {turn}}}
+              - {{type: anchor, frame: point, position_mm: [{30 * x}, {30 * y}]}}
+        """
+        for k, (x, y, turn) in enumerate(corners)
+    )
+    return parse_robot(
+        """
+        name: platform
+        motors: [{name: m0}, {name: m1}, {name: m2}, {name: m3}]
+        joints: [{name: x, range_mm: [-100, 100]}, {name: y, range_mm: [-100, 100]}]
+        frames:
+          - {name: slide, motion: prismatic, joint: x}
+          - {name: point, parent: slide, motion: prismatic, joint: y, direction: [0, 1]}
+        friction: {mu_c: 0.1}
+        cables:
+        """
+        + cables
+    )
+
+
+def hoist() -> Robot:
+    """A weight on a cable without preload, over one pulley; positive lifts."""
+    return parse_robot("""
+        name: hoist
+        motors: [{name: drum}]
+        joints: [{name: height, range_mm: [-400, 400]}]
+        frames: [{name: hook, motion: prismatic, joint: height, direction: [0, 1]}]
+        friction: {mu_c: 0.1}
+        cables:
+          - name: rope
+            axial_stiffness: 20000
+            preload: 0
+            nodes:
+              - {type: winch, motor: drum, radius_mm: 30, winding: 1, position_mm: [-300, 0],
+                 turn: cw}
+              - {type: pulley, radius_mm: 40, position_mm: [0, 1000], turn: cw}
+              - {type: anchor, frame: hook, position_mm: [40, 0]}
+        """)
+
+
+@pytest.fixture(scope="session")
+def robots() -> SimpleNamespace:
+    """The robots above, by name."""
+    return SimpleNamespace(prototype=prototype, finger=finger, platform=platform, hoist=hoist)
+
+
+@pytest.fixture(scope="session")
+def truth() -> Truth:
+    """The prototype, eight contact cells per pulley, for a cycle and a half at 0.1 Hz."""
+    time = np.arange(15_001) / 1000.0
+    angle = np.radians(38.0) * np.sin(2.0 * np.pi * 0.1 * time)
+    speed = np.gradient(angle, time)
+    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    return simulate(prototype(), time, angle, torque)

@@ -1,0 +1,177 @@
+"""Contact cells reproduce Grashof's arcs and keep the tensions of the lumped pulley."""
+
+from __future__ import annotations
+
+from math import degrees, exp, log, pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import Model, placed, prepare, segments_of, shape_at
+from cdrj_ros.model.state import state_views
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation.assembly import Truth, divide_contacts
+from cdrj_ros.simulation.truth import simulate
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+EPOCH_NS = 1_700_000_000_000_000_000
+CELLS, MU, PRELOAD = 90, 0.15, 30.0
+
+
+def half_turn(law: str) -> Robot:
+    """A winch, one pulley with half a turn of cable, an anchor."""
+    return parse_robot(f"""
+        name: half_turn
+        motors: [{{name: m}}]
+        joints: []
+        friction: {{law: {law}, mu_c: {MU}, bristle_stiffness: 1e9}}
+        cables:
+          - name: c
+            axial_stiffness: 6283
+            preload: {PRELOAD}
+            nodes:
+              - {{type: winch, motor: m, winding: 1, radius: 0.015}}
+              - {{type: pulley, radius: 0.01, wrap_angle_deg: 180}}
+              - {{type: anchor}}
+            spans: [0.2, 0.2]
+        """)
+
+
+def wound(model: Model, angle: np.ndarray) -> Estimates:
+    samples = Samples(
+        EPOCH_NS + np.arange(angle.size) * 1_000_000, angle[:, None], np.empty((angle.size, 0))
+    )
+    return run(model, initial_state(model), samples)[1]
+
+
+def segments(model: Model, angle: np.ndarray) -> np.ndarray:
+    """Tensions of all segments at the end of a motion [N]; the cable is linear."""
+    samples = Samples(
+        EPOCH_NS + np.arange(angle.size) * 1_000_000, angle[:, None], np.empty((angle.size, 0))
+    )
+    views = state_views(model.sizes, run(model, initial_state(model), samples)[0].values)
+    stretch = np.asarray(views.length / views.material)
+    return model.robot.cables[0].axial_stiffness * np.maximum(stretch - 1.0, 0.0)
+
+
+@pytest.mark.parametrize("law", ["euler", "elastoplastic"])
+def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
+    # winding in pulls the first element; cells near the winch slide, those behind them hold
+    fine = prepare(divide_contacts(half_turn(law), CELLS))
+    estimates = wound(fine, np.linspace(0.0, 0.03, 6001))
+    tension = estimates.values[:, fine.layout.tension]
+    ratio = tension[:, 0] / tension[:, -1]
+    at = int(np.searchsorted(ratio, 1.2))
+    assert ratio[at] == pytest.approx(1.2, abs=1e-3)
+    inside = segments(fine, np.linspace(0.0, 0.03, 6001)[: at + 1])
+    pull, hold = inside[:-1], inside[1:]
+    bound = (1.0 - exp(-MU * pi / CELLS)) * pull
+    sliding = np.abs(pull - hold) >= 0.999 * bound
+    arc = 180.0 * np.count_nonzero(sliding) / CELLS
+    assert degrees(log(1.2) / MU) == pytest.approx(69.6, abs=0.05)
+    assert arc == pytest.approx(69.6, abs=2 * 180.0 / CELLS)
+    assert np.all(sliding[: np.count_nonzero(sliding)]), "one arc, at the pulling side"
+    # the adhesion arc still has its initial tension
+    np.testing.assert_allclose(hold[np.count_nonzero(sliding) + 10 :], PRELOAD, rtol=2e-3)
+
+
+def test_tension_falls_along_the_sliding_arc_as_eulers_formula_says() -> None:
+    fine = prepare(divide_contacts(half_turn("euler"), CELLS))
+    tension = segments(fine, np.linspace(0.0, 0.2, 2001))
+    assert tension[0] / tension[-1] == pytest.approx(exp(MU * pi), rel=1e-8)
+    angle = np.arange(CELLS + 1) * pi / CELLS
+    np.testing.assert_allclose(tension, tension[0] * np.exp(-MU * angle), rtol=1e-8)
+
+
+def test_cells_slide_together_as_the_whole_pulley_does() -> None:
+    angle = np.concatenate([np.linspace(0.0, 0.2, 800), np.linspace(0.2, -0.1, 1200)])
+    for law in ("euler", "steady", "elastoplastic", "lugre"):
+        lumped = prepare(half_turn(law))
+        whole = wound(lumped, angle).values[:, lumped.layout.tension]
+        for cells in (2, 8, 40):
+            fine = prepare(divide_contacts(half_turn(law), cells))
+            tension = wound(fine, angle).values[:, fine.layout.tension]
+            # where every cell slides they agree, but for the strain along the arc itself
+            np.testing.assert_allclose(tension[[799, -1]], whole[[799, -1]], rtol=2e-3)
+
+
+def test_cells_give_the_lumped_pulleys_tensions_element_by_element(truth: Truth) -> None:
+    model = prepare(load_robot(PROTOTYPE))
+    stamps = EPOCH_NS + np.round(truth.time * 1e9).astype(np.int64)
+    samples = Samples(stamps, truth.motor_angle, truth.joint_angle)
+    estimate = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
+    error = np.abs(estimate - truth.tension)
+    assert np.ptp(truth.tension, axis=0).min() > 1.0
+    assert (error / truth.tension).mean(axis=0).max() < 1e-3
+    assert error.max() < 1.0
+
+
+def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
+    robot = load_robot(PROTOTYPE)
+    time = np.arange(300) * 1e-3
+    # balanced at first, then the load grows beyond what any winch angle can hold
+    torque = np.where(time < 0.1, 0.0, 1e5)
+    with pytest.raises(UsageError, match="a cable would have to push"):
+        simulate(robot, time, np.zeros(time.size), torque, cells=2)
+
+
+def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
+    time = np.arange(10) * 1e-3
+    with pytest.raises(UsageError, match="at least one motor and one joint"):
+        simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))
+
+
+@pytest.mark.parametrize(
+    "path", sorted(PROTOTYPE.parent.glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_every_robot_of_the_package_keeps_its_lengths_when_divided(path: Path) -> None:
+    robot = load_robot(path)
+    whole, fine = prepare(robot), prepare(divide_contacts(robot, 8))
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        pose = np.array([rng.uniform(joint.lower, joint.upper) for joint in robot.joints])
+        told, (found, views) = shape_at(whole, pose), placed(fine, pose)
+        np.testing.assert_array_equal(found.length, told.length)
+        np.testing.assert_array_equal(found.lever_arm, told.lever_arm)
+        element = 0
+        for c, cable in enumerate(robot.cables):
+            parts = found.segment[segments_of(fine, c)]
+            count = len(cable.nodes) - 1
+            total = told.length[element : element + count].sum()
+            total -= views.laid[2 * c : 2 * c + 2].sum()  # lies on the ends
+            assert parts.size > count
+            assert parts.sum() == pytest.approx(total, rel=1e-13)
+            element += count
+
+
+def test_a_sheath_is_divided_and_an_eyelet_is_not() -> None:
+    robot = parse_robot("""
+        name: guided
+        motors: [{name: m}]
+        joints: []
+        friction: {law: euler, mu_c: 0.2}
+        cables:
+          - name: c
+            axial_stiffness: 5000
+            preload: 20
+            nodes:
+              - {type: winch, motor: m, winding: 1, radius: 0.02, position: [0, 0, 0]}
+              - {type: sheath, position: [0.1, 0.02, 0], exit: [0.3, 0.02, 0], length: 0.4,
+                 bend_deg: 90}
+              - {type: eyelet, position: [0.5, 0.02, 0]}
+              - {type: anchor, position: [0.5, 0.3, 0]}
+        """)
+    fine = prepare(divide_contacts(robot, 5))
+    assert [pulley.cells for pulley in fine.robot.cables[0].pulleys] == [5, 1]
+    length = shape_at(fine, np.empty(0)).segment
+    np.testing.assert_allclose(length[1:5], 0.4 / 5, rtol=1e-12)
+    assert length.sum() == pytest.approx(shape_at(prepare(robot), np.empty(0)).length.sum())
+    # pulled far enough at the winch, the whole sheath and the eyelet slide: one capstan in all
+    tension = wound(fine, np.linspace(0.0, 0.5, 4001)).values[-1, fine.layout.tension]
+    assert tension[1] / tension[0] == pytest.approx(exp(-0.2 * pi / 2), rel=1e-6)
+    assert tension[2] / tension[0] == pytest.approx(exp(-0.2 * pi), rel=1e-3)

@@ -1,0 +1,166 @@
+"""Faults change the truth where they occur and leave the encoder readings unchanged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace as Robots
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.simulation.assembly import SlackError, Truth
+from cdrj_ros.simulation.faults import DURATION_S, Fault, wire
+from cdrj_ros.simulation.load import make_load
+from cdrj_ros.simulation.motion import differences, sine
+from cdrj_ros.simulation.truth import simulate
+
+TIME = np.arange(6_001) / 1000.0
+COURSE = sine(np.radians(25.0), 0.2, 0.5)(TIME)
+AT = 3.0
+BEFORE, AFTER = TIME < AT, AT + max(DURATION_S.values()) < TIME
+LOWER, UPPER = slice(8, 16), slice(0, 8)
+
+
+def _followed(robots: Robots, *faults: Fault, robot: Robot | None = None) -> Truth:
+    return simulate(robot or robots.prototype(), TIME, COURSE.angle, cells=1, faults=faults)
+
+
+def _balanced(
+    robots: Robots, *faults: Fault, robot: Robot | None = None, allow_slack: bool = False
+) -> Truth:
+    torque = make_load("rolling", 0.3).torque(*differences(TIME, COURSE.angle))
+    return simulate(
+        robot or robots.prototype(), TIME, COURSE.angle, torque, cells=1, faults=faults,
+        allow_slack=allow_slack,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sound(robots: Robots) -> Truth:
+    return _followed(robots)
+
+
+@pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
+def test_before_a_fault_nothing_is_different(robots: Robots, kind: str, sound: Truth) -> None:
+    broken = _followed(robots, Fault(kind, AT, cable="lower"))
+    np.testing.assert_array_equal(broken.tension[BEFORE], sound.tension[BEFORE])
+    assert not broken.unseen[BEFORE].any()
+
+
+@pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
+def test_a_fault_loosens_its_own_cable_alone(robots: Robots, kind: str, sound: Truth) -> None:
+    broken = _followed(robots, Fault(kind, AT, cable="lower"))
+    np.testing.assert_array_equal(broken.tension[:, UPPER], sound.tension[:, UPPER])
+    loss = sound.tension[:, LOWER] - broken.tension[:, LOWER]
+    assert loss[AFTER].min() > 3.0
+
+
+@pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
+def test_no_encoder_measures_a_fault(robots: Robots, kind: str, sound: Truth) -> None:
+    broken = _followed(robots, Fault(kind, AT, cable="lower"))
+    np.testing.assert_array_equal(broken.motor_angle, sound.motor_angle)
+    np.testing.assert_array_equal(broken.joint_angle, sound.joint_angle)
+    model = prepare(robots.prototype())
+    stamps = 1 + np.round(TIME * 1e9).astype(np.int64)
+    samples = Samples(stamps, broken.motor_angle, broken.joint_angle)
+    told = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
+    error = np.abs(told - broken.tension)
+    assert error[BEFORE].max() < 1e-6
+    assert error[AFTER].max() > 3.0, "the estimator does not notice the fault"
+
+
+def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots) -> None:
+    robot = robots.prototype("none")
+    amount = 1e-3
+    snapped = _followed(robots, Fault("snap", AT, amount, "lower"), robot=robot)
+    sound = _followed(robots, robot=robot)
+    k = round((AT + DURATION_S["snap"]) * 1000.0)
+    cable = robot.cables[1]
+    ratio = (1.0 + sound.tension[k, 8] / cable.axial_stiffness) / (
+        1.0 + snapped.tension[k, 8] / cable.axial_stiffness
+    )
+    # t = EA (L / l - 1): the ratio of stretches is that of the materials, l + amount to l
+    material = amount / (ratio - 1.0)
+    lengths = shape_at(prepare(robot), sound.joint_angle[k]).length[LOWER].sum()
+    assert material == pytest.approx(lengths, rel=0.01), "the cable's own length"
+    lost_at_once = sound.tension[k, 8] - snapped.tension[k, 8]
+    assert lost_at_once == pytest.approx(cable.axial_stiffness * amount / material, rel=0.02)
+
+
+def test_a_slipping_drum_pays_out_radius_times_angle(robots: Robots) -> None:
+    robot = robots.prototype("none")
+    slipped = _followed(robots, Fault("slip", AT, 0.1, "upper"), robot=robot)
+    snapped = _followed(robots, Fault("snap", AT, 0.1 * 0.015, "upper"), robot=robot)
+    # both release the same material, except for the strain of the cable on the drum
+    np.testing.assert_allclose(slipped.tension[AFTER], snapped.tension[AFTER], atol=0.1)
+    assert slipped.unseen[-1, 0] == pytest.approx(-0.1)
+
+
+def test_a_lost_preload_leaves_the_cable_slack_in_part_of_the_motion(robots: Robots) -> None:
+    truth = _balanced(robots, Fault("slack", 1.0))
+    slack = truth.slack.any(axis=1)
+    assert not slack[TIME < 1.0].any()
+    assert 0.01 < slack.mean() < 0.9
+    assert (truth.tension >= 0.0).all()
+    assert truth.tension[:, UPPER].min() > 0.0, "the cable that carries the load stays taut"
+
+
+def test_the_motor_of_a_balanced_rig_compensates_a_snap(robots: Robots) -> None:
+    sound, broken = _balanced(robots), _balanced(robots, Fault("snap", AT, cable="upper"))
+    settled = TIME > AT + 0.5
+    assert np.abs(broken.imbalance[settled]).max() < 1e-3
+    then = (TIME > AT + 0.05) & (TIME < AT + 0.3)
+    turned = broken.motor_angle[then, 0] - sound.motor_angle[then, 0]
+    assert turned.min() > 0.05, "it winds in the released cable"
+    assert any("unbalanced by up to" in note for note in broken.notes)
+    assert not sound.notes
+
+
+def test_two_faults_on_one_end_add_up(robots: Robots) -> None:
+    both = _followed(robots, Fault("snap", 1.0, 3e-4, "lower"), Fault("snap", AT, 4e-4, "lower"))
+    once = _followed(robots, Fault("snap", 1.0, 7e-4, "lower"))
+    np.testing.assert_allclose(both.unseen[-1], once.unseen[-1], rtol=1e-12)
+
+
+def test_slack_without_a_fault_is_refused_with_its_place(robots: Robots) -> None:
+    robot = robots.prototype()
+    weak = replace(robot, cables=tuple(replace(c, preload=2.0) for c in robot.cables))
+    with pytest.raises(SlackError, match=r"(upper|lower)/\d has no tension at t = .* elbow"):
+        _balanced(robots, robot=weak)
+    truth = _balanced(robots, robot=weak, allow_slack=True)
+    first = TIME[np.argmax(truth.slack.any(axis=1))]
+    with pytest.raises(SlackError) as caught:
+        _balanced(robots, robot=weak)
+    assert caught.value.time == first
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (Fault("snap", 1.0, cable="middle"), "there are upper, lower"),
+        (Fault("slack", 1.0, cable="bare"), "needs an amount"),
+    ],
+)
+def test_an_impossible_fault_is_refused(robots: Robots, fault: Fault, words: str) -> None:
+    robot = robots.prototype()
+    bare = replace(robot.cables[0], name="bare", preload=0.0)
+    if fault.cable == "bare":
+        robot = replace(robot, cables=(bare,), document={})
+    with pytest.raises(UsageError, match=words):
+        wire(robot, (fault,))
+
+
+def test_faults_work_on_cables_given_by_positions(robots: Robots) -> None:
+    joints = np.zeros((TIME.size, 2))
+    joints[:, 1] = 0.3 * COURSE.angle
+    sound = simulate(robots.finger(), TIME, joints, cells=4)
+    for fault in (Fault("snap", AT, 1e-4, "flexor"), Fault("slip", AT, 0.0125, "flexor")):
+        broken = simulate(robots.finger(), TIME, joints, cells=4, faults=(fault,))
+        np.testing.assert_allclose(broken.tension[BEFORE], sound.tension[BEFORE], atol=1e-9)
+        assert (sound.tension[AFTER, :3] - broken.tension[AFTER, :3]).min() > 1.0
+        np.testing.assert_allclose(broken.tension[:, 3:], sound.tension[:, 3:], atol=1e-9)

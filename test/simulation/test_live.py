@@ -1,0 +1,351 @@
+"""The live rig: bit identity with ``swing``, laws of its motors, and recovery from failures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace as Robots
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
+from cdrj_ros.simulation.live_commands import checked_command
+from cdrj_ros.simulation.live_drives import Drives
+from cdrj_ros.simulation.live_limits import DriveLimits, drive_limits
+from cdrj_ros.simulation.live_motion import Demonstration, program_of
+from cdrj_ros.simulation.load import Load, energy, make_load
+from cdrj_ros.simulation.motion import sine
+from cdrj_ros.simulation.truth import simulate
+
+RATE = 1000.0
+LOAD = make_load("rolling", 0.3, 0.05)
+TIME = np.arange(1_501) / RATE
+
+
+def live(robot: Robot, load: Load = LOAD, **settings: Any) -> LiveRig:
+    return LiveRig(robot, LiveSettings(load, **{"cells": 2, **settings}))
+
+
+class Run:
+    """A rig and its drives, stepped together; records the truth."""
+
+    def __init__(self, rig: LiveRig, drives: Drives) -> None:
+        self.rig, self.drives = rig, drives
+        self.rows = [self._row()]
+
+    def _row(self) -> tuple[np.ndarray, ...]:
+        rig = self.rig
+        return rig.tension, rig.joint_angle, rig.motor_angle, rig.motor_effort, rig.joint_effort
+
+    def step(self) -> None:
+        rig = self.rig
+        angle = self.drives.next(
+            rig.steps + 1, (rig.steps + 1) / RATE, 1.0 / RATE, rig.motor_effort
+        )
+        if not rig.step(angle):
+            self.drives.stopped(rig.motor_angle)
+        self.rows.append(self._row())
+
+    def steps(self, count: int) -> Run:
+        for _ in range(count):
+            self.step()
+        return self
+
+    def tell(self, mode: Any, *values: float) -> Run:
+        command = checked_command(self.drives.limits, mode, None, values)
+        self.drives.command(command, self.rig.time_s)
+        return self
+
+    def truth(self) -> list[np.ndarray]:
+        """Tensions, joint angles, motor angles, motor and joint efforts, each (steps + 1, ...)."""
+        return [np.array(column) for column in zip(*self.rows, strict=True)]
+
+
+def run_of(robot: Robot, load: Load = LOAD, **limits: float) -> Run:
+    return Run(live(robot, load), Drives(drive_limits(robot, RATE, **limits)))
+
+
+def assert_same_digits(found: list[np.ndarray], truth: Truth) -> None:
+    for column, wanted in zip(
+        found,
+        (truth.tension, truth.joint_angle, truth.motor_angle, truth.motor_effort,
+         truth.joint_effort),
+        strict=True,
+    ):  # fmt: skip
+        np.testing.assert_array_equal(column, wanted)
+
+
+def test_the_same_motor_angles_give_the_bits_of_the_whole_simulation(robots: Robots) -> None:
+    robot = robots.prototype()
+    motors = follow_joints(prepare(robot), sine(0.5, 0.5)(TIME).angle[:, None]).motor_angle
+    truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=8)
+    run = Run(live(robot, cells=8), Drives(drive_limits(robot, RATE)))
+    for k in range(1, TIME.size):
+        run.tell("position", motors[k, 0]).step()
+    assert np.ptp(truth.joint_angle) > 0.5
+    assert_same_digits(run.truth(), truth)
+
+
+def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> None:
+    robot = robots.prototype()
+    motors = follow_joints(prepare(robot), sine(0.4, 0.5)(TIME).angle[:, None]).motor_angle
+    planned = (Fault("snap", 0.6, 5e-4, "lower"), Fault("slip", 0.4, cable="upper"))
+    truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=2, faults=planned)
+    run = run_of(robot)
+    for k in range(1, TIME.size):
+        if k == 401:
+            run.rig.break_cable("slip", "upper")
+        if k == 601:
+            run.rig.break_cable("snap", "lower", 5e-4)
+        run.tell("position", motors[k, 0]).step()
+    assert_same_digits(run.truth(), truth)
+
+
+def test_the_demonstration_moves_the_motors_as_simulate_does(robots: Robots) -> None:
+    robot = robots.prototype()
+    model = prepare(robot)
+    program = program_of(model, 0, RATE, Demonstration("sine", 0.3, 0.5))
+    assert program is not None
+    time = np.arange(2_500) / RATE
+    wanted = follow_joints(model, sine(0.3, 0.5, 1.0)(time).angle[:, None]).motor_angle
+    found = [program(k) for k in range(time.size)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("demonstration", "words"),
+    [
+        (Demonstration("waltz"), "motion must be one of none, sine"),  # type: ignore[arg-type]
+        (Demonstration("sine", 2.0), r"amplitude of elbow must be in \(0, 0.6981\]"),
+    ],
+)
+def test_an_impossible_demonstration_is_refused(
+    robots: Robots, demonstration: Demonstration, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        program_of(prepare(robots.prototype()), 0, RATE, demonstration)
+
+
+def test_a_reference_at_an_end_of_the_range_is_named_where_nothing_balances(robots: Robots) -> None:
+    robot = robots.prototype()
+    joint = robot.joints[0]
+    inside = replace(robot, joints=(replace(joint, lower=0.2, reference_angle=0.5),))
+    at_the_end = replace(robot, joints=(replace(joint, lower=0.2, reference_angle=0.2),))
+    load = make_load("rolling", 5000.0, 0.05)
+    for one, said in ((inside, "wrong direction$"), (at_the_end, "reference_angle 0.2 is at an")):
+        with pytest.raises(UsageError, match=said):
+            simulate(one, TIME[:10], motor_angle=np.zeros((10, 1)), load=load, cells=1)
+
+
+def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:
+    robot = robots.prototype("none")
+    load = make_load("rolling", 0.3)
+    rig = live(robot, load, cells=1, start=0.002)
+    drives = Drives(drive_limits(robot, RATE, damping=0.0, timeout_s=1e3, speed=60.0))
+    torque = -rig.motor_effort[0]
+    run = Run(rig, drives).tell("effort", torque)
+    model, inertia = prepare(robot), drives.limits.inertia[0]
+    stiffness = np.array([cable.axial_stiffness for cable in robot.cables])
+    kept, rotors, work = [], [], []
+    for _ in range(200):
+        length = shape_at(model, rig.joint_angle).length.reshape(2, 8).sum(axis=1)
+        tension, before = rig.tension.reshape(2, 8)[:, 0], drives.speed[0]
+        stored = 0.5 * tension**2 / stiffness * length / (1.0 + tension / stiffness)
+        moving = energy(load.coefficients(), rig.joint_angle, np.array([rig.joint_speed]))[0]
+        work.append(torque * rig.motor_angle[0])
+        run.step()
+        rotors.append(0.5 * inertia * before * drives.speed[0])  # conserved by leapfrog
+        kept.append(rotors[-1] + moving + stored.sum() - work[-1])
+    assert not rig.at_stop
+    assert 1e-4 < np.max(rotors) < 0.5 * inertia * 60.0**2
+    assert np.ptp(kept) < 0.01 * np.ptp(work)
+
+
+def test_most_of_the_work_of_a_push_becomes_kinetic_energy(robots: Robots) -> None:
+    robot = robots.prototype("none")
+    load = make_load("rolling", 0.3)
+    rig = live(robot, load, cells=1)
+    rest = rig.joint_angle[0]
+    rig.push(3.0, 0.02)
+    for _ in range(20):
+        rig.step(rig.motor_angle)
+    work = 3.0 * (rig.joint_angle[0] - rest)
+    kinetic = energy(load.coefficients(), rig.joint_angle, np.array([rig.joint_speed]))
+    kinetic -= energy(load.coefficients(), rig.joint_angle, np.zeros(1))
+    assert 0.5 * work < kinetic[0] < work
+    assert rig.push_torque == 3.0
+    rig.step(rig.motor_angle)
+    assert rig.push_torque == 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_stop_ends_the_motion_and_releases_the_joint(robots: Robots, side: float) -> None:
+    rig = live(robots.prototype(), lower=-0.02, upper=0.02)
+    rig.push(side * 60.0, 0.3)
+    for _ in range(200):
+        rig.step(rig.motor_angle)
+    assert rig.at_stop
+    assert (rig.joint_angle[0], rig.joint_speed) == (side * 0.02, 0.0)
+    for _ in range(600):
+        rig.step(rig.motor_angle)
+    assert not rig.at_stop
+    assert abs(rig.joint_angle[0]) < 0.015
+    assert rig.unsolved == rig.stalled == 0
+
+
+def test_a_motor_never_turns_faster_than_it_can(robots: Robots) -> None:
+    for mode, value in (("position", 1.0), ("velocity", 2.0), ("effort", 1.5)):
+        run = run_of(robots.prototype(), speed=2.0).tell(mode, value).steps(300)
+        speed = np.diff(run.truth()[2][:, 0]) * RATE
+        assert 1.0 < speed.max() < 2.0 + 1e-9
+
+
+def test_a_position_is_reached_exactly_and_kept_without_further_commands(robots: Robots) -> None:
+    run = run_of(robots.prototype(), timeout_s=0.05).tell("position", 0.4).steps(300)
+    assert run.rig.motor_angle[0] == 0.4
+    assert run.drives.timeouts == 0
+
+
+@pytest.mark.parametrize("mode", ["velocity", "effort"])
+def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mode: str) -> None:
+    run = run_of(robots.prototype(), timeout_s=0.1).tell(mode, 0.9).steps(105)
+    held = run.rig.motor_angle[0]
+    assert held > 0.01
+    run.steps(200)
+    assert run.rig.motor_angle[0] == held
+    assert (run.drives.modes, run.drives.timeouts) == (["position"], 1)
+
+
+def test_a_torque_balances_the_cables_torque(robots: Robots) -> None:
+    run = run_of(robots.prototype("none"), damping=0.05)
+    for _ in range(20):
+        run.tell("effort", 0.5).steps(100)
+    assert run.rig.at_stop
+    np.testing.assert_allclose(run.rig.motor_effort, -0.5, atol=1e-3)
+
+
+def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots: Robots) -> None:
+    run = run_of(robots.prototype(), torque=0.5).tell("position", 50.0).steps(2_000)
+    settled = np.abs(run.truth()[3][-200:, 0])
+    assert settled.max() < 0.7
+    assert run.rig.motor_angle[0] < 6.0
+
+
+def test_a_cable_that_would_be_wound_in_entirely_stalls_its_motor(robots: Robots) -> None:
+    rig = live(robots.prototype())
+    before = rig.motor_angle
+    for _ in range(3):
+        assert not rig.step(np.array([1e4]))
+    assert rig.stalled == 3
+    np.testing.assert_array_equal(rig.motor_angle, before)
+    assert np.isfinite(rig.tension).all()
+    assert rig.step(before + 1e-3)
+
+
+def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
+    with pytest.raises(UsageError, match=r"rotor_inertia must be at least .* for winch"):
+        drive_limits(robots.prototype(), RATE, inertia=1e-7)
+
+
+@pytest.mark.parametrize("cable", ["upper", "lower"])
+def test_a_cut_cable_never_pulls_again(robots: Robots, cable: str) -> None:
+    run = run_of(robots.prototype()).steps(20)
+    told = run.rig.break_cable("cut", cable)
+    assert told.startswith(f"cut of {cable}")
+    run.steps(20).tell("position", 1.0).steps(200).tell("position", -1.0).steps(400)
+    cut = run.truth()[0][40:].reshape(-1, 2, 8)[:, 0 if cable == "upper" else 1]
+    assert cut.max() == 0.0
+    assert [fault.cable for fault in run.rig.faults] == [cable]
+
+
+def test_a_reset_removes_faults_and_pushes(robots: Robots) -> None:
+    run = run_of(robots.prototype()).tell("velocity", 1.0).steps(200)
+    sound = run.truth()
+    run.rig.break_cable("cut", "upper")
+    run.rig.push(5.0, 10.0)
+    run.steps(50)
+    run.rig.reset()
+    run.drives.reset()
+    assert run.rig.faults == run.rig.pushes == ()
+    again = Run(run.rig, run.drives).tell("velocity", 1.0).steps(200).truth()
+    for before, after in zip(sound, again, strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("melt", "upper"), "fault must be one of slack, snap, slip, cut"),
+        (("snap", "middle"), "names the cable middle; there are upper, lower"),
+        (("snap", "upper", np.nan), r"amount of snap must be in \(0, 1\], got nan"),
+        (("snap", "upper", -1.0), r"amount of snap must be in \(0, 1\]"),
+        (("slip", "upper", 1e9), r"amount of slip must be in \(0, 100\]"),
+        (("cut", "upper", 1e-3), "a cut takes no amount"),
+    ],
+)
+def test_an_impossible_fault_is_refused_and_changes_nothing(
+    robots: Robots, arguments: tuple[Any, ...], words: str
+) -> None:
+    rig = live(robots.prototype())
+    with pytest.raises(UsageError, match=words):
+        rig.break_cable(*arguments)
+    assert rig.faults == ()
+
+
+def test_a_cable_without_preload_needs_an_amount(robots: Robots) -> None:
+    rig = live(robots.hoist(), make_load("lift", 2.0, 40.0))
+    with pytest.raises(UsageError, match="snap of rope needs an amount"):
+        rig.break_cable("snap", "rope")
+    assert rig.break_cable("snap", "rope", 0.01).startswith("snap of rope: 0.01 m")
+
+
+@pytest.mark.parametrize("push", [(np.nan, 1.0), (2 * MOST_TORQUE, 1.0), (1.0, 0.0),
+                                  (1.0, np.inf), (1.0, 2 * LONGEST_PUSH)])  # fmt: skip
+def test_an_impossible_push_is_refused(robots: Robots, push: tuple[float, float]) -> None:
+    rig = live(robots.prototype())
+    with pytest.raises(UsageError, match="must be in"):
+        rig.push(*push)
+    assert rig.pushes == ()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"joint": 3}, "joint must be in"),
+        ({"cells": 0}, "cells must be in"),
+        ({"rate": 1.0}, "rate must be in"),
+        ({"lower": 0.1, "upper": -0.1}, "the stops of elbow"),
+        ({"lower": -2.0}, "the stops of elbow"),
+        ({"start": np.nan}, "start must lie between"),
+    ],
+)
+def test_impossible_settings_are_refused(
+    robots: Robots, settings: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        live(robots.prototype(), **settings)
+
+
+def test_a_heavier_load_sinks(robots: Robots) -> None:
+    rig = live(robots.prototype())
+    for _ in range(50):
+        rig.step(rig.motor_angle)
+    before = rig.joint_angle[0]
+    rig.set_load(make_load("rolling", 3.0, 1.0))
+    for _ in range(500):
+        rig.step(rig.motor_angle)
+    assert rig.joint_angle[0] < before - 1e-3
+
+
+def test_limits_follow_the_robot_unless_given(robots: Robots) -> None:
+    limits = drive_limits(robots.prototype(), RATE)
+    assert isinstance(limits, DriveLimits)
+    assert limits.torque == (pytest.approx(120.0 * 0.015),)
+    assert drive_limits(robots.prototype(), RATE, speed=1e3).speed == (60.0,)

@@ -1,0 +1,117 @@
+"""Sensor errors: each defect has the requested size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.robot.description import Sensor
+from cdrj_ros.simulation.sensors import (
+    Encoder,
+    LoadCells,
+    lost,
+    read_cells,
+    read_encoder,
+    reading_times,
+    schedule,
+)
+
+ENCODER = Encoder(16_384, 1000.0)
+STEP = 2.0 * np.pi / ENCODER.counts
+TIME = np.arange(20_001) / 1000.0
+ANGLE = 0.5 * np.sin(TIME)
+
+
+def _generator() -> np.random.Generator:
+    return np.random.default_rng(5)
+
+
+def test_every_reading_is_a_whole_number_of_counts() -> None:
+    for encoder in (ENCODER, replace(ENCODER, noise=3e-3, bias=0.01)):
+        read = read_encoder(encoder, TIME, TIME, ANGLE, _generator())
+        counts = read / STEP
+        np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+
+
+def test_noise_and_bias_have_the_requested_size() -> None:
+    encoder = replace(ENCODER, noise=2e-3, bias=0.01)
+    error = read_encoder(encoder, TIME, TIME, ANGLE, _generator()) - ANGLE
+    assert error.mean() == pytest.approx(0.01, abs=1e-4)
+    assert error.std() == pytest.approx(np.hypot(2e-3, STEP / np.sqrt(12.0)), rel=0.03)
+
+
+def test_jitter_moves_stamps_and_keeps_their_order() -> None:
+    for jitter in (1e-4, 1e-2):
+        encoder = replace(ENCODER, jitter_s=jitter)
+        plan = schedule(encoder, 0.0, 20.0, _generator())
+        np.testing.assert_array_equal(plan.times, reading_times(0.0, 20.0, 1000.0))
+        assert np.all(np.diff(plan.stamps) > 0.0)
+        off = plan.stamps - plan.times
+        assert off.std() == pytest.approx(jitter, rel=0.03) if jitter < 1e-3 else off.std() > 2e-4
+
+
+@pytest.mark.parametrize("burst", [0.0, 5.0, 50.0])
+def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
+    share = 0.1
+    gone = lost(400_000, share, burst, _generator())
+    assert gone.mean() == pytest.approx(share, rel=0.12)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], gone.astype(np.int8), [0]])))
+    lengths = edges[1::2] - edges[::2]
+    assert lengths.mean() == pytest.approx(max(burst, 1.0 / (1.0 - share)), rel=0.1)
+
+
+def test_lost_readings_leave_gaps_and_change_nothing_else() -> None:
+    plan = schedule(replace(ENCODER, dropout=0.2), 0.0, 20.0, _generator())
+    assert plan.times.size == pytest.approx(0.8 * 20_001, rel=0.03)
+    assert set(plan.times) <= set(reading_times(0.0, 20.0, 1000.0))
+    np.testing.assert_array_equal(plan.times, plan.stamps)
+
+
+def test_seeds_reproduce_and_differ() -> None:
+    encoder = replace(ENCODER, jitter_s=1e-4, dropout=0.1, burst_s=0.01)
+    one, same = (schedule(encoder, 0.0, 5.0, _generator()) for _ in range(2))
+    np.testing.assert_array_equal(one.stamps, same.stamps)
+    other = schedule(encoder, 0.0, 5.0, np.random.default_rng(6))
+    assert one.stamps.size != other.stamps.size or np.any(one.stamps != other.stamps)
+
+
+def test_an_ideal_sensor_draws_no_random_numbers() -> None:
+    generator = _generator()
+    plan = schedule(ENCODER, 0.0, 1.0, generator)
+    read_encoder(ENCODER, plan.times, TIME, ANGLE, generator)
+    assert generator.random() == _generator().random()
+
+
+def test_noise_without_a_generator_is_an_error_of_the_caller() -> None:
+    with pytest.raises(ValueError, match="generator"):
+        read_encoder(replace(ENCODER, noise=1.0), TIME, TIME, ANGLE)
+
+
+def test_the_robot_file_converts_a_reading_back_into_the_angle() -> None:
+    sensor = Sensor(scale=-0.5, offset=0.3)
+    read = read_encoder(ENCODER, TIME, TIME, ANGLE, sensor=sensor)
+    assert np.abs(sensor.scale * read + sensor.offset - ANGLE).max() <= 0.25 * STEP + 1e-12
+
+
+def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
+    sensor = Sensor(period=1.0)
+    angle = 2.0 * TIME / TIME[-1]
+    read = read_encoder(ENCODER, TIME, TIME, angle, sensor=sensor)
+    assert np.abs(read).max() <= 0.5 + STEP
+    assert np.count_nonzero(np.abs(np.diff(read)) > 0.5) == 2
+    assert np.abs(np.unwrap(read, period=1.0) - angle).max() <= 0.5 * STEP + 1e-12
+
+
+def test_load_cells_have_a_bias_and_lose_readings_as_encoders_do() -> None:
+    cells = LoadCells(force_bias=0.5, dropout=0.3, jitter_s=1e-3)
+    plan = schedule(cells, 0.0, 20.0, _generator())
+    assert plan.times.size == pytest.approx(0.7 * 2001, rel=0.06)
+    assert np.all(np.diff(plan.stamps) > 0.0)
+    values = np.full((TIME.size, 2), 20.0)
+    read = read_cells(
+        values, TIME, plan.times, cells.force_noise, cells.force_step, _generator(),
+        cells.force_bias,
+    )  # fmt: skip
+    assert read.mean() == pytest.approx(20.5, abs=0.005)

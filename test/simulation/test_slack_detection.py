@@ -1,0 +1,225 @@
+"""Slack caused by a motion must be detected in time from the encoders alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.status import SLACK
+from cdrj_ros.simulation.motion import Motion, dwell, ramps, random, sine
+from cdrj_ros.simulation.sensors import (
+    JOINT_ENCODER,
+    MOTOR_ENCODER,
+    Encoder,
+    read_encoder,
+    reading_times,
+)
+from cdrj_ros.simulation.truth import simulate
+
+ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+AMPLITUDE = float(np.radians(38.0))
+HIGH, LOW = "36.85,26.26", "23.52,6.66"
+"""The source's two sets of preloads [N]."""
+ALLOWED_S = 0.02
+CLEAR_S = 0.2
+"""A change of slack counts only if none precedes, or follows, it within this time [s]."""
+SLACK_N = 0.1
+COUNT_N = 0.31
+"""Tension that corresponds to one count of the joint encoder [N]."""
+HEAVY = ((0.1, 16.0, 8), (0.3, 8.0, 16), (0.5, 6.0, 16))
+"""Sines in which 0.9 kg make the lower cable slack: frequency [Hz], duration [s], and the smallest
+number of changes of slack."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A motion of the rig and its estimates, by sample and element."""
+
+    step_s: float
+    """Time step of the truth [s]."""
+    tension: np.ndarray
+    """True [N], every ``step_s``."""
+    seen_at: np.ndarray
+    """Stamps of the estimates, on the truth's clock [s]."""
+    estimate: np.ndarray
+    """[N]."""
+    flags: np.ndarray
+
+    @property
+    def slack(self) -> np.ndarray:
+        return self.tension <= SLACK_N
+
+    def then(self, truth: np.ndarray) -> np.ndarray:
+        """Rows of the truth at the estimates' stamps."""
+        return truth[np.rint(self.seen_at / self.step_s).astype(int)]
+
+    def around(self, truth: np.ndarray) -> np.ndarray:
+        """Whether ``truth`` holds for an element within ``ALLOWED_S`` of the estimates' stamps."""
+        window = np.ones(2 * round(ALLOWED_S / self.step_s) + 1)
+        near = [np.convolve(column, window, "same") > 0.5 for column in truth.T]
+        return self.then(np.stack(near, axis=1))
+
+
+def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Series:
+    """Readings of the rig's encoder, with stamps that start at one second."""
+    when = reading_times(0.0, time[-1], encoder.rate, encoder.phase_s)
+    stamps = 1_000_000_000 + np.round(when * 1e9).astype(np.int64)
+    return Series(stamps, stamps, read_encoder(encoder, when, time, angle))
+
+
+def watch(
+    preload: str,
+    load_kg: float,
+    motion: Motion,
+    duration: float,
+    step_s: float = 1e-3,
+    motor_speed: float = 60.0,
+) -> Watched:
+    """Simulate the rig and estimate from its encoders alone."""
+    model = load_model(ROBOT, preload)
+    robot = model.robot
+    assert {cable.slack_tension for cable in robot.cables} == {SLACK_N}
+    time = step_s * np.arange(round(duration / step_s))
+    course = motion(time)
+    load = RollingLoad(load_mass=load_kg)
+    torque = load.torque(course.angle, course.speed, course.acceleration)
+    truth = simulate(robot, time, course.angle, torque, motor_speed, 2, allow_slack=True)
+    heard = condition(
+        robot,
+        {"winch": readings(MOTOR_ENCODER, time, truth.motor_angle[:, 0])},
+        {"elbow": readings(JOINT_ENCODER, time, truth.joint_angle[:, 0])},
+    ).segments[0]
+    _, estimates = run(model, initial_state(model), heard)
+    layout = model.layout
+    return Watched(
+        step_s,
+        truth.tension,
+        heard.stamp_ns * 1e-9 - 1.0,
+        estimates.values[:, layout.tension],
+        estimates.values[:, layout.status].astype(int) & SLACK != 0,
+    )
+
+
+@cache
+def heavy(frequency: float, duration: float) -> Watched:
+    """0.9 kg: the lower cable cannot keep its tension."""
+    return watch(LOW, 0.9, sine(AMPLITUDE, frequency, 1.0), duration, 2e-3, motor_speed=20.0)
+
+
+@pytest.mark.parametrize(("frequency", "duration", "onsets"), HEAVY)
+def test_slack_is_declared_within_twenty_milliseconds(
+    frequency: float, duration: float, onsets: int
+) -> None:
+    watched = heavy(frequency, duration)
+    clear = round(CLEAR_S / watched.step_s)
+    seen = 0
+    for e in range(8, 16):
+        slack = watched.slack[:, e]
+        for k in np.flatnonzero(slack[1:] & ~slack[:-1]) + 1:
+            if slack[max(k - clear, 0) : k].any():
+                continue  # it was slack shortly before
+            after = watched.seen_at - k * watched.step_s
+            flagged = after[watched.flags[:, e] & (after > -0.15)]
+            assert abs(flagged[0]) <= ALLOWED_S, (e, k)
+            seen += 1
+    assert seen >= onsets
+    assert not watched.flags[:, :8].any()  # the upper cable stays taut and is never flagged
+
+
+@pytest.mark.parametrize(("frequency", "duration", "ends"), HEAVY)
+def test_the_end_of_slack_is_declared_within_twenty_milliseconds(
+    frequency: float, duration: float, ends: int
+) -> None:
+    watched = heavy(frequency, duration)
+    clear = round(CLEAR_S / watched.step_s)
+    seen = 0
+    for e in range(8, 16):
+        slack = watched.slack[:, e]
+        for k in np.flatnonzero(~slack[1:] & slack[:-1]) + 1:
+            if slack[k : k + clear].any() or k + clear > slack.size:
+                continue  # it is soon slack again
+            after = watched.seen_at - k * watched.step_s
+            flagged = after[watched.flags[:, e] & (np.abs(after) < 0.15)]
+            assert abs(flagged[-1]) <= ALLOWED_S, (e, k)
+            seen += 1
+    assert seen >= ends
+
+
+@pytest.mark.parametrize(("frequency", "duration"), [row[:2] for row in HEAVY])
+def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
+    frequency: float, duration: float
+) -> None:
+    watched = heavy(frequency, duration)
+    assert not np.any(watched.flags & ~watched.around(watched.slack))
+    assert not np.any(~watched.flags & ~watched.around(~watched.slack))
+
+
+@pytest.mark.parametrize(
+    ("preload", "load_kg", "motion", "lowest"),
+    [
+        (HIGH, 0.3, sine(AMPLITUDE, 0.1, 1.0), 18.0),
+        (HIGH, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 18.0),
+        (HIGH, 0.3, random(AMPLITUDE, 0.5, 1, 1.0), 18.0),
+        (HIGH, 0.9, dwell(AMPLITUDE, 0.1, 1.0), 7.0),
+        (LOW, 0.3, sine(AMPLITUDE, 0.5, 1.0), 6.0),
+        (LOW, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 6.0),
+        (LOW, 0.3, random(AMPLITUDE, 1.0, 2, 1.0), 5.0),
+        (LOW, 0.6, dwell(AMPLITUDE, 0.1, 1.0), COUNT_N),
+        (LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), COUNT_N),
+        (LOW, 0.7, sine(AMPLITUDE, 0.1, 1.0), 0.7),
+    ],
+    ids=[
+        "high sine",
+        "high ramps",
+        "high random",
+        "high dwell, heavy",
+        "low sine",
+        "low ramps",
+        "low random",
+        "low dwell, heavy",
+        "low random, heavy",
+        "low sine, heavier",
+    ],
+)
+def test_no_alarm_in_ten_minutes_of_motions_that_leave_every_cable_taut(
+    preload: str, load_kg: float, motion: Motion, lowest: float
+) -> None:
+    """Ten motions of one minute each; nothing repeats except within a periodic motion.
+
+    Truth every 6 ms, encoders at 1000 and 500 Hz.
+    """
+    watched = watch(preload, load_kg, motion, 60.0, step_s=6e-3)
+    assert lowest < watched.tension.min() < lowest + 1.0  # within 1 N above the stated bound
+    assert watched.seen_at[-1] > 59.9
+    assert not watched.flags.any()
+
+
+@pytest.mark.parametrize(
+    ("load_kg", "motion"),
+    [
+        (0.75, sine(AMPLITUDE, 0.1, 1.0)),
+        (0.8, sine(AMPLITUDE, 0.1, 1.0)),
+        (0.75, random(AMPLITUDE, 0.3, 2, 1.0)),
+        (0.8, random(AMPLITUDE, 0.3, 2, 1.0)),
+    ],
+    ids=["sine", "sine, heavier", "random", "random, heavier"],
+)
+def test_a_nearly_slack_cable_is_classified_to_within_a_count_of_the_encoder(
+    load_kg: float, motion: Motion
+) -> None:
+    """No detection time is guaranteed where a change of 0.1 N takes longer than 20 ms."""
+    watched = watch(LOW, load_kg, motion, 22.0, 2e-3)
+    alarmed = watched.flags & ~watched.then(watched.slack)
+    assert watched.tension.min() < SLACK_N + COUNT_N
+    assert watched.then(watched.tension)[alarmed].max() < SLACK_N + COUNT_N
+    missed = ~watched.flags & watched.then(watched.slack)
+    assert watched.estimate[missed].max(initial=0.0) < SLACK_N + COUNT_N

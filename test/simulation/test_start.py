@@ -1,0 +1,104 @@
+"""Where the free joint is at the start: held by its cables or on an end stop, in every robot."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdrj_ros.foundation.yaml import load_yaml
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.simulation.live import LiveRig, LiveSettings
+from cdrj_ros.simulation.live_motion import BEGIN_S, Demonstration, program_of
+from cdrj_ros.simulation.load import SAG, make_load, usual_load, usual_payload
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
+
+
+def joint_names(path: Path) -> list[str]:
+    """Names of a robot's joints, without what takes long to read: every worker collects them."""
+    text = path.read_text("utf-8").partition("\nuncertainty:")[0]
+    block = re.search(r"^joints:\n.*?(?=^\w)", text, re.MULTILINE | re.DOTALL)
+    if block is None:  # those of a URDF
+        return [joint.name for joint in parse_robot(text, str(path)).joints]
+    return [joint["name"] for joint in load_yaml(block[0], str(path))["joints"]]
+
+
+JOINTS = [
+    (path.stem, joint)
+    for path in sorted(ROBOTS.glob("*.yaml"))
+    for joint in joint_names(path)
+    if not joint.startswith("segment_") or joint in ("segment_1", "segment_8")
+]
+
+
+def rig_of(model: Model, joint: int, payload: float, gravity: float = 9.81) -> LiveRig:
+    load = make_load(usual_load(model.robot, joint), payload, 0.05, gravity)
+    return LiveRig(model.robot, LiveSettings(load, cells=1, joint=joint))
+
+
+@pytest.mark.parametrize(("name", "joint"), JOINTS)
+def test_every_joint_of_every_robot_rests_at_the_start_and_then_moves(
+    name: str, joint: str
+) -> None:
+    model = load_model(name)
+    place = model.layout.joints.index(joint)
+    axis = model.robot.joints[place]
+    payload = usual_payload(model.robot, place, usual_load(model.robot, place), 9.81)
+    assert 0.0 < payload <= 0.3
+    rig = rig_of(model, place, payload)
+    begin = rig.joint_angle[place]
+    assert rig.at_stop == (begin in (axis.lower, axis.upper))
+    for _ in range(200):
+        assert rig.step(rig.motor_angle)
+    assert abs(rig.joint_angle[place] - begin) < 0.01 * (axis.upper - axis.lower)
+    program = program_of(model, place, 1000.0, Demonstration("ramps", frequency=0.5))
+    assert program is not None
+    angles = [program(round(1000.0 * (BEGIN_S + after))) for after in (-0.5, 0.9)]
+    assert np.abs(angles[1] - angles[0]).max() > 0.0
+    assert np.allclose(angles[0], [motor.reference_angle for motor in model.robot.motors])
+
+
+def test_the_usual_payload_bends_no_joint_far() -> None:
+    for name, joint in (("wrist", 0), ("finger3d", 0), ("finger", 0), ("parallel", 2)):
+        model = load_model(name)
+        axis = model.robot.joints[joint]
+        payload = usual_payload(model.robot, joint, usual_load(model.robot, joint), 9.81)
+        loaded, free = rig_of(model, joint, payload), rig_of(model, joint, 0.0)
+        sag = abs(loaded.joint_angle[joint] - free.joint_angle[joint])
+        assert 0.0 < sag < 1.2 * SAG * (axis.upper - axis.lower), name
+    assert usual_payload(load_model("prototype").robot, 0, "rolling", 9.81) == 0.3
+
+
+def test_a_load_that_the_cables_do_not_hold_rests_on_an_end_stop() -> None:
+    """Gravity against positive angles presses it to the lower stop, and along them to the upper."""
+    robot = load_model("prototype").robot
+    for gravity, stop in ((9.81, -0.2), (-9.81, 0.3)):
+        load = make_load("rolling", 500.0, 0.05, gravity)
+        rig = LiveRig(robot, LiveSettings(load, cells=1, lower=-0.2, upper=0.3))
+        assert rig.at_stop
+        assert rig.joint_angle[0] == stop
+        assert rig.step(rig.motor_angle)
+        assert rig.at_stop
+        assert rig.joint_angle[0] == stop
+
+
+def test_a_reference_at_an_end_moves_about_the_middle() -> None:
+    model = load_model("hoist")
+    axis = model.robot.joints[0]
+    assert axis.reference_angle == axis.lower
+    load = make_load("lift", 0.3, 1.0)
+    rig = LiveRig(model.robot, LiveSettings(load, cells=1, rate=250.0))
+    program = program_of(model, 0, 250.0, Demonstration("sine", frequency=0.5))
+    assert program is not None
+    reached = []
+    for step in range(1, 1751):
+        assert rig.step(program(step))
+        reached.append(rig.joint_angle[0])
+    middle, height = 0.5 * (axis.lower + axis.upper), axis.upper - axis.lower
+    assert max(reached[-500:]) == pytest.approx(middle + 0.3 * height, abs=0.02 * height)
+    assert min(reached[-500:]) == pytest.approx(middle - 0.3 * height, abs=0.02 * height)
