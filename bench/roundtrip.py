@@ -27,11 +27,11 @@ from bench.update import recorded_motion
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.estimate_encoder import EstimateEncoder
-from cdrj_ros.recordings.templates import Template
 
 BLOCKS = 16
 """Measured blocks per node, after one warm-up block; the p99 of one rests on four trips."""

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.recordings.topics import NAMESPACE
+from cdrj_ros.messages.topics import NAMESPACE
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros_reference.md"
 

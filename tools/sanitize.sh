@@ -44,4 +44,5 @@ cp "$made"/_core.*.so "$tree/cdrj_ros/"
 # Python itself keeps memory until it ends.
 export ASAN_OPTIONS=detect_leaks=0
 LD_PRELOAD=$(c++ -print-file-name=libasan.so) PYTHONPATH=$tree:${PYTHONPATH:-} \
-    pytest -q -p no:cacheprovider test/estimation test/recordings/test_cdr.py
+    pytest -q -p no:cacheprovider test/messages/test_cdr.py \
+        test/estimation/test_{conditioner,sensor_correction,time_line,time_line_properties,tracking,whole_recording}.py

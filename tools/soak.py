@@ -101,8 +101,8 @@ class Feeder:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
 
-        from cdrj_ros.recordings.cdr import JOINT_STATE
-        from cdrj_ros.recordings.templates import Template
+        from cdrj_ros.messages.cdr import JOINT_STATE
+        from cdrj_ros.messages.templates import Template
 
         self.node = Node("soak", namespace="cdrj")
         self.executor = EventsExecutor()

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.conditioner import Conditioner, Kind, Mode
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.channels import channel_columns
-from cdrj_ros.model.prepared import Layout, Model
-from cdrj_ros.recordings import topics
-from cdrj_ros.recordings.cdr import (
+from cdrj_ros.messages import topics
+from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     FORCE_COMPONENTS,
     JOINT_STATE,
@@ -30,6 +28,8 @@ from cdrj_ros.recordings.cdr import (
     MessageType,
     read_layout,
 )
+from cdrj_ros.model.channels import channel_columns
+from cdrj_ros.model.prepared import Layout, Model
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from cdrj_ros.estimation.recorded_health import Verdict
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.messages import cdr
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
 from cdrj_ros.model.prepared import Layout, Model, shape_at
-from cdrj_ros.recordings import cdr
 
 FRICTION: Final = "friction"
 """``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""

@@ -22,9 +22,10 @@ from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.inputs import passes_of, slices_of
 from cdrj_ros.evaluation.pulley_friction import BLOCK
 from cdrj_ros.foundation.threads import thread_pool
+from cdrj_ros.messages import topics
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import BagWriter, Recording, list_topics, topics
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.recordings import BagWriter, Recording, list_topics
 
 T = TypeVar("T")
 

@@ -51,11 +51,11 @@ from cdrj_ros.evaluation.inputs import (
 )
 from cdrj_ros.evaluation.pulley_friction import FrictionSums
 from cdrj_ros.evaluation.reversals import reversal_zones
+from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.channels import EFFORT, TENSION
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
-from cdrj_ros.recordings.topics import TENSION_SENSORS, in_namespace
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""

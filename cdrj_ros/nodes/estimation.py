@@ -21,6 +21,16 @@ from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.text import counted
+from cdrj_ros.messages.cdr import MessageError
+from cdrj_ros.messages.conversions import marked_stale
+from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.topics import (
+    DIAGNOSTICS,
+    FEW,
+    JOINT_STATES,
+    MOTOR_STATES,
+    TENSION_SENSORS,
+)
 from cdrj_ros.nodes.changes import SIMULATED, Changes
 from cdrj_ros.nodes.diagnostics import HealthWatch, StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.inputs import InputTopic, InputWatch, has_chosen
@@ -30,16 +40,6 @@ from cdrj_ros.nodes.robot_description import given_model
 from cdrj_ros.nodes.settings import declare
 from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.nodes.spinning import CheckedClock
-from cdrj_ros.recordings.cdr import MessageError
-from cdrj_ros.recordings.conversions import marked_stale
-from cdrj_ros.recordings.decoders import cable_tensions
-from cdrj_ros.recordings.topics import (
-    DIAGNOSTICS,
-    FEW,
-    JOINT_STATES,
-    MOTOR_STATES,
-    TENSION_SENSORS,
-)
 
 WATCHES: Final = 4
 """Number of checks of the inputs per timeout."""

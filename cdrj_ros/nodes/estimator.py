@@ -11,6 +11,7 @@ from typing import Any
 from rclpy.utilities import remove_ros_args
 
 from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
 from cdrj_ros.nodes.parameters import parameter_file
 from cdrj_ros.nodes.spinning import (
@@ -22,7 +23,6 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.recordings.topics import NAMESPACE
 
 
 class EstimatorNode(CheckedClock):

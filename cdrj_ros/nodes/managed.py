@@ -8,9 +8,9 @@ from typing import Any, Final
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
 from cdrj_ros.nodes.spinning import CheckedClock, StopRequest, spin_until_stopped, starting
-from cdrj_ros.recordings.topics import NAMESPACE
 
 SUCCESS: Final = TransitionCallbackReturn.SUCCESS
 

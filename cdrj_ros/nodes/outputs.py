@@ -13,14 +13,11 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Output
-from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import STALE
-from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.conversions import marked_stale
-from cdrj_ros.recordings.estimate_encoder import EstimateEncoder
-from cdrj_ros.recordings.templates import Template
-from cdrj_ros.recordings.topics import (
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.conversions import marked_stale
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder
+from cdrj_ros.messages.templates import Template
+from cdrj_ros.messages.topics import (
     EFFORTS,
     JOINT_ANGLES,
     NODAL_FORCES,
@@ -28,6 +25,9 @@ from cdrj_ros.recordings.topics import (
     TENSIONS,
     WRENCHES,
 )
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import STALE
+from cdrj_ros.nodes.qos import default_profile
 
 LOOK_S: Final = 0.2
 """Time between two counts of the subscribers of outputs that are computed on request [s]."""

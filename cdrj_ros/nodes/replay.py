@@ -30,6 +30,7 @@ from cdrj_ros.evaluation.replayed import Outcome, preload_difference, slow_playb
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
+from cdrj_ros.messages.topics import CLOCK, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import Ending, Player
@@ -45,7 +46,6 @@ from cdrj_ros.recordings import (
 )
 from cdrj_ros.recordings.batch import Channel
 from cdrj_ros.recordings.playback import MAX_RATE, MIN_RATE, Playback, checked_rate, rate_in_words
-from cdrj_ros.recordings.topics import CLOCK, in_namespace
 
 INCOMPLETE: Final = 1
 """Exit code: the bag was played, but estimates were lost or the estimator disappeared."""

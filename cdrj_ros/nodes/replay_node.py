@@ -22,9 +22,7 @@ from cdrj_ros.evaluation.answers import ANSWER_TOPICS, Run
 from cdrj_ros.evaluation.replayed import NodeSettings
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
-from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.recordings import Topics
-from cdrj_ros.recordings.topics import (
+from cdrj_ros.messages.topics import (
     CLOCK,
     FEW,
     JOINT_STATES,
@@ -32,6 +30,8 @@ from cdrj_ros.recordings.topics import (
     NAMESPACE,
     in_namespace,
 )
+from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.recordings import Topics
 
 ANSWER_S: Final = 5.0
 """Maximum response time of the estimator's services [s]."""

@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
 from cdrj_ros.nodes.rig_declaring import declare_numbers
@@ -34,7 +35,6 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
-from cdrj_ros.recordings.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.simulation.faults import FAULT_NAMES
 from cdrj_ros.simulation.live import LiveRig
 from cdrj_ros.simulation.live_commands import Command, Trajectory

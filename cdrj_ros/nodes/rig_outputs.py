@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from cdrj_ros.messages import topics
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.rig_settings import Reader, RigOptions
-from cdrj_ros.recordings import topics
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
-from cdrj_ros.recordings.templates import Template
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.live import LiveRig
 from cdrj_ros.simulation.live_sensors import LiveCells, LiveEncoders

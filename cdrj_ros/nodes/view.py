@@ -15,6 +15,7 @@ from rclpy.utilities import remove_ros_args
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
+from cdrj_ros.messages import topics
 from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.rig_declaring import (
     declare_count,
@@ -34,7 +35,6 @@ from cdrj_ros.nodes.spinning import (
 )
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
-from cdrj_ros.recordings import topics
 from cdrj_ros.view.history import History
 from cdrj_ros.view.page import PICTURE_HZ, Page, PageSettings
 from cdrj_ros.view.panels import Controls, TimeAxis

@@ -15,9 +15,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from cdrj_ros.messages import topics
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import STALE
-from cdrj_ros.recordings import topics
 from cdrj_ros.view.history import (
     Snapshot,
     joint_angles,

@@ -28,11 +28,11 @@ from rich.live import Live
 
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.messages import topics
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.nodes.feed import Choice, Feed
 from cdrj_ros.nodes.spinning import RANGE, ros_context, starting
-from cdrj_ros.recordings import topics
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
 from cdrj_ros.report.live_table import View, live_table, plain_line
 from cdrj_ros.robot.reader import load_robot
 

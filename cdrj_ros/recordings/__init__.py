@@ -1,4 +1,4 @@
-"""Recordings and their messages: reading, writing and playback."""
+"""Reading, writing and playback of recordings; no other room opens one."""
 
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording

@@ -18,9 +18,9 @@ import zstandard
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
 from cdrj_ros.recordings.batch import LEAD, Batch, Int64s, Octets, column, pick
 from cdrj_ros.recordings.bounds import MESSAGE_BYTES, Unpacked
-from cdrj_ros.recordings.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
 
 Float64s = npt.NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from importlib import resources
 from typing import Final, NamedTuple
 
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
 from cdrj_ros.recordings.bounds import (
     ARRAY_VALUES,
     DEFINITION_BYTES,
     DEFINITION_DEPTH,
     DEFINITION_FIELDS,
 )
-from cdrj_ros.recordings.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
 
 OWN_PACKAGE: Final = "cdrj_msgs"
 

@@ -11,9 +11,7 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.recordings.batch import Batch, Channel, require_cdr
-from cdrj_ros.recordings.bounds import LARGEST_REFERENCE
-from cdrj_ros.recordings.cdr import (
+from cdrj_ros.messages.cdr import (
     FORCE_COMPONENTS,
     FORCE_VECTOR,
     JOINT_STATE,
@@ -21,10 +19,7 @@ from cdrj_ros.recordings.cdr import (
     TEXT,
     MessageType,
 )
-from cdrj_ros.recordings.decoding import BulkDecoder, series_by_name
-from cdrj_ros.recordings.definitions import message_type
-from cdrj_ros.recordings.source import BagFile, Source, open_source
-from cdrj_ros.recordings.topics import (
+from cdrj_ros.messages.topics import (
     EFFORTS,
     JOINT_STATES,
     MOTOR_STATES,
@@ -32,6 +27,11 @@ from cdrj_ros.recordings.topics import (
     TENSIONS,
     in_namespace,
 )
+from cdrj_ros.recordings.batch import Batch, Channel, require_cdr
+from cdrj_ros.recordings.bounds import LARGEST_REFERENCE
+from cdrj_ros.recordings.decoding import BulkDecoder, series_by_name
+from cdrj_ros.recordings.definitions import message_type
+from cdrj_ros.recordings.source import BagFile, Source, open_source
 
 _MEASURED: Final = "measured/"
 """Prefix of the series of motor efforts among those of a topic."""

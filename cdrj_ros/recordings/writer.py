@@ -21,11 +21,11 @@ from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.recordings.definitions import message_type, own_definition, parse_definition
 from cdrj_ros.recordings.source import METADATA, open_source, read_messages
-from cdrj_ros.recordings.templates import Template
 
 if TYPE_CHECKING:
     from mcap.writer import Writer

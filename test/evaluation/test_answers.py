@@ -16,12 +16,12 @@ from cdrj_ros.evaluation.answers import FOLD, AnotherRobotError, Run, Tally, cha
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.replayed import Outcome
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.estimate_encoder import EstimateEncoder
-from cdrj_ros.recordings.templates import Template
 
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from cdrj_ros.evaluation.channels import QUANTITIES, quantity_of
+from cdrj_ros.messages.cdr import REFERENCE_ARRAYS
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.recordings.cdr import REFERENCE_ARRAYS
 from cdrj_ros.robot.reader import load_robot
 
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"

@@ -22,11 +22,11 @@ from support.estimators import (
 )
 
 from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, read_layout
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.silence import StampClock
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, read_layout
-from cdrj_ros.recordings.templates import Template
 
 MS = 1_000_000
 MOTOR = Template(JOINT_STATE, ("winch",), ("position",))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from support.remote import ROBOT, Remote
 
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.templates import Template
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder

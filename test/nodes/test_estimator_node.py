@@ -15,11 +15,11 @@ from support.forked import Forked
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.messages.conversions import FORCE_ARRAYS, AnswerReader
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE, UNSURE
 from cdrj_ros.recordings import Topics, read_messages
-from cdrj_ros.recordings.conversions import FORCE_ARRAYS, AnswerReader
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")

@@ -27,19 +27,19 @@ from cdrj_ros.estimation.refusals import WHOLE
 from cdrj_ros.estimation.session import Output
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import INVALID, UNSURE
-from cdrj_ros.recordings.cdr import (
+from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
     JOINT_STATE,
     NODAL_FORCES,
     MessageError,
 )
-from cdrj_ros.recordings.cdr import read_layout as layout_of
-from cdrj_ros.recordings.decoders import cable_tensions
-from cdrj_ros.recordings.templates import Template
+from cdrj_ros.messages.cdr import read_layout as layout_of
+from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.templates import Template
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.status import INVALID, UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "25000"))

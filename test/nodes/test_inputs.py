@@ -25,10 +25,10 @@ from support.estimators import (
 )
 
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import OK, STALE, UNSURE
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.templates import Template
 
 ROOT = Path(__file__).parents[2]
 

@@ -11,9 +11,9 @@ from support.motor_alone import motion, truth_of, without_encoder
 
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.templates import Template
 
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 COUNT = 120

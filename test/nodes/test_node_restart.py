@@ -13,10 +13,10 @@ from support.remote import ROBOT, Remote
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE
-from cdrj_ros.recordings.templates import Template
 
 LOST = "25.8,26.26"
 """Preloads after a loss of 30 % in the upper cable [N]."""

@@ -20,9 +20,9 @@ from support.estimators import (
     tensions,
 )
 
+from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
+from cdrj_ros.messages.conversions import marked_stale
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.recordings.cdr import JOINT_STATE, read_layout
-from cdrj_ros.recordings.conversions import marked_stale
 
 PLACED = str(Path(__file__).parents[2] / "config" / "robots" / "prototype_positions.yaml")
 

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.conditioner import Conditioner
-from cdrj_ros.recordings import topics
+from cdrj_ros.messages import topics
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = """\

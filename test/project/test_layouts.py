@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from cdrj_ros.evaluation.answers import ANSWER_TOPICS
+from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.recordings.cdr import JOINT_STATE
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "config" / "layouts"

@@ -3,7 +3,7 @@
 import pytest
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings.cdr import JOINT_STATE, TEXT, Field
+from cdrj_ros.messages.cdr import JOINT_STATE, TEXT, Field
 from cdrj_ros.recordings.definitions import (
     long_name,
     message_type,

@@ -10,9 +10,9 @@ import pytest
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
+from cdrj_ros.messages.cdr import Field, MessageType
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings import BagWriter, Recording, Topics, read_recording
-from cdrj_ros.recordings.cdr import Field, MessageType
-from cdrj_ros.recordings.templates import Template
 
 COUNT = 50
 STAMPS = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(COUNT, dtype=np.int64)

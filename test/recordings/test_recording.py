@@ -231,8 +231,8 @@ def test_messages_not_in_cdr_are_refused_by_their_encoding(make, tmp_path):
 
 
 def test_a_definition_with_other_fields_is_used(make, tmp_path):
-    from cdrj_ros.recordings.cdr import Field, MessageType
-    from cdrj_ros.recordings.templates import Template
+    from cdrj_ros.messages.cdr import Field, MessageType
+    from cdrj_ros.messages.templates import Template
 
     header = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
     text = Field("header.frame_id", "text")

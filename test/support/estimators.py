@@ -11,9 +11,9 @@ import numpy as np
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings.cdr import JOINT_STATE
-from cdrj_ros.recordings.templates import Template
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 

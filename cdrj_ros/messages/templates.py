@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cdrj_ros.recordings.cdr import ENCAPSULATION, TEXT, MessageError, MessageType, Span
+from cdrj_ros.messages.cdr import ENCAPSULATION, TEXT, MessageError, MessageType, Span
 
 
 class Template:

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, ENCAPSULATION, read_layout
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, ENCAPSULATION, read_layout
 
 
 def cable_tensions(

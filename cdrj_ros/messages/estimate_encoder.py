@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from cdrj_ros._core import END_OF_TIME_NS, MessageEncoder
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.model.prepared import Layout
-from cdrj_ros.recordings.cdr import (
+from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     JOINT_STATE,
     NODAL_FORCES,
     MessageError,
     MessageType,
 )
-from cdrj_ros.recordings.conversions import FORCES
-from cdrj_ros.recordings.templates import Template
+from cdrj_ros.messages.conversions import FORCES
+from cdrj_ros.messages.templates import Template
+from cdrj_ros.model.prepared import Layout
 
 Vector = NDArray[np.float64]
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
-from cdrj_ros.model.prepared import Layout
-from cdrj_ros.model.status import STALE
-from cdrj_ros.recordings.cdr import (
+from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
     JOINT_STATE,
     NODAL_FORCES,
 )
-from cdrj_ros.recordings.templates import Template
+from cdrj_ros.messages.templates import Template
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
+from cdrj_ros.model.prepared import Layout
+from cdrj_ros.model.status import STALE
 
 FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed")
 """Arrays that nodal forces and estimates have by the same names."""

@@ -9,12 +9,12 @@ import pytest
 
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
+from cdrj_ros.messages.conversions import FORCE_ARRAYS, FORCES
+from cdrj_ros.messages.estimate_encoder import Encoded, EstimateEncoder
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Layout
-from cdrj_ros.recordings.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
-from cdrj_ros.recordings.conversions import FORCE_ARRAYS, FORCES
-from cdrj_ros.recordings.estimate_encoder import Encoded, EstimateEncoder
-from cdrj_ros.recordings.templates import Template
 
 STAMP_NS = 1_700_000_000_123_456_789
 

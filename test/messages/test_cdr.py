@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.recordings.cdr import (
+from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     JOINT_STATE,
     MESSAGE_TYPES,
@@ -19,8 +19,8 @@ from cdrj_ros.recordings.cdr import (
     MessageError,
     read_layout,
 )
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.definitions import own_definition, parse_definition
-from cdrj_ros.recordings.templates import Template
 
 numbers = st.floats(width=64)
 letters = st.characters(exclude_categories=("Cs",), exclude_characters="\0")  # all of UTF-8

@@ -1,0 +1,1 @@
+"""Conversion between serialised messages and values."""

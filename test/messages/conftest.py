@@ -1,0 +1,3 @@
+from support.foreign_bags import make
+
+__all__ = ["make"]
