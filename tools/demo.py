@@ -22,6 +22,9 @@ MEASURED = ROOT / "docs" / "demo.json"
 POLL_S = 0.2
 PATIENCE_S = 10.0
 
+# The estimator warns of silent inputs after this time; they fall silent when the recording ends.
+SILENCE_S = 600.0
+
 
 def end(process: "subprocess.Popen[bytes]") -> int:
     """Send SIGINT to a node, and kill it if it does not end in time."""
@@ -61,8 +64,9 @@ def play(figures: Path) -> int:
         "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
+    given = ["-p", f"robot:={ROBOT}", "-p", f"timeout:={SILENCE_S}"]
     estimator = subprocess.Popen(
-        [EXECUTABLES / "estimator", "--supervised", "--ros-args", "-p", f"robot:={ROBOT}"],
+        [EXECUTABLES / "estimator", "--supervised", "--ros-args", *given],
         cwd=ROOT,
         env=environment,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import sys
 from collections.abc import Sequence
 from time import monotonic_ns, perf_counter, time_ns
@@ -50,6 +49,9 @@ AT_ONCE: Final = 20
 CLOCK_HZ: Final = 200.0
 """Rate of /clock in simulated time [Hz]."""
 
+SLOW: Final = 0.95
+"""Simulated per real time below which the node is too slow, relative to its speed [-]."""
+
 WARNING_S: Final = 10.0
 """Minimum time between two warnings that the node cannot keep up [s]."""
 
@@ -89,9 +91,8 @@ class RigNode(Node):
         self._left_out_s = 0.0
         self._busy_s = 0.0
         self._reported = (monotonic_ns(), 0, 0.0)
+        self._slow = False
         self._open(model)
-        gc.collect()
-        gc.freeze()  # exclude objects that live as long as the node from later collections
         self.get_logger().info(
             f"{model.robot.name}: {settings.cells} contact cells per pulley, "
             f"{model.robot.joints[settings.joint].name} moves freely, motion "
@@ -124,13 +125,11 @@ class RigNode(Node):
 
     def _on_tick(self) -> None:
         """Compute the steps that are due."""
-        now_ns = monotonic_ns()
         if self._origin_ns is None:
-            self._origin_ns = now_ns
-            self._zero_ns = time_ns()  # only now: a slow start would make all stamps old
-            self._reported = (now_ns, 0, 0.0)
+            self._start()
+            return
         speed = self.options.speed
-        due = int((now_ns - self._origin_ns) * 1e-9 * speed / self._period_s)
+        due = int((monotonic_ns() - self._origin_ns) * 1e-9 * speed / self._period_s)
         behind = due - self._done
         if behind * self._period_s > MOST_BEHIND_S * speed:
             self._leave_out(behind)
@@ -140,22 +139,27 @@ class RigNode(Node):
             self._step()
         self._busy_s += perf_counter() - begin
 
-    def _leave_out(self, steps: int) -> None:
-        """Skip steps because the machine is too slow, and log a warning."""
-        lost_s = steps * self._period_s
-        self._left_out_s += lost_s
+    def _start(self) -> None:
+        """Take the first step, then start the clock: what is slow only once delays no stamp."""
+        self._zero_ns = time_ns()
+        self._step()
+        self._set_origin()
+        self._zero_ns = time_ns() - round(self._period_s * 1e9)
+        self._reported = (monotonic_ns(), self._done, 0.0)
+
+    def _set_origin(self) -> None:
+        """Let the steps that are done be those that are due now."""
         self._origin_ns = monotonic_ns() - round(
             self._done * self._period_s / self.options.speed * 1e9
         )
+
+    def _leave_out(self, steps: int) -> None:
+        """Skip steps that the machine was too slow for."""
+        lost_s = steps * self._period_s
+        self._left_out_s += lost_s
+        self._set_origin()
         if self._clock_publisher is None:  # keep the stamps close to the system clock
             self._zero_ns += round(lost_s * 1e9)
-        cells = self.options.settings.cells
-        fewer = f"fewer contact cells (cells:={cells // 2}) or " if cells > 1 else ""
-        self.get_logger().warning(
-            f"cannot keep up: {self._left_out_s:.3g} s left out so far; {fewer}a lower rate would "
-            "help",
-            throttle_duration_sec=WARNING_S,
-        )
 
     def _step(self) -> None:
         """Advance by one step and publish the sensor readings that are due."""
@@ -245,15 +249,29 @@ class RigNode(Node):
         simulated_s = (self._done - done) * self._period_s
         busy = (self._busy_s - busy_s) / simulated_s if simulated_s > 0.0 else 0.0
         factor = simulated_s / elapsed_s if elapsed_s > 0.0 else 0.0
+        self._warn(factor)
         status = self._status(factor, busy)
         self._diagnostics.publish(diagnostic_array(self.get_clock().now().to_msg(), status))
+
+    def _warn(self, factor: float) -> None:
+        """Log that the node cannot keep up; a single pause of the machine is only counted."""
+        slow = factor < SLOW * self.options.speed
+        if slow and self._slow:
+            cells = self.options.settings.cells
+            fewer = f"fewer contact cells (cells:={cells // 2}) or " if cells > 1 else ""
+            self.get_logger().warning(
+                f"cannot keep up: {self._left_out_s:.3g} s left out so far; {fewer}a lower rate "
+                "would help",
+                throttle_duration_sec=WARNING_S,
+            )
+        self._slow = slow
 
     def _status(self, factor: float, busy: float) -> DiagnosticStatus:
         rig = self.rig
         faults = [f"{fault.kind} of {fault.cable}" for fault in rig.faults]
         faults += [f"{name} frozen" for name in self.outputs.frozen]
         level, message = DiagnosticStatus.OK, "running"
-        if factor < 0.95 * self.options.speed:
+        if factor < SLOW * self.options.speed:
             level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"
         elif faults:
             level, message = DiagnosticStatus.WARN, f"broken: {', '.join(faults)}"

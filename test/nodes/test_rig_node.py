@@ -371,16 +371,27 @@ def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None
     assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
 
 
-def test_a_slow_start_does_not_make_the_stamps_old(
+def test_a_slow_first_step_loses_no_time_and_makes_no_stamp_old(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from cdrj_ros.nodes import rig as module
 
     one = bench()
-    now_ns = module.time_ns() + 5_000_000_000
-    monkeypatch.setattr(module, "time_ns", lambda: now_ns)  # the first step comes 5 s later
-    assert one.spin_until(lambda: one.rig.rig.steps > 0)
-    assert one.rig._zero_ns == now_ns
+    clocks = {name: getattr(module, name) for name in ("time_ns", "monotonic_ns")}
+    step = one.rig._step
+    passed = [0]
+
+    def slow() -> None:
+        step()
+        passed[0] = 5_000_000_000  # the first step takes five seconds
+
+    for name, clock in clocks.items():
+        monkeypatch.setattr(module, name, lambda clock=clock: clock() + passed[0])
+    monkeypatch.setattr(one.rig, "_step", slow)
+    assert one.spin_until(lambda: one.rig.rig.steps > 200)
+    assert one.rig._left_out_s < 1.0
+    late_ns = module.time_ns() - one.rig._zero_ns - one.rig.rig.steps * 1_000_000
+    assert late_ns < 1_000_000_000
 
 
 def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
