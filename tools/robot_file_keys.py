@@ -41,7 +41,7 @@ PLACES = {
 }
 """Places of the schema's definitions in a file; unlisted definitions keep their own names."""
 
-SKIPPED = {"name", "sign", "point", "place", "vector", "profile", "node"}
+SKIPPED = {"name", "ros_name", "sign", "point", "place", "vector", "profile", "node"}
 """Definitions of single values or of a choice between other definitions."""
 
 NUMBERS = {"point": "2 numbers", "place": "2 or 3 numbers", "vector": "3 numbers"}
@@ -112,7 +112,7 @@ def _described(text: str) -> tuple[str, str, str]:
 
 def _type(rule: Mapping[str, Any]) -> str:
     part = rule.get("part", "")
-    if part == "name":
+    if part in ("name", "ros_name"):
         return "name"
     if part == "profile":
         return "number or function"

@@ -208,7 +208,8 @@ def _write(path: str, model: Model, truth: Truth, begin: float, seed: int, read:
                 alike = [a for a, axis in enumerate(axes) if axis.sensor.clock_offset_ns == offset]
                 names = [axes[a].name for a in alike]
                 position = np.stack([readings[name] for name in names], axis=1)
-                effort = None if efforts is None else efforts[:, alike]
+                scale = np.array([axes[a].effort_scale for a in alike])
+                effort = None if efforts is None else efforts[:, alike] / scale
                 bag.write_joint_states(
                     topic, stamps(plan.stamps, offset), names, position=position, effort=effort
                 )

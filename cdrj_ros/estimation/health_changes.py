@@ -119,8 +119,8 @@ def sensor_changes(robot: Robot, channels: Sequence[str]) -> list[Change]:
     """Errors of scale and zero of the sensors themselves."""
     found = []
     for channel in channels:
-        what, unit = (f"load cell {channel}", "N") if "/" in channel else (
-            f"effort of {channel}", "N m"
+        what, unit = (f"effort of {channel}", "N m") if is_effort(robot, channel) else (
+            f"load cell {channel}", "N"
         )  # fmt: skip
         offset = OFFSET_SHARE * magnitude(robot, channel)
         found.append(
@@ -134,9 +134,14 @@ def sensor_changes(robot: Robot, channels: Sequence[str]) -> list[Change]:
     return found
 
 
+def is_effort(robot: Robot, channel: str) -> bool:
+    """Whether a sensor is a motor's effort [N m], not a load cell [N]."""
+    return any(motor.name == channel for motor in robot.motors)
+
+
 def magnitude(robot: Robot, channel: str) -> float:
     """The reading that all preloads together would give [N] or [N m]."""
-    if "/" not in channel:
+    if is_effort(robot, channel):
         return preload_torque(robot, channel)
     name = channel.rpartition("/")[0]
     return next((cable.preload for cable in robot.cables if cable.name == name), 0.0)

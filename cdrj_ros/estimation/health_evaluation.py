@@ -141,7 +141,7 @@ def evaluate(
     system = _system(window, changes, sensors, scale)
     if system is None:
         return None
-    constant = tuple(name for name, rows in window.rows.items() if _is_constant(name, rows))
+    constant = tuple(name for name, rows in window.rows.items() if _is_constant(rows))
     everything = [*changes, *sensors]
     broken = [k for k, one in enumerate(everything) if one.kind == "broken"]
     linear = [k for k in range(len(everything)) if k not in broken]
@@ -176,9 +176,7 @@ def _system(
     window: Window, changes: Sequence[Change], sensors: Sequence[Change], scale: Mapping[str, float]
 ) -> _System | None:
     channels = tuple(
-        name
-        for name, rows in window.rows.items()
-        if len(rows) >= PARTS and not _is_constant(name, rows)
+        name for name, rows in window.rows.items() if len(rows) >= PARTS and not _is_constant(rows)
     )
     if not channels:
         return None
@@ -198,9 +196,9 @@ def _system(
     )
 
 
-def _is_constant(channel: str, rows: list[Reading]) -> bool:
+def _is_constant(rows: list[Reading]) -> bool:
     """Whether an effort is not measured; a load cell at a constant 0 N is a broken cable's."""
-    return "/" not in channel and all(row.measured == rows[0].measured for row in rows)
+    return all(row.is_effort and row.measured == rows[0].measured for row in rows)
 
 
 def _parts(rows: list[Reading]) -> tuple[Vector, Vector, Table, Vector]:

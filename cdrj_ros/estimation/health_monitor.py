@@ -296,7 +296,8 @@ class HealthMonitor:
         _, name, value, noise = reading
         old, new = before[:, self._index[name]], after[:, self._index[name]]
         unsure = 0.0 if stddev is None else float(stddev[self._stddev_column[name]])
-        self._window.add(name, Reading(value, noise, old + share * (new - old), unsure))
+        expected, is_effort = old + share * (new - old), name in self._offset_ns
+        self._window.add(name, Reading(value, noise, expected, unsure, is_effort))
 
     # --- results ----------------------------------------------------------------------------------
 

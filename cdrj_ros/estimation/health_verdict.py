@@ -14,7 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.health_changes import Change
+from cdrj_ros.estimation.health_changes import Change, is_effort
 from cdrj_ros.estimation.health_evaluation import Evaluation, Found
 from cdrj_ros.robot.description import Robot
 
@@ -22,6 +22,9 @@ Flags = NDArray[np.bool_]
 
 FALLING: Final = 4
 """Cycles over which a preload must fall steadily to be called falling."""
+
+LEAST_RATIO: Final = 0.01
+"""Smallest ratio of a measured effort to the expected one that tells a scale."""
 
 NOTHING: Final = (
     "no motor effort and no load cell: angles alone show neither lost preloads nor friction"
@@ -63,8 +66,10 @@ def report(
     values = {"sensors": ", ".join(sensors) or "none", "cycles compared": str(cycles)}
     if last is not None:
         for name, (before, after) in last.deviation.items():
-            unit = "N" if "/" in name else "N m"
-            values[f"deviation of {name} [{unit}]"] = f"{before:.3g}, explained but for {after:.3g}"
+            unit = "N m" if is_effort(robot, name) else "N"
+            values[f"deviation of {name} [{unit}]"] = (
+                f"{before:.3g} from the file, {after:.3g} from it with what the last cycle shows"
+            )
         if last.constant:
             values["constant, so not compared"] = ", ".join(last.constant)
         values["seen in the last cycle"] = "; ".join(map(_amount, last.found)) or "no change"
@@ -74,7 +79,7 @@ def report(
         text = "agrees with the robot file" if cycles else "waiting for two cycles of motion"
         return Report("ok", text, values)
     if not standing.explained:
-        return Report("warn", _unexplained(standing), values)
+        return Report("warn", _unexplained(robot, standing), values)
     text = "; ".join(_sentence(robot, one, evaluated) for one in standing.found if one.matters)
     broken = any(one.change.kind == "broken" for one in standing.found)
     return Report("error" if broken else "warn", text, values)
@@ -112,10 +117,10 @@ def _cables(robot: Robot, change: Change, *, sole: bool) -> list[bool]:
     return [True] * len(robot.cables)
 
 
-def _unexplained(evaluated: Evaluation) -> str:
+def _unexplained(robot: Robot, evaluated: Evaluation) -> str:
     worst = max(evaluated.deviation, key=lambda name: evaluated.deviation[name][1])
     before, after = evaluated.deviation[worst]
-    unit = "N" if "/" in worst else "N m"
+    unit = "N m" if is_effort(robot, worst) else "N"
     return (
         f"{worst} is {before:.3g} {unit} off, of which no single change of the robot explains "
         f"{after:.3g} {unit}: wrong robot file, wrong sign or unit of a sensor, or several changes"
@@ -141,6 +146,7 @@ def _sentence(robot: Robot, found: Found, evaluated: Sequence[Evaluation]) -> st
         text += "much" if more else "little"
     elif one.kind == "sensor":
         text = f"{one.what} is {size} +- {error} {one.unit} too {'high' if more else 'low'}"
+        text += _remedy(robot, found)
     elif one.kind == "preload":
         what = "risen" if more else "lost"
         text = f"{one.what} has {what} {size} +- {error} {one.unit}"
@@ -154,6 +160,16 @@ def _sentence(robot: Robot, found: Found, evaluated: Sequence[Evaluation]) -> st
     if found.others:
         text += f" (or: {', '.join(found.others[:3])})"
     return text
+
+
+def _remedy(robot: Robot, found: Found) -> str:
+    """The key that mends the scale of an effort, and its value."""
+    one = found.change
+    ratio = 1.0 + found.amount / one.size * one.gain
+    motor = next((m for m in robot.motors if m.name == one.channel), None)
+    if motor is None or not one.gain or abs(ratio) < LEAST_RATIO:
+        return ""
+    return f"; if its unit is wrong, effort_scale: {motor.effort_scale / ratio:.4g} mends it"
 
 
 def _course(what: str, evaluated: Sequence[Evaluation]) -> str:

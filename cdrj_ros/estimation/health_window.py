@@ -44,6 +44,8 @@ class Reading(NamedTuple):
     """By the robot file, then by every changed robot, shape (1 + changes,)."""
     spread: float
     """Standard deviation of the file's expectation because of its inexact numbers."""
+    is_effort: bool
+    """Whether it is the effort of a motor [N m], not a tension [N]."""
 
 
 class Turns:

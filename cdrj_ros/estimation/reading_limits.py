@@ -1,12 +1,18 @@
-"""What the readings of every motor and joint must satisfy, for the core."""
+"""What the readings of every motor and joint mean and must satisfy."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot, sqrt
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdrj_ros._core import Axis
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
+
+Vector = NDArray[np.float64]
 
 NOISE_BAND: Final = 3.0
 """Greatest noise of a reading, in standard deviations."""
@@ -24,6 +30,23 @@ def negligible(sensor: Sensor) -> float:
     """Standard deviation of the sensor's own error [rad], ``UNSEEN_FLOOR`` or more."""
     count = sensor.resolution / sqrt(12.0)
     return max(abs(sensor.scale) * hypot(count, sensor.noise), UNSEEN_FLOOR)
+
+
+def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
+    """Efforts [N m] of published ones; those of other names stay.
+
+    Args:
+        robot: its motors and joints have the scales.
+        names: as published.
+        efforts: as published, one per name; if not, the message has none that can be assigned.
+
+    Returns:
+        Shape (names,) or empty.
+    """
+    if len(efforts) != len(names):
+        return efforts[:0]
+    scale = robot.effort_scale
+    return efforts * np.array([scale.get(name, 1.0) for name in names])
 
 
 def axes_of(robot: Robot, tracking: float | None = None) -> list[Axis]:

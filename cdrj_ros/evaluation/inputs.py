@@ -43,16 +43,21 @@ def read_inputs(
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = _read(path, topics, motor_efforts, force_vectors)
+    recording = _read(path, topics, model.robot, motor_efforts, force_vectors)
     require_axes(path, recording, model.robot)
     return recording
 
 
-def _read(path: str, topics: Topics, motor_efforts: bool, force_vectors: bool) -> Recording:
+def _read(
+    path: str, topics: Topics, robot: Robot, motor_efforts: bool, force_vectors: bool
+) -> Recording:
     """Read a bag with the references that it has."""
 
     def read(of: Source | str) -> Recording:
-        return read_recording(of, found, motor_efforts=motor_efforts, force_vectors=force_vectors)
+        return read_recording(
+            of, found, motor_efforts=motor_efforts, force_vectors=force_vectors,
+            effort_scale=robot.effort_scale,
+        )  # fmt: skip
 
     source = open_source(path)
     found = reference_topics(source, topics)
@@ -167,7 +172,7 @@ def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
     """
     if not robot.as_read.joints and topics.joints not in open_source(path).channels():
         topics = replace(topics, joints=topics.motors)
-    recording = _read(path, topics, True, True)
+    recording = _read(path, topics, robot, True, True)
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:

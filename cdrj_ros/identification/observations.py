@@ -17,6 +17,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.channels import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -50,6 +51,14 @@ class Channel:
     """[N] or [N m], shape (n,)."""
     sigma: float
     """Divisor of its residuals [N] or [N m]."""
+    effort_scale: float = 1.0
+    """The scale of published efforts that ``reference`` contains, of an axis' effort."""
+
+    def reference_by(self, robot: Robot) -> Vector:
+        """The reference as a robot reads it, whose scale of efforts may be another."""
+        name = self.name.removeprefix(f"{EFFORT}/")
+        ratio = robot.effort_scale.get(name, self.effort_scale) / self.effort_scale
+        return self.reference if ratio == 1.0 else ratio * self.reference
 
 
 @dataclass(frozen=True)
@@ -134,7 +143,8 @@ def observe(
         else:
             placed = inside[key]
         at, chosen = placed
-        found.append(Channel(name, columns[name], chosen, values[at], sigmas[name]))
+        scale = model.robot.effort_scale.get(name.removeprefix(f"{EFFORT}/"), 1.0)
+        found.append(Channel(name, columns[name], chosen, values[at], sigmas[name], scale))
     channels = tuple(channel for channel in found if channel.reference.size)
     if not channels:
         raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")

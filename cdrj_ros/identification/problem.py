@@ -247,7 +247,7 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
         for at, k in enumerate(group.members)
     }
     parts = [
-        (columns[k] - channel.reference) / channel.sigma
+        (columns[k] - channel.reference_by(model.robot)) / channel.sigma
         for k, channel in enumerate(observed.channels)
     ]
     return np.concatenate(parts) if parts else np.empty(0)

@@ -84,6 +84,7 @@ SHORT_FORMS: Final[Mapping[str, str]] = {
     "EA": "cables.{*}.axial_stiffness",
     "drum_radius": "drum_radius",
     "pulley_bearing_torque": "cables.{*}.nodes.*.bearing_torque",
+    "effort_scale": "motors.{*}.effort_scale",
     "joint_offset": "joints.{*}.offset",
     "joint_scale": "joints.{*}.scale",
     "clock_offset": "joints.{*}.clock_offset",
@@ -238,7 +239,7 @@ def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...])
         step = max(STEP_SHARE * abs(start), TYPICAL[first.key])
         return Unknown(paths, signs, start, lower, upper, step)
     positive = "exclusiveMinimum" in first.rules
-    signless = first.key in ("slope", "sine", "scale") and start != 0.0
+    signless = first.key in ("slope", "sine", "scale", "effort_scale") and start != 0.0
     if (positive and start > 0.0) or signless:
         ends = sorted((start / LOG_REACH, start * LOG_REACH))
         return Unknown(paths, signs, start, max(ends[0], lower), min(ends[1], upper), 0.0)

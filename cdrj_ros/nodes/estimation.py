@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.conditioner import Kind
+from cdrj_ros.estimation.reading_limits import efforts_of
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.text import counted
@@ -225,10 +226,14 @@ class Estimation:
             topic.messages += 1
             stamp_ns = message.stamp_ns
             wanted = health is not None and health.wants_efforts(stamp_ns)
-            if fed and live.wants_efforts(stamp_ns):
-                live.feed_efforts(stamp_ns, message.names, message.efforts)
-            if health is not None and wanted:
-                health.read_efforts(stamp_ns, message.names, message.efforts)
+            feeds = fed and live.wants_efforts(stamp_ns)
+            if feeds or wanted:
+                names = message.names
+                efforts = efforts_of(live.model.robot, names, message.efforts)
+                if feeds:
+                    live.feed_efforts(stamp_ns, names, efforts)
+                if health is not None and wanted:
+                    health.read_efforts(stamp_ns, names, efforts)
             jumped, outputs = live.feed_message(kind, message)
             if jumped:
                 self.node.get_logger().warning(

@@ -48,6 +48,7 @@ class RigOutputs:
             cells = options.efforts
             self._efforts = LiveCells(cells, cells.torque_noise, cells.torque_step, 0.0, [seed, 4])
         self._effort = np.zeros(len(robot.motors))
+        self._effort_scale = np.array([motor.effort_scale for motor in robot.motors])
         publishers = [
             node.create_publisher(JointState, topic, default_profile())
             for topic in (topics.MOTOR_STATES, topics.JOINT_STATES)
@@ -89,7 +90,7 @@ class RigOutputs:
         """
         if self._efforts is not None:
             for reading in self._efforts.take(now_s, rig.motor_effort):
-                self._effort = reading.values
+                self._effort = reading.values / self._effort_scale
         for groups, angle in ((self._motors, rig.motor_angle), (self._joints, rig.joint_angle)):
             for group in groups:
                 for reading in group.sensor.take(now_s, angle[group.columns]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -94,15 +95,17 @@ def read_recording(
     joint_names: Collection[str] | None = None,
     motor_efforts: bool = False,
     force_vectors: bool = False,
+    effort_scale: Mapping[str, float] = MappingProxyType({}),
 ) -> Recording:
     """Read a rosbag2 folder, a folder of files, or one file; it may be truncated or unindexed.
 
     If names are given, all must appear and only these are kept; None keeps all names.  If a message
     repeats a name, both values are kept.  With ``motor_efforts`` and ``force_vectors``, those are
-    read too.  Raises BagError.
+    read too.  ``effort_scale`` has factors, by name, on the efforts that motors and joints publish
+    with their angles; other efforts are in N m.  Raises BagError.
     """
     source = path if isinstance(path, Source) else open_source(path)
-    reading = _Reading(source, topics, motor_efforts, force_vectors)
+    reading = _Reading(source, topics, motor_efforts, force_vectors, effort_scale)
     if source.channels_known():
         reading.require_inputs()
     first = 0
@@ -129,10 +132,16 @@ class _Reading:
     """Decoders of the selected channels, each created at its channel's first message."""
 
     def __init__(
-        self, source: Source, topics: Topics, motor_efforts: bool, force_vectors: bool
+        self,
+        source: Source,
+        topics: Topics,
+        motor_efforts: bool,
+        force_vectors: bool,
+        effort_scale: Mapping[str, float],
     ) -> None:
         self._source = source
         self._motor_efforts, self._force_vectors = motor_efforts, force_vectors
+        self._effort_scale = effort_scale
         self._path = source.path
         self._topics = topics
         self._inputs = {topics.motors: "motor", topics.joints: "joint"}
@@ -175,7 +184,9 @@ class _Reading:
             joints = self._series(joints_topic, is_input=True)
         chosen_motors = self._chosen(motors, motor_names, motors_topic, "motor")
         chosen_joints = self._chosen(joints, joint_names, joints_topic, "joint")
-        references, efforts = self._references(), self._efforts()
+        wanted = dict.fromkeys((motors_topic, *self._topics.references))
+        others = {topic: self._series(topic, is_input=False) for topic in wanted}
+        references, efforts = self._references(others), self._efforts(others[motors_topic])
         return Recording(
             path=self._path,
             start_ns=min(first for first, _ in extents),
@@ -189,19 +200,18 @@ class _Reading:
             force_frame=next((one.decoder.frame for one in roles if one.prefix == _VECTORS), ""),
         )
 
-    def _efforts(self) -> dict[str, Series]:
+    def _efforts(self, found: Mapping[str, Series]) -> dict[str, Series]:
         """Efforts of the motors by name, without those that have no value at all."""
-        found = self._series(self._topics.motors, is_input=False)
         return {
-            name.removeprefix(_MEASURED): series
+            name.removeprefix(_MEASURED): self._scaled(name.removeprefix(_MEASURED), series)
             for name, series in found.items()
             if name.startswith(_MEASURED) and series.stamp_ns.size
         }
 
-    def _references(self) -> dict[str, Series]:
+    def _references(self, others: Mapping[str, Mapping[str, Series]]) -> dict[str, Series]:
         references: dict[str, Series] = {}
         for topic in dict.fromkeys(self._topics.references):
-            for name, series in self._series(topic, is_input=False).items():
+            for name, series in others[topic].items():
                 if name.startswith(_MEASURED):
                     continue
                 if name in references:
@@ -212,8 +222,15 @@ class _Reading:
                     if known is not None:
                         references[name] = known
                 else:
+                    if topic in self._inputs:
+                        series = self._scaled(name.partition("/")[2], series)  # noqa: PLW2901
                     references[name] = self._plausible(name, series)
         return references
+
+    def _scaled(self, name: str, series: Series) -> Series:
+        """The efforts [N m] of a motor or joint that has published them."""
+        scale = self._effort_scale.get(name, 1.0)
+        return series if scale == 1.0 else replace(series, value=scale * series.value)
 
     def _plausible(self, name: str, series: Series) -> Series:
         """The series with implausibly large values replaced by NaN."""

@@ -24,7 +24,7 @@ def read_motors(document: Document, refuse: Refusal) -> Iterator[Motor]:
     for k, entry in enumerate(document["motors"]):
         yield Motor(
             entry["name"],
-            **given(entry, "reference_angle", "max_speed", "effort_noise"),
+            **given(entry, "reference_angle", "max_speed", "effort_noise", "effort_scale"),
             effort_sign=entry.get("effort_sign", Motor.effort_sign),
             passive=_passive(entry),
             sensor=_sensor(f"motors[{k}]", entry, refuse),
@@ -52,7 +52,7 @@ def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
             lower,
             upper,
             reference,
-            **given(entry, "max_speed", "load_drift"),
+            **given(entry, "max_speed", "load_drift", "effort_scale"),
             effort_sign=entry.get("effort_sign", Joint.effort_sign),
             passive=_passive(entry),
             sensor=_sensor(f"joints[{k}]", entry, refuse),
@@ -73,8 +73,10 @@ def given(entry: Document, *keys: str, **renamed: str) -> dict[str, float]:
 
 
 def _sensor(path: str, entry: Document, refuse: Refusal) -> Sensor:
-    if entry.get("scale") == 0.0:
-        raise refuse(f"{path}.scale", "must not be 0: all readings would give one angle")
+    for key, what in (("scale", "readings would give one angle"),
+                      ("effort_scale", "efforts would be 0")):  # fmt: skip
+        if entry.get(key) == 0.0:
+            raise refuse(f"{path}.{key}", f"must not be 0: all {what}")
     counts = entry.get("resolution", 0.0) or entry.get("noise", 0.0)
     if entry.get("tracking_bandwidth", 0.0) > 0.0 and not counts:
         raise refuse(

@@ -41,17 +41,18 @@ class Sensor:
     """
 
     scale: float = 1.0
-    """Factor on the reading [-]; negative if the sensor counts in the opposite direction."""
+    """Angle per unit of the reading [rad]; negative if the sensor counts in the opposite
+    direction."""
     offset: float = 0.0
     """Angle at reading 0 [rad]."""
     period: float = float("inf")
-    """Angle after which the reading wraps around [rad]."""
+    """Amount after which the reading wraps around, in its unit."""
     clock_offset_ns: int = 0
     """Added to the stamps of its readings [ns]."""
     resolution: float = 0.0
-    """Size of a count [rad]."""
+    """Size of a count, in the unit of the reading."""
     noise: float = 0.0
-    """Standard deviation of a reading, in addition to quantisation [rad]."""
+    """Standard deviation of a reading, in addition to quantisation, in its unit."""
     tracking_bandwidth: float = 0.0
     """Bandwidth of the filter that estimates the angle between counts [Hz]; 0 for no filter."""
     tracking: Tracking = "fixed"
@@ -99,11 +100,13 @@ class Motor:
 
     name: str
     reference_angle: float = 0.0
-    """Encoder reading in the pose in which the preload was measured [rad]."""
+    """Angle in the pose in which the preload was measured [rad]."""
     max_speed: float = float("inf")
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
     """+1: efforts are those of the cables on the motor; -1: those that the motor must supply."""
+    effort_scale: float = 1.0
+    """Effort per unit of the published effort [N m]; not 0."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
     effort_noise: float = 0.01
@@ -120,11 +123,13 @@ class Joint:
     upper: float
     """Upper end of the range [rad]; [m] for a prismatic joint."""
     reference_angle: float = 0.0
-    """Reading in the pose in which the preload was measured, within the range [rad]."""
+    """Angle in the pose in which the preload was measured, within the range [rad]."""
     max_speed: float = float("inf")
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
     """+1: efforts are those of the cables on the joint; -1: those that balance them."""
+    effort_scale: float = 1.0
+    """Effort per unit of the published effort [N m], [N] of a prismatic joint; not 0."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
     measured: bool = True
@@ -368,6 +373,11 @@ class Robot:
     def axes(self) -> tuple[Motor | Joint, ...]:
         """All motors, followed by all joints."""
         return (*self.motors, *self.joints)
+
+    @property
+    def effort_scale(self) -> dict[str, float]:
+        """Effort per unit of the published effort, of every motor and joint."""
+        return {axis.name: axis.effort_scale for axis in self.axes}
 
     @property
     def unmeasured(self) -> tuple[int, ...]:

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.robot.names import with_prefix
 from cdrj_ros.robot.urdf import with_urdf_frames
 
 UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
@@ -53,7 +54,7 @@ def parse_document(text: str, source: str) -> Document:
             f"{path} must be a finite number of at most {LARGEST:g} in SI, got {_shown(value)} "
             f"({source})"
         )
-    return document
+    return with_prefix(document)
 
 
 @lru_cache(maxsize=1)
@@ -195,6 +196,35 @@ def _path(start: str, parts: Iterable[str | int]) -> str:
     return text
 
 
+ELSEWHERE: Final = MappingProxyType(
+    {
+        "a gear of ratio N between encoder and axis is scale: 1/N, as a number, of its motor or "
+        "joint; negative if it reverses the sense": (
+            "gear", "gear_ratio", "mechanical_reduction", "ratio", "reduction", "transmission",
+        ),
+        "the unit of the published positions is scale of the motor or joint: scale_deg: 360 for "
+        "turns, 360 / counts per turn for counts, 1 for degrees": (
+            "counts_per_revolution", "counts_per_turn", "cpr", "encoder_resolution",
+            "position_unit", "ticks_per_turn", "unit", "units",
+        ),
+        "a current as effort is effort_scale of the motor or joint: torque constant [N m/A] * gear "
+        "ratio * efficiency": (
+            "current_to_torque", "efficiency", "gear_efficiency", "kt", "motor_constant",
+            "torque_constant",
+        ),
+        "a sensor that counts the other way is a negative scale, an effort of the other sign "
+        "effort_sign: -1": ("direction", "invert", "inverted", "polarity", "reverse", "sign"),
+        "the angle at reading 0 is offset": (
+            "home", "home_offset", "homing_offset", "zero", "zero_offset",
+        ),
+        "name is the name as published, after prefix, a key of the file itself": (
+            "joint_name", "name_prefix", "namespace", "prefix", "published_name", "ros_name",
+            "tf_prefix",
+        ),
+    }
+)  # fmt: skip
+"""What to write for a key of another program, with its names there."""
+
 LIMITS: Final = MappingProxyType(
     {
         "minimum": "at least",
@@ -222,7 +252,7 @@ def _complaint(error: Any, start: str) -> str:
     elif rule == "type":
         where, wanted = where or "the file", f"of type {allowed},"
     elif rule == "pattern":
-        wanted = "a name of letters, digits and _,"
+        wanted = f"{error.schema['description']},"
     else:
         return (
             f"{where} must be: {error.schema.get('description', error.message)} Got {_shown(given)}"
@@ -241,6 +271,7 @@ def _key_complaint(error: Any, start: str) -> str:
     unknown = next(key for key in given if key not in rules)
     close = get_close_matches(unknown, sorted(rules), n=1)
     hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(sorted(rules))}"
+    hint = next((words for words, keys in ELSEWHERE.items() if unknown in keys), hint)
     return f"{_path(start, [*error.absolute_path, unknown])} is not a known key; {hint}"
 
 

@@ -3,6 +3,7 @@
 A path refers to the parsed document: SI units, no unit suffixes, names instead of indices.
 Entries without a name are numbered from 1, like elements and pulleys in messages:
 ``cables.b.nodes.3.bearing_torque`` is pulley ``b/3``, ``cables.b.spans.3.slope`` element ``b/3``.
+Names of motors and joints may contain points, and stand as they are.
 
 A path may name a number that the file leaves out.  Such a number has its default, and setting it
 adds an entry at that path.  ``cables.upper.friction.mu_c`` is the value that applies to the pulleys
@@ -43,6 +44,7 @@ def _defaults_of(kind: type) -> dict[str, float]:
 _AXIS: Final = {
     "reference_angle": 0.0,
     "clock_offset": 0.0,
+    "effort_scale": 1.0,
     **_defaults_of(PassiveTorque),
     **_defaults_of(Sensor),
 }
@@ -146,9 +148,21 @@ def find_number(document: Document, path: str) -> Number:
 def _find(document: Document, path: str) -> Number:
     """The number at a path; its value is NaN if it is left out and has no default."""
     spot = parent = _Spot((), document, schema(), "")
-    for segment in path.split("."):
+    segments = path.split(".")
+    while segments:
+        segment, segments = _first(spot, segments)
         spot, parent = _step(document, spot, segment, path), spot
     return _number(document, path, parent, spot)
+
+
+def _first(spot: _Spot, segments: list[str]) -> tuple[str, list[str]]:
+    """The next segment and the rest; a name with points is one segment, the longest that exists."""
+    if isinstance(spot.value, list):
+        names = _names(spot)
+        for count in range(len(segments), 1, -1):
+            if (name := ".".join(segments[:count])) in names:
+                return name, segments[count:]
+    return segments[0], segments[1:]
 
 
 def number_at(document: Document, path: str) -> float:
@@ -228,7 +242,7 @@ def _expanded(
     """All paths below a place that match a pattern, as (names in braces, path)."""
     if not segments:
         return [((), ())]
-    segment, rest = segments[0], segments[1:]
+    segment, rest = _first(spot, segments)
     apart = segment.startswith("{") and segment.endswith("}")
     several = segment.startswith("[") and segment.endswith("]")
     inner = segment[1:-1] if apart or several else segment
@@ -282,7 +296,7 @@ def _names(spot: _Spot) -> list[str]:
 
 def _leads_on(rules: Mapping[str, Any]) -> bool:
     """Whether there is a number at or below a key."""
-    if rules.get("$ref", "").endswith(("/name", "/sign")):
+    if rules.get("$ref", "").endswith(("name", "/sign")):
         return False
     return "$ref" in rules or rules.get("type") in ("number", "array")
 

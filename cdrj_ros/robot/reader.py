@@ -86,6 +86,10 @@ def build_robot(document: Document, source: str) -> Robot:
     places = PlaceReader([frame.name for frame in spatial_frames], refuse) if in_space else None
     reader = CableReader(document.get("friction", {}), motors, frames, profiles, refuse, places)
     cables = tuple(reader.read(f"cables[{k}]", entry) for k, entry in enumerate(document["cables"]))
+    elements = {element for cable in cables for element in cable.element_names}
+    for name in (*(motor.name for motor in motors), *joints):
+        if name in elements:  # both may be the name of a sensor
+            raise refuse(f"the name {name!r} of a motor or joint", "is that of an element")
     routed = any(cable.routed for cable in cables)
     return Robot(
         document["name"],

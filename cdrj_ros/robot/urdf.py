@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as Xml
@@ -83,6 +83,7 @@ def with_urdf_frames(document: Document, source: str) -> Document:
     else:
         path = _find(entry["urdf"], source)
         joints = read_urdf(path, source)
+    joints = _without_prefix(joints, str(document.get("prefix", "")))
     measured = entry.get("joints", [j.name for j in joints if j.motion != "fixed" and not j.mimic])
     _check_measured(measured, joints, path, source)
     kept = _needed(document, joints)
@@ -95,6 +96,18 @@ def with_urdf_frames(document: Document, source: str) -> Document:
         "frames": frames,
         "joints": _joints(document.get("joints"), measured, joints, source),
     }
+
+
+def _without_prefix(joints: list[UrdfJoint], prefix: str) -> list[UrdfJoint]:
+    """The joints with the names of the robot file, which the URDF may have after its prefix."""
+
+    def named(joint: UrdfJoint) -> UrdfJoint:
+        leader = joint.mimic and (joint.mimic[0].removeprefix(prefix), *joint.mimic[1:])
+        names = (joint.name, joint.parent, joint.child)
+        name, parent, child = (one.removeprefix(prefix) for one in names)
+        return replace(joint, name=name, parent=parent, child=child, mimic=leader)
+
+    return [named(joint) for joint in joints]
 
 
 def _find(path: str, source: str) -> Path:

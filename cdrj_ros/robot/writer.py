@@ -18,6 +18,7 @@ from typing import Any, Final
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import yaml_nodes
 from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
+from cdrj_ros.robot.names import prefixed
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.urdf import DESCRIPTION
 
@@ -103,6 +104,7 @@ def _with_number(text: str, number: Number, document: Document) -> str:
     node = yaml_nodes(text)
     factor = 1.0
     keys = list(number.keys)
+    prefix = str(document.get("prefix", ""))
     entry: Any = document
     while keys:
         key = keys[0]
@@ -111,11 +113,11 @@ def _with_number(text: str, number: Number, document: Document) -> str:
         if isinstance(key, int):
             if node.id != "sequence":
                 raise RobotFileError(f"{number.path} is a number of the URDF; change it there")
-            place = _place(node, key, entry)
+            place = _place(node, key, entry, prefix)
             if place is None:
                 # those of a URDF follow in its order: the ones before come along
                 names = [one["name"] for k, one in enumerate(listed[: key + 1])
-                         if _place(node, k, one) is None]  # fmt: skip
+                         if _place(node, k, one, prefix) is None]  # fmt: skip
                 value = number.value / number.factor / factor
                 return _appended(text, node, names, keys[1:], value)
             node = node.value[place]
@@ -140,7 +142,7 @@ def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
     return None
 
 
-def _place(sequence: Any, index: int, entry: Any) -> int | None:
+def _place(sequence: Any, index: int, entry: Any, prefix: str) -> int | None:
     """Index of an entry in the text, found by its name if it has one; None if it is not there.
 
     The document also has joints that the text does not list, those of a URDF.
@@ -150,7 +152,7 @@ def _place(sequence: Any, index: int, entry: Any) -> int | None:
         return index
     for k, node in enumerate(sequence.value):
         found = _entry(node, "name")
-        if found is not None and found[1].value == name:
+        if found is not None and name in (found[1].value, prefixed(found[1].value, prefix)):
             return k
     return None
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cdrj_ros.estimation.ensemble import mark_elements_unsure
-from cdrj_ros.estimation.health_changes import Change, changes_of, sensor_changes
+from cdrj_ros.estimation.health_changes import GAIN, Change, changes_of, sensor_changes
 from cdrj_ros.estimation.health_evaluation import Evaluation, Found
-from cdrj_ros.estimation.health_verdict import unsure_elements
+from cdrj_ros.estimation.health_verdict import report, unsure_elements
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
@@ -84,6 +85,18 @@ def test_a_preload_that_is_corrected_is_no_reason_but_a_broken_cable_is(
     assert not unsure_elements(model.robot, lost, corrected=True).any()
     broken = verdict(changes["cable upper"])
     assert unsure_elements(model.robot, broken, corrected=True)[UPPER].all()
+
+
+def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
+    model: Model, changes: dict[str, Change]
+) -> None:
+    motor = replace(model.robot.motors[0], effort_scale=0.5)
+    robot = replace(model.robot, motors=(motor,))
+    # readings of 1/2.7 of what is expected, with the scale of the file
+    standing = verdict(changes["scale of effort of winch"], times=(1 / 2.7 - 1.0) / GAIN)
+    found = report(robot, ["winch"], 3, standing, [standing])
+    assert "63 +- 0.1 % too low" in found.message
+    assert found.message.endswith("effort_scale: 1.35 mends it")
 
 
 def test_unsure_elements_are_unsure_until_the_doubt_ends(model: Model) -> None:

@@ -1,0 +1,153 @@
+"""From what a stack publishes to angles and torques: names, prefix, gear, units, currents."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.reading_limits import efforts_of
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
+from cdrj_ros.robot.parameters import find_number, matching_paths
+from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.writer import with_numbers_in_text, with_section
+from cdrj_ros.view.history import joint_angles, joint_axes
+
+PLAIN = (Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml").read_text("utf-8")
+GEAR, COUNTS, TORQUE_CONSTANT = -50.0, 4096, 0.06
+MOTOR, JOINT = "m/left.winch-1", "elbow 1:a+b"
+PUBLISHED = (
+    PLAIN.replace("name: prototype\n", "name: prototype\nprefix: arm1_\n")
+    .replace("- name: winch", f"- name: {MOTOR}\n    scale: {2 * pi / COUNTS / GEAR!r}\n"
+             f"    offset: 0.3\n    effort_scale: {TORQUE_CONSTANT * 50.0 * 0.9}")
+    .replace("- name: elbow", f"- name: {JOINT!r}\n    scale_deg: 360\n    offset: -0.1")
+    .replace("motor: winch", f"motor: {MOTOR}").replace("joint: elbow", f"joint: {JOINT!r}")
+    .replace("resolution_deg: 0.00439453125", "resolution: 1")
+    .replace("resolution_deg: 0.02197265625", "resolution: 6.103515625e-05")
+)  # fmt: skip
+"""The same robot as a stack publishes it: counts of an encoder on a geared motor that turns the
+other way, currents, turns of the joint, and names of several robots in one message."""
+
+STAMPS = 1_000_000_000 + 2_000_000 * np.arange(400)
+TIME = (STAMPS - STAMPS[0]) * 1e-9
+ANGLE = {"winch": 0.4 * np.sin(4.0 * TIME), "elbow": 0.5 * np.sin(4.0 * TIME + 0.1)}
+TORQUE = 0.2 * np.cos(4.0 * TIME)
+NAMES = ("arm2_elbow 1:a+b", f"arm1_{JOINT}", "elbow", "arm1_gripper", f"arm1_{MOTOR}")
+
+
+@pytest.fixture(scope="module")
+def models() -> tuple[Model, Model]:
+    plain, published = (prepare(parse_robot(text, "robot")) for text in (PLAIN, PUBLISHED))
+    return plain, published
+
+
+def published_positions() -> np.ndarray:
+    """Shape (n, names); the axes of other robots move otherwise."""
+    counts = (ANGLE["winch"] - 0.3) * COUNTS * GEAR / (2 * pi)
+    turns = (ANGLE["elbow"] + 0.1) / (2 * pi)
+    other = 9.0 + TIME
+    return np.column_stack([other, turns, -other, other, counts])
+
+
+def published_efforts() -> np.ndarray:
+    current = TORQUE / (TORQUE_CONSTANT * 50.0 * 0.9)
+    other = np.full_like(current, 7.0)
+    return np.column_stack([other, other, other, other, current])
+
+
+def test_the_live_estimate_is_that_of_angles_and_torques(models: tuple[Model, Model]) -> None:
+    plain, published = (LiveEstimator(model, Options()) for model in models)
+    for k, stamp in enumerate(STAMPS.tolist()):
+        angles = [ANGLE["winch"][k], ANGLE["elbow"][k]]
+        ours = plain.conditioner.feed_both(stamp, ("winch", "elbow"), angles)
+        theirs = published.conditioner.feed_both(stamp, NAMES, published_positions()[k])
+        assert len(ours) == len(theirs)
+        for one, other in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(one.motor_angle, other.motor_angle, atol=1e-9)
+            np.testing.assert_allclose(one.joint_angle, other.joint_angle, atol=1e-9)
+    torques = efforts_of(models[1].robot, NAMES, published_efforts()[0])
+    np.testing.assert_allclose(torques, [7.0, 7.0, 7.0, 7.0, TORQUE[0]])
+    assert efforts_of(models[1].robot, NAMES, np.zeros(2)).size == 0
+
+
+def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
+    models: tuple[Model, Model], tmp_path: Path
+) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_joint_states(
+            "/joint_states", STAMPS, NAMES, position=published_positions(),
+            effort=published_efforts(),
+        )  # fmt: skip
+        bag.write_joint_states("/measured", STAMPS, ("sensor",), effort=TORQUE[:, None])
+    topics = Topics("/joint_states", "/joint_states", ("/joint_states", "/measured"))
+    model, motor = models[1], f"arm1_{MOTOR}"
+    recording = read_inputs(str(tmp_path / "bag"), topics, model, motor_efforts=True)
+    np.testing.assert_allclose(recording.motor_efforts[motor].value, TORQUE)
+    np.testing.assert_allclose(recording.references[f"effort/{motor}"].value, TORQUE)
+    np.testing.assert_allclose(recording.references["effort/sensor"].value, TORQUE)
+    (segment,) = condition_recording(model, recording).segments
+    inside = slice(5, -5)
+    for angle, name in ((segment.motor_angle, "winch"), (segment.joint_angle, "elbow")):
+        expected = np.interp(segment.stamp_ns, STAMPS, ANGLE[name])
+        np.testing.assert_allclose(angle[inside, 0], expected[inside], atol=2e-4)  # half a count
+
+
+def test_a_picture_shows_the_same_angle(models: tuple[Model, Model]) -> None:
+    message = SimpleNamespace(name=NAMES, position=published_positions()[30])
+    axes = joint_axes(models[1].robot)
+    assert joint_angles(message, axes, np.zeros(1)) == pytest.approx(ANGLE["elbow"][30])
+
+
+def test_numbers_are_found_and_written_under_any_name() -> None:
+    robot = parse_robot(PUBLISHED, "robot")
+    motor, joint = f"motors.arm1_{MOTOR}", f"joints.arm1_{JOINT}"
+    assert find_number(dict(robot.document), f"{joint}.offset").value == -0.1
+    assert matching_paths(dict(robot.document), f"{motor}.scale") == ((f"{motor}.scale",),)
+    text = with_numbers_in_text(
+        PUBLISHED, {f"{motor}.offset": 0.25, f"{joint}.clock_offset": 1e-3}, "robot"
+    )
+    changed = parse_robot(text, "robot")
+    assert changed.motors[0].sensor.offset == 0.25
+    assert changed.joints[0].sensor.clock_offset_ns == 1_000_000
+    stated = f"uncertainty: {{parameters: ['joints.{JOINT}.offset'], stddev: [0.01]}}\n"
+    known = parse_robot(with_section(text, "uncertainty", stated), "robot").uncertainty
+    assert known is not None
+    assert known.parameters[0] == f"{joint}.offset"
+    (one,) = parse_unknowns(dict(robot.document), "effort_scale")
+    assert one.paths == (f"{motor}.effort_scale",)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "answer"),
+    [
+        (
+            "- name: winch",
+            "- name: winch\n    gear_ratio: 50",
+            r"motors\[0\].gear_ratio .*scale: 1/N",
+        ),
+        ("mu_c: 0.15", "torque_constant: 0.06", r"friction.torque_constant .*effort_scale"),
+        ("name: prototype", "name: prototype\ncounts_per_turn: 4096", "scale_deg: 360"),
+        ("- name: winch", "- name: winch\n    effort_scale: 0", "effort_scale must not be 0"),
+        ("- name: winch", "- name: '[a]'", "a name of letters, digits, inner spaces"),
+        ("name: elbow", "name: upper/1", "is that of an element"),
+    ],
+)
+def test_a_key_of_another_program_is_answered_with_ours(
+    before: str, after: str, answer: str
+) -> None:
+    with pytest.raises(RobotFileError, match=answer):
+        parse_robot(
+            PLAIN.replace(before, after, 1).replace(
+                "joint: elbow", f"joint: {after[6:]}" if "upper" in after else "joint: elbow"
+            ),
+            "robot",
+        )
