@@ -1,16 +1,107 @@
-"""A virtual tension sensor for cables that run over pulleys, for ROS 2."""
+"""Tension of every cable element of a cable-driven mechanism, from motor encoders and joint angles.
 
-__version__: str
-"""The version in package.xml."""
+    import cdrj_ros as cdrj
+
+All public names are listed in ``__all__`` and described in docs/api.md.  They keep their meaning;
+modules below this one are the package's own and may change.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from cdrj_ros.api import Estimator, estimate, identify, load, validate
+    from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, step
+    from cdrj_ros.estimation.samples import Sample
+    from cdrj_ros.estimation.session import Options
+    from cdrj_ros.evaluation.metrics import ChannelError, Errors
+    from cdrj_ros.foundation.errors import BagError, CdrjError, RobotFileError, UsageError
+    from cdrj_ros.identification.fit import Identification
+    from cdrj_ros.model.prepared import Layout, Model
+    from cdrj_ros.recordings import Recording, Series, Topics, read_recording
+    from cdrj_ros.robot.description import Robot
+    from cdrj_ros.simulation.assembly import Truth
+    from cdrj_ros.simulation.follow import follow_joints
+    from cdrj_ros.simulation.load import Load, make_load, usual_load
+    from cdrj_ros.simulation.truth import simulate
+
+    __version__: str
+    """The version in package.xml."""
+
+__all__ = [
+    "BagError",
+    "CdrjError",
+    "ChannelError",
+    "Errors",
+    "Estimate",
+    "Estimates",
+    "Estimator",
+    "Identification",
+    "Layout",
+    "Load",
+    "Model",
+    "Options",
+    "Recording",
+    "Robot",
+    "RobotFileError",
+    "Sample",
+    "Series",
+    "State",
+    "Topics",
+    "Truth",
+    "UsageError",
+    "__version__",
+    "estimate",
+    "follow_joints",
+    "identify",
+    "initial_state",
+    "load",
+    "make_load",
+    "read_recording",
+    "simulate",
+    "step",
+    "usual_load",
+    "validate",
+]
+
+_HOMES: Final = {
+    "api": ("Estimator", "estimate", "identify", "load", "validate"),
+    "estimation.estimator": ("Estimate", "Estimates", "State", "initial_state", "step"),
+    "estimation.samples": ("Sample",),
+    "estimation.session": ("Options",),
+    "evaluation.metrics": ("ChannelError", "Errors"),
+    "foundation.errors": ("BagError", "CdrjError", "RobotFileError", "UsageError"),
+    "identification.fit": ("Identification",),
+    "model.prepared": ("Layout", "Model"),
+    "recordings": ("Recording", "Series", "Topics", "read_recording"),
+    "robot.description": ("Robot",),
+    "simulation.assembly": ("Truth",),
+    "simulation.follow": ("follow_joints",),
+    "simulation.load": ("Load", "make_load", "usual_load"),
+    "simulation.truth": ("simulate",),
+}
+"""The module of every public name: it is imported when the name is used for the first time, so that
+``import cdrj_ros`` is quick and a command can handle Ctrl-C before slow modules are imported."""
 
 
-def __getattr__(name: str) -> str:
-    """Read the version when it is asked for: a command must be able to handle Ctrl-C before."""
-    if name != "__version__":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    version = _version()
-    globals()[name] = version
-    return version
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module (PEP 562)."""
+    if name == "__version__":
+        value: Any = _version()
+    else:
+        home = next((module for module, names in _HOMES.items() if name in names), None)
+        if home is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return __all__
 
 
 def _version() -> str:

@@ -14,10 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.recordings import read_recording
+import cdrj_ros as cdrj
 
 SAMPLE_BAG = Path(__file__).resolve().parents[1] / "bags" / "prototype_preload_36_26"
 FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
@@ -25,7 +22,7 @@ FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
 
 def write_demo(path, seconds=3.0, rate_hz=500.0):
     """Write the first seconds of the sample recording as a table."""
-    recording = read_recording(SAMPLE_BAG)
+    recording = cdrj.read_recording(SAMPLE_BAG)
     channels = {**recording.motors, **recording.joints}
     begin_ns = max(int(series.stamp_ns[0]) for series in channels.values())
     t = np.arange(round(seconds * rate_hz)) / rate_hz
@@ -44,31 +41,31 @@ def estimate(angles, tensions, robot):
 
     Returns the number of estimates and the numbers of refused readings by cause.
     """
-    live = LiveEstimator(load_model(robot))
-    layout = live.model.layout
+    estimator = cdrj.Estimator(robot)
+    layout = estimator.model.layout
     with angles.open(newline="") as source, tensions.open("w", newline="") as target:
         rows = csv.DictReader(source)
-        names = [name for name in rows.fieldnames or () if name != "t"]
         missing = {"t", *layout.motors, *layout.joints} - set(rows.fieldnames or ())
         if missing:
-            raise UsageError(f"{angles} has no column {', '.join(sorted(missing))}")
+            raise cdrj.UsageError(f"{angles} has no column {', '.join(sorted(missing))}")
         out = csv.writer(target)
         kinds = ("", " sigma", " status")
         out.writerow(["t", *(name + kind for name in layout.elements for kind in kinds)])
         count, first_s = 0, None
         for row in rows:
             first_s = float(row["t"]) if first_s is None else first_s
-            stamp_ns = FIRST_NS + round((float(row["t"]) - first_s) * 1e9)
-            positions = np.array([float(row[name]) for name in names])
+            estimator.update(
+                FIRST_NS + round((float(row["t"]) - first_s) * 1e9),
+                motors={name: float(row[name]) for name in layout.motors},
+                joints={name: float(row[name]) for name in layout.joints},
+            )
             # A reading may be refused, or held until a later one arrives.
-            _, outputs = live.feed("both", stamp_ns, names, positions)
-            for one, stddev, _ in outputs:
+            for one in estimator.estimates:
                 t = first_s + (one.stamp_ns - FIRST_NS) * 1e-9
-                values = np.column_stack([one.tension, stddev[: len(one.tension)], one.status])
+                values = np.column_stack([one.tension, one.tension_stddev, one.status])
                 out.writerow([f"{t:.9g}", *(f"{value:.6g}" for value in values.ravel())])
                 count += 1
-    refused = {why: number for why, number in live.conditioner.refused.items() if number}
-    return count, refused
+    return count, estimator.refused
 
 
 def main():
@@ -85,7 +82,7 @@ def main():
         if arguments.demo:
             write_demo(arguments.angles)
         count, refused = estimate(arguments.angles, arguments.tensions, arguments.robot)
-    except (CdrjError, OSError, ValueError) as error:
+    except (cdrj.CdrjError, OSError, ValueError) as error:
         parser.error(str(error))
     print(f"{arguments.tensions}: {count} estimates; refused readings: {refused or 'none'}")
 

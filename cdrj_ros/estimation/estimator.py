@@ -5,13 +5,15 @@ The node, the offline validation, the identification and the benchmark all call 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Layout, Model
 
 Vector = NDArray[np.float64]
@@ -37,75 +39,6 @@ class State:
         return self.whole if self.part is None else self.whole[self.part]
 
 
-@dataclass(slots=True)
-class Estimate:
-    """All estimated quantities at one time, as views of one vector."""
-
-    stamp_ns: Final[int]
-    whole: Final[Vector]
-    """The estimate; from a step also all else that the core wrote, see ``State.whole``."""
-    layout: Final[Layout]
-    solved: Final[bool]
-    """False where some element is ``INVALID``."""
-    part: Final[slice | None] = None
-    """Of the estimate in ``whole``; None: all of it."""
-
-    @property
-    def values(self) -> Vector:
-        """All quantities in the order of ``layout``, shape (layout.size,)."""
-        return self.whole if self.part is None else self.whole[self.part]
-
-    @property
-    def tension(self) -> Vector:
-        """Tension of every element [N], shape (elements,)."""
-        return self.values[self.layout.tension]
-
-    @property
-    def status(self) -> Vector:
-        """Status flags of every element, shape (elements,)."""
-        return self.values[self.layout.status]
-
-    @property
-    def force_x(self) -> Vector:
-        """Force on every pulley [N], shape (pulleys,)."""
-        return self.values[self.layout.force_x]
-
-    @property
-    def force_y(self) -> Vector:
-        """Force on every pulley [N], shape (pulleys,)."""
-        return self.values[self.layout.force_y]
-
-    @property
-    def force_z(self) -> Vector:
-        """Force on every pulley [N], shape (pulleys,); 0 for cables in a plane."""
-        return self.values[self.layout.force_z]
-
-    @property
-    def nodal_force(self) -> Vector:
-        """Magnitude of the force on every pulley [N], eq. (38), shape (pulleys,)."""
-        return self.values[self.layout.magnitude]
-
-    @property
-    def friction(self) -> Vector:
-        """Tension after minus tension before every pulley [N], shape (pulleys,)."""
-        return self.values[self.layout.friction]
-
-    @property
-    def slip_speed(self) -> Vector:
-        """Slip speed of the cable over every pulley [m/s], shape (pulleys,)."""
-        return self.values[self.layout.slip_speed]
-
-    @property
-    def motor_effort(self) -> Vector:
-        """Torque of the cables on every motor [N m], shape (motors,)."""
-        return self.values[self.layout.motor_effort]
-
-    @property
-    def joint_effort(self) -> Vector:
-        """Torque of the cables on every joint [N m], shape (joints,)."""
-        return self.values[self.layout.joint_effort]
-
-
 class Angles(NamedTuple):
     """Estimated angles of the joints without encoder over time."""
 
@@ -116,8 +49,137 @@ class Angles(NamedTuple):
     """Their standard deviations."""
 
 
+class Quantities:
+    """What estimates hold, as arrays: of one time, or with a leading dimension over time."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def layout(self) -> Layout:
+            """Names and columns of ``values``."""
+
+        @property
+        def values(self) -> Vector:
+            """All quantities in the order of ``layout``, shape (..., layout.size)."""
+
+        @property
+        def stddev(self) -> Vector | None:
+            """Standard deviations in the order of ``stddev_columns``; None without any."""
+
+    @property
+    def tension(self) -> Vector:
+        """Tension of every element [N], shape (..., elements)."""
+        return self.values[..., self.layout.tension]
+
+    @property
+    def status(self) -> Vector:
+        """Status flags of every element, shape (..., elements)."""
+        return self.values[..., self.layout.status]
+
+    @property
+    def force_x(self) -> Vector:
+        """Force on every pulley [N], shape (..., pulleys)."""
+        return self.values[..., self.layout.force_x]
+
+    @property
+    def force_y(self) -> Vector:
+        """Force on every pulley [N], shape (..., pulleys)."""
+        return self.values[..., self.layout.force_y]
+
+    @property
+    def force_z(self) -> Vector:
+        """Force on every pulley [N], shape (..., pulleys); 0 for cables in a plane."""
+        return self.values[..., self.layout.force_z]
+
+    @property
+    def nodal_force(self) -> Vector:
+        """Magnitude of the force on every pulley [N], eq. (38), shape (..., pulleys)."""
+        return self.values[..., self.layout.magnitude]
+
+    @property
+    def friction(self) -> Vector:
+        """Tension after minus tension before every pulley [N], shape (..., pulleys)."""
+        return self.values[..., self.layout.friction]
+
+    @property
+    def slip_speed(self) -> Vector:
+        """Slip speed of the cable over every pulley [m/s], shape (..., pulleys)."""
+        return self.values[..., self.layout.slip_speed]
+
+    @property
+    def motor_effort(self) -> Vector:
+        """Torque of the cables on every motor [N m], shape (..., motors)."""
+        return self.values[..., self.layout.motor_effort]
+
+    @property
+    def joint_effort(self) -> Vector:
+        """Torque of the cables on every joint [N m], shape (..., joints)."""
+        return self.values[..., self.layout.joint_effort]
+
+    @property
+    def tension_stddev(self) -> Vector | None:
+        """Standard deviations of ``tension`` [N]; None if none are estimated."""
+        return None if self.stddev is None else self.stddev[..., : len(self.layout.elements)]
+
+
+@dataclass(slots=True)
+class Estimate(Quantities):
+    """All estimated quantities at one time, as views of one vector."""
+
+    stamp_ns: Final[int]
+    whole: Final[Vector]
+    """The estimate; from a step also all else that the core wrote, see ``State.whole``."""
+    layout: Final[Layout]
+    solved: Final[bool]
+    """False where some element is ``INVALID``."""
+    part: Final[slice | None] = None
+    """Of the estimate in ``whole``; None: all of it."""
+    stddev: Vector | None = None
+    """Standard deviations in the order of ``stddev_columns``; None if none are estimated."""
+    angles: Angles | None = None
+    """Of the joints without encoder, one row; None where all have one or there is no effort."""
+
+    @property
+    def values(self) -> Vector:
+        """All quantities in the order of ``layout``, shape (layout.size,)."""
+        return self.whole if self.part is None else self.whole[self.part]
+
+    @property
+    def tensions(self) -> dict[str, float]:
+        """Tension of every element [N], by ``cable/element``."""
+        return _named(self.layout.elements, self.tension)
+
+    @property
+    def tension_stddevs(self) -> dict[str, float]:
+        """Standard deviation of every tension [N], by ``cable/element``; empty without any."""
+        return {} if (known := self.tension_stddev) is None else _named(self.layout.elements, known)
+
+    @property
+    def statuses(self) -> dict[str, int]:
+        """Status flags of every element, by ``cable/element``; 0: nothing to report."""
+        return {name: int(one) for name, one in _named(self.layout.elements, self.status).items()}
+
+    @property
+    def nodal_forces(self) -> dict[str, float]:
+        """Magnitude of the force on every pulley [N], by ``cable/node``."""
+        return _named(self.layout.pulleys, self.nodal_force)
+
+    @property
+    def efforts(self) -> dict[str, float]:
+        """Torque of the cables on every motor and joint [N m], of prismatic joints [N]."""
+        layout = self.layout
+        named = _named(layout.motors, self.motor_effort)
+        return named | _named(layout.joints, self.joint_effort)
+
+
+def _named(names: tuple[str, ...], values: Vector) -> dict[str, float]:
+    return dict(zip(names, values.tolist(), strict=True))
+
+
 @dataclass(frozen=True)
-class Estimates:
+class Estimates(Quantities):
     """All estimated quantities over time."""
 
     stamp_ns: NDArray[np.int64]
@@ -130,6 +192,24 @@ class Estimates:
     shape (n, elements + pulleys + motors + joints); see ``cdrj_ros.estimation.ensemble``."""
     angles: Angles | None = None
     """Of the joints without encoder; None where every joint has one."""
+    refused: Mapping[str, int] = field(default_factory=dict)
+    """Number of refused readings by cause, where it is known."""
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """All estimates by name, each of shape (n,); ``pandas.DataFrame`` makes a table of them.
+
+        Returns:
+            ``stamp_ns`` [ns], ``tension/upper/8`` [N], ``nodal_force/upper/3`` [N] and
+            ``effort/winch`` [N m]; ``stddev/...`` of all these, if any; and ``status/upper/8``.
+        """
+        at = channel_columns(self.layout)
+        named: dict[str, NDArray[Any]] = {"stamp_ns": self.stamp_ns}
+        named |= {name: self.values[:, column] for name, column in at.items()}
+        if self.stddev is not None:
+            named |= {f"stddev/{name}": self.stddev[:, k] for k, name in enumerate(at)}
+        flags = self.status.astype(np.uint8).T
+        elements = self.layout.elements
+        return named | {f"status/{name}": one for name, one in zip(elements, flags, strict=True)}
 
 
 def initial_state(model: Model) -> State:

@@ -55,6 +55,6 @@ def test_the_site_builds_without_a_warning_and_requests_nothing_from_other_machi
         assert not OTHERS.search(page.read_text()), page.name
     assert not any(OTHERS.search(path.read_text()) for path in tmp_path.rglob("*.css"))
     api = (tmp_path / "api.html").read_text()
-    for name in ("load_robot", "LiveEstimator", "step", "read_recording"):
+    for name in ("load", "Estimator", "step", "read_recording"):
         assert f'.{name}"' in api, name
     assert "t_i = EA max(L_i / l_i − 1, 0)" in (tmp_path / "model.html").read_text()

@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "cdrj_ros"
-ROW = re.compile(r"^\| `(\w+)/` \| (.+?) \| (.+?) \|$", re.MULTILINE)
+ROW = re.compile(r"^\| `(\w+)(?:/|\.py)` \| (.+?) \| (.+?) \|$", re.MULTILINE)
 ROOMS = {name: (door, imports) for name, door, imports in ROW.findall(
     (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 )}  # fmt: skip
@@ -46,12 +46,13 @@ def modules() -> list[Path]:
 
 
 def room_of(path: Path) -> str:
-    return path.relative_to(PACKAGE).parts[0]
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
 def door_of(room: str) -> Path:
     """Where a room is described; the compiled one is described with its types."""
-    return PACKAGE / "_core.pyi" if room == "core" else PACKAGE / room / "__init__.py"
+    single = {"core": PACKAGE / "_core.pyi", "api": PACKAGE / "api.py"}
+    return single.get(room, PACKAGE / room / "__init__.py")
 
 
 def imported(path: Path) -> set[str]:

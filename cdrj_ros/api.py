@@ -1,0 +1,300 @@
+"""Functions of the public interface that put together those of several rooms.
+
+Most public names are those of the rooms themselves, see ``cdrj_ros/__init__.py`` and docs/api.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cdrj_ros.estimation.changes import with_other_numbers
+from cdrj_ros.estimation.conditioner import Kind
+from cdrj_ros.estimation.estimator import Estimate, Estimates
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+
+if TYPE_CHECKING:
+    from cdrj_ros.evaluation.metrics import Errors
+    from cdrj_ros.identification.fit import Identification
+    from cdrj_ros.identification.problem import Settings
+    from cdrj_ros.recordings import Topics
+
+Stamps = NDArray[np.int64]
+
+
+def load(robot: str | Path, numbers: Mapping[str, float] | None = None) -> Model:
+    """Read a robot file and prepare it for estimation.
+
+    Args:
+        robot: the file, or the name of an installed robot such as ``"prototype"``.
+        numbers: values by path [SI] that replace those of the file, for example
+            ``{"cables.upper.preload": 40.0, "friction.mu_c": 0.12}``; see docs/robot_file.md.
+
+    Returns:
+        The model: ``model.robot`` is the description, ``model.layout`` names what is estimated.
+
+    Raises:
+        RobotFileError: the file is missing, invalid, or describes an impossible robot.
+        UsageError: a path that the file does not have, or a value that is not allowed.
+    """
+    model = load_model(str(robot))
+    return with_other_numbers(model, numbers) if numbers else model
+
+
+class Estimator(LiveEstimator):
+    """The estimator of the ROS node: readings in, estimates out, one at a time."""
+
+    def __init__(self, model: Model | str | Path, options: Options | None = None) -> None:
+        """Begin without readings.
+
+        Args:
+            model: from ``load``, or what ``load`` takes.
+            options: of conditioning, uncertainty and further sensors; None: the node's defaults.
+
+        Raises:
+            RobotFileError: as ``load``.
+            UsageError: options that exclude each other.
+        """
+        super().__init__(model if isinstance(model, Model) else load(model), options)
+        self.estimates: tuple[Estimate, ...] = ()
+        """All estimates that the last ``update`` completed, the oldest first."""
+
+    def update(
+        self,
+        stamp_ns: int,
+        motors: Mapping[str, float] | Sequence[float] | None = None,
+        joints: Mapping[str, float] | Sequence[float] | None = None,
+        *,
+        efforts: Mapping[str, float] | None = None,
+        tensions: Mapping[str, float] | None = None,
+    ) -> Estimate | None:
+        """Take the readings of one time; motors and joints may come in calls of their own.
+
+        Readings that cannot be true (NaN, a jump, a stamp that repeats) are refused one by one and
+        counted in ``refused``.  Between the stamps of motors and joints, readings are interpolated,
+        see docs/conditioning.md.
+
+        Args:
+            stamp_ns: when the readings were taken, on one clock for all [ns]; above 0.
+            motors: angles by name, or of all motors in the robot's order [rad].
+            joints: angles, likewise [rad], of prismatic joints positions [m].
+            efforts: torques of the cables on motors by name [N m]; used with
+                ``Options(track_preload=True)``, and for a robot with joints without encoder.
+            tensions: of load cells by element [N]; used with ``Options(tension_sensors=True)``.
+
+        Returns:
+            The newest estimate that the readings complete; None if they complete none.
+            ``estimates`` has all of them.
+
+        Raises:
+            UsageError: a name that the robot does not have, or not one value per motor or joint.
+        """
+        if tensions:
+            self.feed_tensions(stamp_ns, list(tensions), list(tensions.values()), ())
+        if efforts:
+            self.feed_efforts(stamp_ns, list(efforts), list(efforts.values()))
+        layout = self.model.layout
+        readings = _by_name("motors", motors, layout.motors)
+        kind: Kind = "joints" if motors is None else "motors" if joints is None else "both"
+        readings |= _by_name("joints", joints, layout.joints)
+        self.estimates = ()
+        if readings:
+            _, outputs = self.feed(kind, stamp_ns, list(readings), list(readings.values()))
+            self.estimates = tuple(
+                replace(one, stddev=stddev, angles=angles) for one, stddev, angles in outputs
+            )
+        return self.estimates[-1] if self.estimates else None
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Number of refused readings by cause, see docs/conditioning.md; without zeros."""
+        return {cause: n for cause, n in self.conditioner.refused.items() if n}
+
+
+def _by_name(
+    kind: str, values: Mapping[str, float] | Sequence[float] | None, names: tuple[str, ...]
+) -> dict[str, float]:
+    """Readings by name; a sequence has one for each of ``names``."""
+    if values is None:
+        return {}
+    if isinstance(values, Mapping):
+        for name in values:
+            if name not in names:
+                raise UsageError(f"{kind}: there is no {name!r}, only {', '.join(names)}")
+        return dict(values)
+    if len(values) != len(names):
+        raise UsageError(f"{kind} must be {len(names)} values, of {', '.join(names)}; got {values}")
+    return dict(zip(names, values, strict=True))
+
+
+def estimate(
+    model: Model | str | Path,
+    stamp_ns: ArrayLike,
+    motors: Mapping[str, ArrayLike] | ArrayLike,
+    joints: Mapping[str, ArrayLike] | ArrayLike,
+    *,
+    joint_stamp_ns: ArrayLike | None = None,
+    uncertainty: bool = True,
+) -> Estimates:
+    """Estimate a whole course of readings at once, as the node does with one after another.
+
+    Args:
+        model: from ``load``, or what ``load`` takes; every joint has an encoder.
+        stamp_ns: when the motors were read, increasing and above 0 [ns], shape (n,).
+        motors: angles by name, shape (n,) each, or of all motors in the robot's order [rad], shape
+            (n, motors), or (n,) if there is one.
+        joints: angles, likewise; positions [m] of prismatic joints.
+        joint_stamp_ns: when the joints were read [ns], shape (m,); None: with the motors.
+        uncertainty: whether to estimate standard deviations, which takes half of the time.
+
+    Returns:
+        The estimates at the times at which every motor and joint is known, usually n of them.
+        ``refused`` counts the readings that cannot be true.
+
+    Raises:
+        UsageError: names or shapes that do not fit, or stamps that are not increasing integers.
+    """
+    from cdrj_ros.estimation.whole_recording import condition
+    from cdrj_ros.evaluation.estimating import estimate as estimate_segments
+
+    model = model if isinstance(model, Model) else load(model)
+    if model.robot.unmeasured:
+        raise UsageError("estimate needs an encoder on every joint; Estimator.update takes efforts")
+    stamps = _stamps("stamp_ns", stamp_ns)
+    later = stamps if joint_stamp_ns is None else _stamps("joint_stamp_ns", joint_stamp_ns)
+    layout = model.layout
+    conditioned = condition(
+        model.robot,
+        _channels("motors", motors, layout.motors, stamps),
+        _channels("joints", joints, layout.joints, later),
+    )
+    found = estimate_segments(model, conditioned, spread=uncertainty)
+    refused = {cause: n for cause, n in conditioned.refused.items() if n}
+    return replace(found, refused=refused)
+
+
+def _stamps(what: str, given: ArrayLike) -> Stamps:
+    stamps = np.asarray(given)
+    if stamps.ndim != 1 or not np.issubdtype(stamps.dtype, np.integer):
+        raise UsageError(f"{what} must be integers [ns] of shape (n,), got {stamps.dtype} of shape "
+                         f"{stamps.shape}")  # fmt: skip
+    if stamps.size and (stamps[0] <= 0 or np.any(stamps[1:] <= stamps[:-1])):
+        raise UsageError(f"{what} must be above 0 and increase")
+    return stamps.astype(np.int64)
+
+
+def _channels(
+    kind: str, given: Mapping[str, ArrayLike] | ArrayLike, names: tuple[str, ...], stamps: Stamps
+) -> dict[str, Series]:
+    """Series by name."""
+    if isinstance(given, Mapping):
+        if set(given) != set(names):
+            raise UsageError(f"{kind} must be {', '.join(names)}; got {', '.join(given) or 'none'}")
+        columns: list[Any] = [np.asarray(given[name], dtype=np.float64) for name in names]
+    else:
+        table = np.asarray(given, dtype=np.float64)
+        table = table[:, None] if table.ndim == 1 and len(names) == 1 else table
+        if table.ndim != 2 or table.shape[1] != len(names):
+            raise UsageError(
+                f"{kind} must have the shape ({stamps.size}, {len(names)}), got {table.shape}"
+            )
+        columns = list(table.T)
+    for name, column in zip(names, columns, strict=True):
+        if column.shape != stamps.shape:
+            raise UsageError(
+                f"{kind}: {name} must have one value per stamp, {stamps.size}; "
+                f"got the shape {column.shape}"
+            )
+    return {
+        name: Series(stamps, stamps, np.ascontiguousarray(column))
+        for name, column in zip(names, columns, strict=True)
+    }
+
+
+def validate(
+    model: Model | str | Path,
+    bags: str | Path | Iterable[str | Path],
+    topics: Topics | None = None,
+    *,
+    uncertainty: bool = True,
+) -> Errors:
+    """Estimate recordings and compare the estimates with the references that were recorded.
+
+    Args:
+        model: from ``load``, or what ``load`` takes.
+        bags: rosbag2 folder or file (MCAP, sqlite3), or several.
+        topics: names of the recorded topics; None: ``Topics()``.
+        uncertainty: whether to estimate standard deviations and their coverage.
+
+    Returns:
+        ``errors.pooled["tension/upper/8"].rmse`` and other figures of every channel, of each bag in
+        ``of_bags``; ``bags`` has the compared series.
+
+    Raises:
+        BagError: a recording cannot be read, or has no reference or lacks a motor or joint.
+    """
+    from cdrj_ros.evaluation.metrics import errors_of
+    from cdrj_ros.evaluation.validation import validate_bag
+    from cdrj_ros.recordings import Topics
+
+    model = model if isinstance(model, Model) else load(model)
+    paths = [bags] if isinstance(bags, (str, Path)) else bags
+    given = topics or Topics()
+    return errors_of([validate_bag(model, str(bag), given, spread=uncertainty) for bag in paths])
+
+
+def identify(
+    model: Model | str | Path,
+    bags: str | Path | Iterable[str | Path],
+    fit: str,
+    *,
+    only: bool = False,
+    topics: Topics | None = None,
+    settings: Settings | None = None,
+) -> Identification:
+    """Identify numbers of the robot file by least squares over whole recordings.
+
+    Args:
+        model: from ``load``, or what ``load`` takes; its numbers are where the fit starts.
+        bags: rosbag2 folder or file, or several, which are fitted together.
+        fit: the numbers, as ``identify --fit`` takes them: ``"rho,preload"``, see
+            docs/identification.md.
+        only: whether to fit these alone, and not along with them those numbers whose accuracy the
+            file does not state.
+        topics: names of the recorded topics; None: ``Topics()``.
+        settings: of the fit; None: the defaults.
+
+    Returns:
+        ``by_path`` has the numbers [SI], for ``load(robot, numbers)``; ``stddev`` and
+        ``correlation`` how well they are known; ``findings`` what the recordings cannot tell.
+
+    Raises:
+        BagError: a recording cannot be read, or lacks a motor or joint.
+        UsageError: ``fit`` names no number of the file, or no reference was recorded.
+    """
+    from cdrj_ros.evaluation.inputs import read_inputs
+    from cdrj_ros.identification.fit import identify as identify_numbers
+    from cdrj_ros.identification.observations import Recorded
+    from cdrj_ros.identification.unknowns import fitted_along, parse_unknowns
+    from cdrj_ros.recordings import Topics
+
+    model = model if isinstance(model, Model) else load(model)
+    robot, document = model.robot, dict(model.robot.document)
+    unknowns = parse_unknowns(document, fit)
+    if not only:
+        unknowns += fitted_along(document, robot.uncertainty, unknowns)
+    recordings = []
+    for bag in [bags] if isinstance(bags, (str, Path)) else bags:
+        read = read_inputs(str(bag), topics or Topics(), model)
+        references = {name: (one.stamp_ns, one.value) for name, one in read.references.items()}
+        recordings.append(Recorded(Path(bag).name, read.motors, read.joints, references))
+    return identify_numbers(document, robot.source, unknowns, recordings, settings)

@@ -1,0 +1,183 @@
+"""The public interface: its names, its page, and estimates that equal those of everything else."""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import subprocess
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import cdrj_ros as cdrj
+from cdrj_ros.estimation.estimator import Estimates as Offline
+from cdrj_ros.evaluation.estimating import estimate as estimate_recording
+from cdrj_ros.evaluation.inputs import condition_recording
+
+ROOT = Path(__file__).parents[2]
+BAG = ROOT / "bags" / "prototype_preload_36_26"
+PAGE = ROOT / "docs" / "api.md"
+DOOR = ROOT / "cdrj_ros" / "__init__.py"
+FIRST_NS = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def model() -> cdrj.Model:
+    return cdrj.load("prototype")
+
+
+@pytest.fixture(scope="module")
+def recording() -> cdrj.Recording:
+    return cdrj.read_recording(BAG)
+
+
+@pytest.fixture(scope="module")
+def offline(model: cdrj.Model, recording: cdrj.Recording) -> Offline:
+    """The estimates that ``validate`` makes of the recording."""
+    return estimate_recording(model, condition_recording(model, recording), spread=True)
+
+
+def test_every_public_name_is_listed_typed_and_found() -> None:
+    typed = {
+        alias.name
+        for node in ast.walk(ast.parse(DOOR.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cdrj_ros")
+        for alias in node.names
+    }
+    assert {*typed, "__version__"} == set(cdrj.__all__) == set(dir(cdrj))
+    for name in cdrj.__all__:
+        assert getattr(cdrj, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'estimator_'"):
+        _ = cdrj.estimator_  # type: ignore[attr-defined]
+
+
+def test_every_public_name_is_on_the_page() -> None:
+    named = re.findall(r"^::: cdrj_ros\.(\w+)$", PAGE.read_text("utf-8"), re.MULTILINE)
+    assert sorted([*named, "__version__"]) == sorted(cdrj.__all__)
+
+
+def test_importing_the_package_imports_nothing_else() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import cdrj_ros; print(*set(sys.modules) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    ours = {name for name in done.stdout.split() if name.startswith("cdrj_ros")}
+    assert ours == {"cdrj_ros"}
+    assert "numpy" not in done.stdout
+
+
+def test_the_page_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its blocks in order, each with the output that follows it; one draws a picture."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bags").symlink_to(ROOT / "bags")
+    names: dict[str, Any] = {}
+    blocks = re.findall(
+        r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", PAGE.read_text("utf-8"), re.DOTALL
+    )
+    assert len(blocks) >= 6
+    for program, output in blocks:
+        printed = io.StringIO()
+        with redirect_stdout(printed):
+            exec(compile(program, str(PAGE), "exec"), names)  # noqa: S102 our own page
+        assert printed.getvalue() == output
+    picture = (tmp_path / "tensions.png").read_bytes()
+    shown = (ROOT / "docs" / "figures" / "api.png").read_bytes()
+    assert picture[:24] == shown[:24]  # format and size
+
+
+def in_order_of_arrival(recording: cdrj.Recording) -> list[tuple[str, str, int, float]]:
+    """All readings: kind, name, stamp [ns], value."""
+    readings = [
+        (int(log), kind, name, int(stamp), float(value))
+        for kind, channels in (("motors", recording.motors), ("joints", recording.joints))
+        for name, one in channels.items()
+        for stamp, log, value in zip(one.stamp_ns, one.log_ns, one.value, strict=True)
+    ]
+    return [reading[1:] for reading in sorted(readings, key=lambda reading: reading[0])]
+
+
+def test_updates_give_the_estimates_of_validate_bit_for_bit(
+    model: cdrj.Model, recording: cdrj.Recording, offline: Offline
+) -> None:
+    estimator = cdrj.Estimator(model)
+    found: list[cdrj.Estimate] = []
+    for kind, name, stamp_ns, value in in_order_of_arrival(recording):
+        newest = estimator.update(stamp_ns, **{kind: {name: value}})  # type: ignore[arg-type]
+        assert newest is (estimator.estimates[-1] if estimator.estimates else None)
+        found += estimator.estimates
+    assert [one.stamp_ns for one in found] == offline.stamp_ns.tolist()
+    assert np.array_equal(np.array([one.values for one in found]), offline.values)
+    assert np.array_equal(np.array([one.stddev for one in found]), offline.stddev)
+    last, elements = found[-1], model.layout.elements
+    assert last.tensions == dict(zip(elements, offline.tension[-1].tolist(), strict=True))
+    assert last.statuses == dict(zip(elements, offline.status[-1].astype(int), strict=True))
+    assert estimator.refused == {}
+
+
+def test_arrays_give_the_estimates_of_validate_bit_for_bit(
+    model: cdrj.Model, recording: cdrj.Recording, offline: Offline
+) -> None:
+    motor, joint = recording.motors["winch"], recording.joints["elbow"]
+    found = cdrj.estimate(
+        model, motor.stamp_ns, motor.value, {"elbow": joint.value}, joint_stamp_ns=joint.stamp_ns
+    )
+    assert np.array_equal(found.stamp_ns, offline.stamp_ns)
+    assert np.array_equal(found.values, offline.values)
+    assert np.array_equal(found.stddev, offline.stddev)  # type: ignore[arg-type]
+    columns = found.columns()
+    assert np.array_equal(columns["tension/upper/8"], offline.tension[:, 7])
+    assert {len(column) for column in columns.values()} == {found.stamp_ns.size}
+
+
+def swing(n: int = 200) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    return FIRST_NS + np.arange(n) * 1_000_000, 0.1 * np.sin(0.01 * np.arange(n))
+
+
+def test_refused_readings_are_counted_and_leave_the_others(model: cdrj.Model) -> None:
+    stamps, angle = swing()
+    broken = angle.copy()
+    broken[50] = np.nan
+    found = cdrj.estimate(model, stamps, broken, angle)
+    assert found.refused == {"not_finite": 1}
+    assert np.isfinite(found.values).all()
+    assert found.stamp_ns.size >= stamps.size - 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stamp_ns": [1.0, 2.0]}, "integers"),
+        ({"stamp_ns": [5, 5]}, "increase"),
+        ({"stamp_ns": [0, 5]}, "above 0"),
+        ({"motors": np.zeros((2, 2))}, r"must have the shape \(2, 1\), got \(2, 2\)"),
+        ({"joints": {"wrist": np.zeros(2)}}, "joints must be elbow; got wrist"),
+        ({"joints": {"elbow": np.zeros(3)}}, r"elbow must have one value per stamp, 2"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_with_what_is_allowed(
+    model: cdrj.Model, change: dict[str, Any], message: str
+) -> None:
+    given = {"stamp_ns": [1, 2], "motors": np.zeros(2), "joints": np.zeros(2)} | change
+    with pytest.raises(cdrj.UsageError, match=message):
+        cdrj.estimate(model, **given)
+
+
+def test_a_robot_may_be_named_and_its_numbers_replaced() -> None:
+    stamps, angle = swing(5)
+    tighter = cdrj.load("prototype", {"cables.upper.preload": 50.0})
+    assert [cable.preload for cable in tighter.robot.cables] == [50.0, 26.26]
+    found = cdrj.estimate(tighter, stamps, angle, angle)
+    assert found.tension[0, 0] == pytest.approx(50.0, abs=0.5)
+    with pytest.raises(cdrj.UsageError, match="must be 1 values, of winch"):
+        cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0, 0.0])
+    with pytest.raises(cdrj.CdrjError, match="preload"):
+        cdrj.load("prototype", {"cables.upper.preloads": 50.0})
