@@ -103,7 +103,7 @@ def main() -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    plt.rcParams |= {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+    plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 2.9), layout="constrained")
     for law, colour in LAWS.items():
         time, friction = held(law)

@@ -4,6 +4,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <span>
 
@@ -49,6 +50,24 @@ std::span<const double> row_of(const Array& table, pybind11::ssize_t k) {
 /// Where row `k` of a table begins; the table may have no columns.
 inline double* begin_of_row(Matrix& table, pybind11::ssize_t k) {
     return table.mutable_data() + k * table.shape(1);
+}
+
+/// Samples between two looks at Ctrl-C.
+inline constexpr pybind11::ssize_t PIECE = 4096;
+
+/// Call `each` with 0, 1, ... until it returns false, without the interpreter's lock; returns how often it
+/// returned true. Ctrl-C ends this between two pieces.
+template <typename Each>
+pybind11::ssize_t for_samples(
+    pybind11::ssize_t samples, Each each, pybind11::ssize_t piece = PIECE) {
+    for (pybind11::ssize_t k = 0; k < samples;) {
+        if (PyErr_CheckSignals() != 0) throw pybind11::error_already_set();
+        const pybind11::gil_scoped_release free;
+        for (const pybind11::ssize_t end = std::min(k + piece, samples); k < end; ++k) {
+            if (!each(k)) return k;
+        }
+    }
+    return samples;
 }
 
 /// Refuse arguments that do not fit.

@@ -16,8 +16,8 @@ namespace {
 
 using Stamps = py::array_t<Nanoseconds, py::array::c_style>;
 
-/// Samples between two checks for an interruption.
-constexpr py::ssize_t PIECE = 256;
+/// Samples between two looks at Ctrl-C; each takes long.
+constexpr py::ssize_t FEW = 256;
 
 std::span<double> writable_row(Matrix& matrix, py::ssize_t row) {
     return {begin_of_row(matrix, row), static_cast<std::size_t>(matrix.shape(1))};
@@ -40,17 +40,15 @@ void run(
         fits(estimates, Estimate::size(sizes)) && fits(stddevs, estimator.ensemble().quantities.size()) &&
             fits(angles, estimator.joints()) && fits(angle_stddevs, estimator.joints()),
         "the results have not the shapes of this robot's");
-    for (py::ssize_t begin = 0; begin < samples; begin += PIECE) {
-        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        py::gil_scoped_release free;
-        for (py::ssize_t k = begin; k < std::min(begin + PIECE, samples); ++k) {
-            estimator.take(
-                {stamp_ns.data()[k], row_of(motor_angle, k), row_of(measured_angle, k),
-                 row_of(effort, k)},
-                {writable_row(estimates, k), writable_row(stddevs, k), writable_row(angles, k),
-                 writable_row(angle_stddevs, k)});
-        }
-    }
+    const auto take = [&](py::ssize_t k) {
+        estimator.take(
+            {stamp_ns.data()[k], row_of(motor_angle, k), row_of(measured_angle, k),
+             row_of(effort, k)},
+            {writable_row(estimates, k), writable_row(stddevs, k), writable_row(angles, k),
+             writable_row(angle_stddevs, k)});
+        return true;
+    };
+    for_samples(samples, take, FEW);
 }
 
 }  // namespace

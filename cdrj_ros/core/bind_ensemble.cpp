@@ -24,9 +24,6 @@ using Stamps = py::array_t<Nanoseconds, py::array::c_style | py::array::forcecas
 using Flags = py::array_t<bool, py::array::c_style>;
 using GivenFlags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
 
-/// Samples between two checks for an interruption.
-constexpr py::ssize_t PIECE = 2048;
-
 /// Contents of an array of a given shape.
 template <typename T>
 std::vector<T> taken(
@@ -159,17 +156,14 @@ void follow(
     const double *motor = motor_angle.data(), *joint = joint_angle.data(), *deviation = unseen.data();
     const double* estimate = estimates.data();
     double* written = stddev.mutable_data();
-    for (py::ssize_t begin = 0; begin < samples; begin += PIECE) {
-        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        py::gil_scoped_release free;
-        for (py::ssize_t k = begin; k < std::min(begin + PIECE, samples); ++k) {
-            const SampleView sample{
-                stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
-                {deviation + k * hidden, hidden}};
-            ensemble.update(
-                sample, {estimate + k * size, size}, 1, true, {written + k * quantities, quantities});
-        }
-    }
+    for_samples(samples, [&](py::ssize_t k) {
+        const SampleView sample{
+            stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
+            {deviation + k * hidden, hidden}};
+        ensemble.update(
+            sample, {estimate + k * size, size}, 1, true, {written + k * quantities, quantities});
+        return true;
+    });
 }
 
 /// Memory of the ensemble as an array, which keeps the ensemble alive; by rows unless `rows` is 0.
@@ -246,8 +240,7 @@ void mark_recording(
         "estimates, stddev and doubtful differ in their numbers of samples or have too few elements");
     const std::size_t size = estimates.shape(1), columns = stddev.shape(1);
     double* first = estimates.mutable_data();
-    const py::gil_scoped_release free;
-    for (py::ssize_t k = 0; k < samples; ++k) {
+    for_samples(samples, [&](py::ssize_t k) {
         const std::span<double> estimate(first + k * size, size);
         if (known) {
             mark_unsure(estimate, span_of(preload), {stddev.data() + k * columns, columns}, share);
@@ -255,7 +248,8 @@ void mark_recording(
         if (doubts && doubtful.data()[k]) {
             for (double& status : estimate.subspan(elements, elements)) doubt(status);
         }
-    }
+        return true;
+    });
 }
 
 }  // namespace

@@ -14,9 +14,6 @@ namespace py = pybind11;
 namespace cdrj {
 namespace {
 
-/// Samples between two checks for an interruption.
-constexpr py::ssize_t PIECE = 4096;
-
 bool step(
     const HeldRobot& held, const py::object& before, const py::object& motor_angle,
     const py::object& joint_angle, double dt, const py::object& out) {
@@ -48,17 +45,14 @@ void run(
         "motor_angle, joint_angle, dt and estimates differ in their numbers of samples");
     std::vector<double> out(robot.out_size());
     double* now = state.mutable_data();
-    for (py::ssize_t begin = 0; begin < samples; begin += PIECE) {
-        if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        py::gil_scoped_release free;
-        for (py::ssize_t k = begin; k < std::min(begin + PIECE, samples); ++k) {
-            const bool solved = robot.advance(
-                now, row_of(motor_angle, k), row_of(joint_angle, k), dt.data()[k], out.data());
-            std::copy_n(out.data(), size, now);
-            std::copy_n(out.data() + size, wanted, begin_of_row(estimates, k));
-            if (slipping && solved) robot.forget_drums(now);
-        }
-    }
+    for_samples(samples, [&](py::ssize_t k) {
+        const bool solved = robot.advance(
+            now, row_of(motor_angle, k), row_of(joint_angle, k), dt.data()[k], out.data());
+        std::copy_n(out.data(), size, now);
+        std::copy_n(out.data() + size, wanted, begin_of_row(estimates, k));
+        if (slipping && solved) robot.forget_drums(now);
+        return true;
+    });
 }
 
 bool shape(
@@ -92,9 +86,8 @@ py::ssize_t course(
     std::vector<double> scratch(Workspace::size(sizes), 0.0);
     State before(sizes, one.data()), after(sizes, other.data());
     Workspace work(sizes, scratch.data());
-    py::gil_scoped_release free;
-    for (py::ssize_t k = 0; k < poses; ++k) {
-        if (!robot.shape({}, row_of(joint_angle, k), work)) return k;
+    return for_samples(poses, [&](py::ssize_t k) {
+        if (!robot.shape({}, row_of(joint_angle, k), work)) return false;
         robot.follow_arcs(before, after, work);
         std::ranges::copy(work.middles, before.middles.begin());
         std::ranges::copy(after.track, before.track.begin());
@@ -103,8 +96,8 @@ py::ssize_t course(
         std::ranges::copy(work.wrap, begin_of_row(wrap, k));
         std::ranges::copy(work.arc, begin_of_row(arc, k));
         std::copy_n(work.lever_arm.data, sizes.elements * sizes.joints, begin_of_row(lever_arm, k));
-    }
-    return poses;
+        return true;
+    });
 }
 
 void impose_friction(const HeldRobot& held, const Given& share, Vector& out) {

@@ -62,11 +62,11 @@ public:
         require_rows(joints, poses, sizes.joints, "joints");
         Vector found(poses);
         double* written = found.mutable_data();
-        py::gil_scoped_release free;
         Trials trials(robot_, joint_);
-        for (py::ssize_t k = 0; k < poses; ++k) {
+        for_samples(poses, [&](py::ssize_t k) {
             written[k] = trials.effort(row_of(motors, k), row_of(joints, k), 0.0);
-        }
+            return true;
+        });
         return found;
     }
 
@@ -89,20 +89,15 @@ public:
         const Plan plan{
             {const_cast<double*>(motors.data()), sizes.motors},
             {const_cast<double*>(joints.data()), sizes.joints}, span_of(torque)};
-        py::ssize_t done = 0;
         Outcome outcome{true, 0.0};
-        {
-            py::gil_scoped_release free;
-            for (; done < samples; ++done) {
-                const Sample sample{
-                    dt.data()[done], row_of(offset, done), happening.data()[done]};
-                outcome = stepper_.step(
-                    plan, sample, written_row(motors_out, done), written_row(joints_out, done),
-                    written_row(estimates, done));
-                if (!outcome.done) break;
-                imbalance.mutable_data()[done] = outcome.imbalance;
-            }
-        }
+        const py::ssize_t done = for_samples(samples, [&](py::ssize_t k) {
+            const Sample sample{dt.data()[k], row_of(offset, k), happening.data()[k]};
+            outcome = stepper_.step(
+                plan, sample, written_row(motors_out, k), written_row(joints_out, k),
+                written_row(estimates, k));
+            if (outcome.done) imbalance.mutable_data()[k] = outcome.imbalance;
+            return outcome.done;
+        });
         return py::make_tuple(done, outcome.asked);
     }
 

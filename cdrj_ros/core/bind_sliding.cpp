@@ -34,7 +34,7 @@ py::tuple pulley_losses(const Given& wrap, const Matrix& pulleys, Index stribeck
     require_table(wrap, samples, rows.size());
     require(0 <= stribeck && stribeck <= Index(Stribeck::capstan), "stribeck is not a code");
     Matrix kinetic({samples, py::ssize_t(rows.size())}), fading({samples, py::ssize_t(rows.size())});
-    for (py::ssize_t k = 0; k < samples; ++k) {
+    for_samples(samples, [&](py::ssize_t k) {
         for (std::size_t p = 0; p < rows.size(); ++p) {
             const PulleyConstants& one = rows[p];
             const Loss loss = blended_loss(
@@ -43,7 +43,8 @@ py::tuple pulley_losses(const Given& wrap, const Matrix& pulleys, Index stribeck
             *kinetic.mutable_data(k, p) = loss.kinetic;
             *fading.mutable_data(k, p) = loss.fading;
         }
-    }
+        return true;
+    });
     return py::make_tuple(kinetic, fading);
 }
 
@@ -56,12 +57,13 @@ Matrix lagging_losses(
     Matrix loss({samples, py::ssize_t(rows.size())});
     for (std::size_t p = 0; p < rows.size(); ++p) {
         LaggingLoss one{rows[p]};
-        for (py::ssize_t k = 0; k < samples; ++k) {
+        for_samples(samples, [&](py::ssize_t k) {
             // the speed of this sample acts on the next one
             const Loss now{*kinetic.data(k, p), *fading.data(k, p)};
             const double moved = k > 0 ? *slip.data(k, p) - *slip.data(k - 1, p) : 0.0;
             *loss.mutable_data(k, p) = one.next(now, moved, k > 0 ? dt.data()[k] : 0.0);
-        }
+            return true;
+        });
     }
     return loss;
 }
@@ -78,13 +80,14 @@ py::tuple shares_of_bound(
     Matrix low({samples, py::ssize_t(rows.size())}), high({samples, py::ssize_t(rows.size())});
     for (std::size_t p = 0; p < rows.size(); ++p) {
         ShareOfBound one{rows[p]};
-        for (py::ssize_t k = 0; k < samples; ++k) {
+        for_samples(samples, [&](py::ssize_t k) {
             const double moved = k > 0 ? *slip.data(k, p) - *slip.data(k - 1, p) : 0.0;
             one.next(
                 moved, *loss.data(k, p), *pull.data(k, p), *arc.data(k, p), *hidden.data(k, p));
             *low.mutable_data(k, p) = one.least;
             *high.mutable_data(k, p) = one.most;
-        }
+            return true;
+        });
     }
     return py::make_tuple(low, high);
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import threading
@@ -165,7 +164,6 @@ def _serve(connection: Connection, function: Callable[[Any, Progress], Any]) -> 
     """Process tasks until the parent process closes the connection or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides when to stop
     threading.Thread(target=_end_with_the_parent, name="parent", daemon=True).start()
-    gc.freeze()  # what has been imported is as old as the process
 
     def on(share: float) -> None:
         connection.send((SHARE, share))

@@ -80,18 +80,19 @@ def lasting_output(name: str) -> Iterator[None]:
         name: name of the command, for a line on standard error if output failed for a reason
             other than a closed pipe.
     """
-    before = sys.stdout, sys.stderr
     out, err = LastingStream(sys.stdout), LastingStream(sys.stderr)
-    sys.stdout, sys.stderr = cast("TextIO", out), cast("TextIO", err)
-    try:
-        yield
-    finally:
-        out.flush()
-        failure = out.failure
-        if isinstance(failure, OSError) and failure.errno != errno.EPIPE:
-            say(
-                f"{name}: standard output: {failure.strerror}; the rest is not shown",
-                file=sys.stderr,
-            )
-        err.flush()
-        sys.stdout, sys.stderr = before
+    with (
+        contextlib.redirect_stdout(cast("TextIO", out)),
+        contextlib.redirect_stderr(cast("TextIO", err)),
+    ):
+        try:
+            yield
+        finally:
+            out.flush()
+            failure = out.failure
+            if isinstance(failure, OSError) and failure.errno != errno.EPIPE:
+                say(
+                    f"{name}: standard output: {failure.strerror}; the rest is not shown",
+                    file=sys.stderr,
+                )
+            err.flush()

@@ -1,13 +1,14 @@
-"""The web server of the page: viser's, restricted to its own pages and to its own addresses."""
+"""The web server of the page: viser's, restricted to its own pages and to its own addresses.
+
+viser has no option for either, so it listens at an address that nobody knows, and a proxy, which
+browsers reach, checks every request.
+"""
 
 from __future__ import annotations
 
-import http
-import importlib
+import asyncio
 import re
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from ipaddress import ip_address
 from types import ModuleType
 from typing import Any, Final
@@ -22,17 +23,6 @@ MISSING: Final = (
     "the page in a browser needs the package viser, which is not installed: "
     "pip install 'viser>=1.1,<1.2'"
 )
-
-POLICY: Final = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; worker-src blob:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; font-src data: blob:; "
-    "connect-src 'self' data: blob: ws://{asked}; frame-src 'none'; frame-ancestors 'none'; "
-    "base-uri 'none'; form-action 'none'"
-)
-"""Content security policy: nothing is loaded from, sent to or shown in another page.
-
-The client of viser is a script in its page, so scripts in the page cannot be forbidden.
-"""
 
 _ASKED: Final = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[a-z0-9._-]+)(:\d{1,5})?", re.IGNORECASE)
 """Header ``Host``: a name, an IPv4 address or an IPv6 address in brackets, and a port."""
@@ -68,16 +58,43 @@ def open_server(host: str, port: int) -> Any:
     viser = load_viser()
     import rich
 
+    from cdrj_ros.view.proxy import Proxy, secret_address
+
     class Server(viser.ViserServer):  # type: ignore[misc, name-defined]
-        """A server without a tunnel to a public address."""
+        """A server behind a proxy, without a tunnel to a public address."""
+
+        def __init__(self) -> None:
+            """Start both."""
+            secret = secret_address()
+            super().__init__(host=secret, port=0, verbose=False)
+            self._proxy = Proxy(secret, super().get_port(), lambda *of: allowed(host, *of))
+            try:
+                self._in_loop(self._proxy.listen(host, port))
+            except BaseException:
+                super().stop()
+                raise
+
+        def _in_loop(self, work: Any) -> None:
+            asyncio.run_coroutine_threadsafe(work, self.get_event_loop()).result()
+
+        def get_port(self) -> int:
+            """Port of the proxy."""
+            return self._proxy.port
+
+        def stop(self) -> None:
+            """Stop both."""
+            self._in_loop(self._proxy.close())
+            super().stop()
 
         def request_share_url(self, verbose: bool = True) -> None:
             """Refuse."""
 
-    _check_address(host)
     rich.reconfigure(quiet=True)  # viser prints a box with addresses
-    with _guarded(host):
-        return Server(host=host, port=port, verbose=False)
+    try:
+        return Server()
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"cannot listen on host {printable(host)!r}: {reason}") from None
 
 
 def address_of(server: Any, host: str) -> str:
@@ -85,19 +102,6 @@ def address_of(server: Any, host: str) -> str:
     name = "localhost" if host in ("0.0.0.0", "::") else host
     shown = f"[{name}]" if ":" in name else name
     return f"http://{shown}:{server.get_port()}"
-
-
-def _check_address(host: str) -> None:
-    """Bind once: viser would wait forever for an address that this machine does not have."""
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        with socket.socket(family, kind, protocol) as one:
-            one.bind(address)
-    except (OSError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"cannot listen on host {printable(host)!r}: {reason}") from None
 
 
 def allowed(host: str, asked: str | None, origin: str | None) -> bool:
@@ -130,41 +134,3 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-@contextmanager
-def _guarded(host: str) -> Iterator[None]:
-    """While entered, servers that are started ask ``allowed`` first, and send ``POLICY``.
-
-    viser has no option for either.
-    """
-    websocket_server: Any = importlib.import_module("websockets.asyncio.server")
-    from websockets.datastructures import Headers
-    from websockets.http11 import Response
-
-    serve = websocket_server.serve
-
-    def start(*arguments: Any, process_request: Callable[[Any, Any], Any], **options: Any) -> Any:
-        def process(connection: Any, request: Any) -> Any:
-            headers = request.headers
-            try:
-                asked = headers.get("Host")
-                fine = allowed(host, asked, headers.get("Origin"))
-            except LookupError:  # a header is given twice
-                fine = False
-            if not fine:
-                return Response(http.HTTPStatus.FORBIDDEN, "FORBIDDEN", Headers())
-            answer = process_request(connection, request)
-            if answer is not None:
-                answer.headers["Content-Security-Policy"] = POLICY.format(asked=asked)
-                answer.headers["X-Content-Type-Options"] = "nosniff"
-                answer.headers["Referrer-Policy"] = "no-referrer"
-            return answer
-
-        return serve(*arguments, process_request=process, **options)
-
-    websocket_server.serve = start
-    try:
-        yield
-    finally:
-        websocket_server.serve = serve

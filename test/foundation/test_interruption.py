@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
+from cdrj_ros.estimation.ensemble import mark_recording
 from cdrj_ros.foundation.interruption import BLAS_THREADS
+from cdrj_ros.model.status import UNSURE
 
 PATIENCE_S = 30.0
 PRELUDE = """
@@ -125,3 +129,21 @@ run_interruptibly("counting", load)
     kept = {name: value for name, value in os.environ.items() if name != BLAS_THREADS}
     done = subprocess.run([sys.executable, "-c", script], check=False, env=kept | chosen)
     assert done.returncode == 100 + min(threads, len(os.sched_getaffinity(0)))
+
+
+def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
+    def ask(*_: object) -> None:
+        raise InterruptedError
+
+    values, nothing = np.zeros((4_000_000, 2)), np.empty((0, 0))
+    preload, doubtful = np.ones(1), np.ones(len(values), dtype=np.bool_)
+    before = signal.signal(signal.SIGALRM, ask)
+    signal.setitimer(signal.ITIMER_REAL, 1e-3)
+    try:
+        with pytest.raises(InterruptedError):
+            mark_recording(values, preload, nothing, 0.5, doubtful)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert values[0, 1] == UNSURE
+    assert values[-1, 1] != UNSURE

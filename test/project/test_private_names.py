@@ -1,4 +1,4 @@
-"""The package uses the public names of other libraries only."""
+"""The package uses the public names of other libraries only, and changes none."""
 
 from __future__ import annotations
 
@@ -52,6 +52,42 @@ def foreign(tree: ast.Module, own: set[str]) -> list[tuple[str, int]]:
     return found
 
 
+def patched(tree: ast.Module) -> list[tuple[str, int]]:
+    """Attributes of imported modules, classes and functions that are set or deleted.
+
+    What ``import_module`` returns is one, too.
+    """
+    imported = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import(names=aliases) | ast.ImportFrom(names=aliases):
+                imported |= {(one.asname or one.name).split(".")[0] for one in aliases}
+            case (
+                ast.Assign(targets=[ast.Name(id=name)], value=value)
+                | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
+            ) if "import_module" in ast.unparse(value):
+                imported.add(name)
+    found = []
+    for node in ast.walk(tree):
+        match node:
+            case ast.Attribute(ctx=ast.Store() | ast.Del()):
+                changed: ast.expr = node
+            case ast.Call(
+                func=ast.Name(id="setattr" | "delattr")
+                | ast.Attribute(value=ast.Name(id="object"), attr="__setattr__"),
+                args=[ast.expr() as changed, *_],
+            ):
+                pass
+            case _:
+                continue
+        root = changed
+        while isinstance(root, ast.Attribute | ast.Subscript):
+            root = root.value
+        if isinstance(root, ast.Name) and root.id in imported:
+            found.append((ast.unparse(changed), node.lineno))
+    return found
+
+
 def of_the_package(module: str | None) -> bool:
     return (module or "").split(".")[0] == "cdrj_ros"
 
@@ -61,8 +97,8 @@ OWN = PUBLIC.union(*map(defined, TREES.values()))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_only_public_names_of_other_libraries_are_used(path: Path) -> None:
-    found = foreign(TREES[path], OWN)
+def test_only_public_names_of_other_libraries_are_used_and_none_is_changed(path: Path) -> None:
+    found = [*foreign(TREES[path], OWN), *patched(TREES[path])]
     assert not found, ", ".join(f"line {line}: {word}" for word, line in found)
 
 
@@ -75,3 +111,23 @@ def test_only_public_names_of_other_libraries_are_used(path: Path) -> None:
 )  # fmt: skip
 def test_a_private_name_is_found(line: str) -> None:
     assert foreign(ast.parse(line), OWN)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import viser\nviser.infra.serve = None",
+        "import a.b\na.b.c: int = 0",
+        "from websockets.asyncio import server\nserver.serve = None",
+        "from rclpy.node import Node\ndel Node.publish",
+        "import sys\nsys.stdout, other = 1, 2",
+        "import gc as g\nsetattr(g, 'collect', None)",
+        "one: Any = importlib.import_module('numpy')\none.array = list",
+    ],
+)
+def test_a_change_of_another_module_is_found(line: str) -> None:
+    assert patched(ast.parse(line))
+
+
+def test_an_object_of_the_own_module_may_be_changed() -> None:
+    assert not patched(ast.parse("import threading\nlock = threading.local()\nlock.held = 1"))

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from ipaddress import ip_address, ip_network
 from typing import Any
 
 import pytest
@@ -82,6 +83,53 @@ def test_the_server_refuses_pages_of_others_and_foreign_names(server: Any) -> No
     assert answer_of(server, Origin=own) == 101
     assert answer_of(server, Origin="http://example.org") == 403
     assert answer_of(server, Host="example.org", Origin="http://example.org") == 403
+
+
+def test_viser_itself_listens_where_no_page_can_find_it(server: Any) -> None:
+    import viser
+
+    from cdrj_ros.view.proxy import secret_address
+
+    secret, port = server.get_host(), viser.ViserServer.get_port(server)
+    assert ip_address(secret) in ip_network("127.0.0.0/8")
+    assert len({secret_address() for _ in range(20)}) > 15
+    for name in ("127.0.0.1", "::1", HERE):
+        with pytest.raises(OSError):  # noqa: PT011
+            socket.create_connection((name, port), timeout=5.0)
+    socket.create_connection((secret, port), timeout=5.0).close()
+
+
+def test_a_connection_ends_for_the_reason_that_viser_gives(server: Any) -> None:
+    from websockets.exceptions import ConnectionClosedError
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+
+    asked = address_of(server, "localhost").replace("http", "ws")
+    with (
+        connect(asked, subprotocols=[Subprotocol("viser-v0.1")], proxy=None) as client,
+        pytest.raises(ConnectionClosedError) as ended,
+    ):
+        client.recv(timeout=30.0)
+    assert ended.value.rcvd is not None
+    assert (ended.value.rcvd.code, ended.value.rcvd.reason[:16]) == (1002, "Version mismatch")
+
+
+def test_what_is_no_file_of_the_page_is_not_found(server: Any) -> None:
+    for path in ("/no", "/../../secret", "http://example.org/", "/%zz\x7f"):
+        with socket.create_connection(("localhost", server.get_port()), timeout=30.0) as client:
+            client.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+            assert client.recv(4096).split(b" ")[1] in (b"400", b"404"), path
+
+
+def test_a_port_that_is_taken_is_passed_over() -> None:
+    pytest.importorskip("viser")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        other = open_server("127.0.0.1", port)
+        try:
+            assert port < other.get_port() < port + 100
+        finally:
+            other.stop()
 
 
 def test_the_page_may_neither_ask_other_servers_nor_be_framed(server: Any) -> None:
