@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Print the held-out figures of docs/continuum.md and draw its pictures.
+"""Print the held-out figures of docs/validation.md and draw its pictures.
 
     python tools/continuum_figures.py BAGS --other LATER/test/2024-12-06-… --out docs/figures
 
@@ -173,7 +173,7 @@ def print_tables(bags: Sequence[Path], plain: Sequence[BagComparison]) -> None:
 
 def main() -> int:
     """Print the tables, then draw the pictures."""
-    parser = argparse.ArgumentParser(description="Figures of docs/continuum.md")
+    parser = argparse.ArgumentParser(description="Figures of docs/validation.md")
     parser.add_argument("bags", type=Path, help="the folder with train and test")
     parser.add_argument("--other", type=Path, help="a bag of another session")
     parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draw the figure of docs/encoderless.md from recordings of a real instrument.
+"""Draw the figure of docs/validation.md from recordings of a real instrument.
 
 python tools/motor_alone_figure.py BAG... --robot ROBOT.yaml --out docs/figures/motor_alone.png
 

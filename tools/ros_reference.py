@@ -35,15 +35,17 @@ best-effort publishers of its inputs as well. Every node has ROS's own services 
 NOTES = {
     "estimator": "On request: `tension_sensors` (a parameter), `wrenches` (for their subscribers); "
     "for joints without encoder `joint_angles` and `joint_angles_stddev` "
-    "([encoderless.md](encoderless.md)); with `--managed` the services of the "
-    "[lifecycle](lifecycle.md) and `~/transition_event`; "
+    "([joints without encoder](robot_file.md#joints-without-encoder)); "
+    "with `--managed` the services of the "
+    "[lifecycle](install.md#the-estimator-as-a-lifecycle-node) and `~/transition_event`; "
     "with `use_sim_time` the input `/clock`. The QoS of every topic can be overridden by "
     "parameters `qos_overrides.<topic>.<publisher or subscription>.<policy>`. With `--managed`, "
     "parameters that do not change while running may change while unconfigured.",
     "rig": "Described in [Simulated robot](rig_node.md).",
-    "replay": "Options are on its command line: [Replay](replay.md).",
-    "watch": "Options are on its command line: [Live table](watch.md).",
-    "markers": "Described in [RViz](markers.md).",
+    "replay": "Options are on its command line: "
+    "[Replay](recordings.md#replay-through-the-running-node).",
+    "watch": "Options are on its command line: [Live table](view.md#terminal).",
+    "markers": "Described in [RViz](view.md#rviz).",
     "view": "Described in [Browser](view.md). It needs the extra `view`. While a page is open, it "
     "subscribes to `tensions`, `nodal_forces`, `joint_states`, `references` and `/diagnostics`.",
 }

@@ -117,5 +117,5 @@ def _add_machine_option(parser: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="ADDRESS",
         help="compute residuals on the Dask cluster with this scheduler, such as "
         "tcp://10.0.0.5:8786; otherwise on all processors of this machine "
-        "(docs/many_recordings.md)",
+        "(docs/recordings.md)",
     )  # fmt: skip

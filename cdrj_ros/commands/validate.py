@@ -91,11 +91,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--scheduler", metavar="ADDRESS",
         help="process the bags on the Dask cluster with this scheduler, such as "
-        "tcp://10.0.0.5:8786, whose workers see the same files (docs/many_recordings.md)",
+        "tcp://10.0.0.5:8786, whose workers see the same files (docs/recordings.md)",
     )  # fmt: skip
     parser.add_argument(
         "--limits", metavar="FILE",
-        help="limits of the figures (YAML, docs/validate.md); exit code 1 if a figure is outside",
+        help="limits of the figures (YAML, docs/recordings.md); exit code 1 if a figure is outside",
     )  # fmt: skip
     parser.add_argument(
         "--write-bag", metavar="OUT",

@@ -1,4 +1,4 @@
-// The estimate of a robot with joints without encoder, and its members. docs/encoderless.md.
+// The estimate of a robot with joints without encoder, and its members. docs/model.md.
 #include "encoderless.hpp"
 
 #include <algorithm>

@@ -2,7 +2,7 @@
 //
 // The angles are predicted from the cables and the loads (M1), then corrected by the measured efforts
 // (M2). At the start, or where a joint is lost, they are searched over their ranges first.
-// docs/encoderless.md. Every member of an ensemble solves the same problems as the nominal robot; their
+// docs/model.md. Every member of an ensemble solves the same problems as the nominal robot; their
 // spread gives the standard deviations.
 #pragma once
 

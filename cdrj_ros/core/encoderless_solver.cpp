@@ -1,5 +1,5 @@
 // The angles of joints without encoder in one sample: prediction (M1), correction (M2) and search of
-// docs/encoderless.md.
+// docs/model.md.
 #include <algorithm>
 #include <cmath>
 #include <utility>

@@ -1,4 +1,4 @@
-// Poses and velocities of the frames that carry the nodes. docs/geometry.md, section 1.
+// Poses and velocities of the frames that carry the nodes. docs/model.md, section 13.1.
 #pragma once
 
 #include <span>

@@ -2,7 +2,7 @@
 //
 // All vectors are in the guide's own axes: z is the axis of a round body and the origin its centre.
 // `touch.before` is the point a from which the cable comes, `touch.after` the point b to which it
-// goes. docs/geometry.md, section 2.
+// goes. docs/model.md, section 13.2.
 #pragma once
 
 #include "robot_records.hpp"

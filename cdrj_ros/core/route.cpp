@@ -3,7 +3,7 @@
 // The points of contact of neighbouring round bodies depend on each other. Sweeps along the cable
 // recompute each node from the points of its neighbours until no point moves any more. A point that
 // moves along a tangent does not move the tangent, so two circles in a plane converge quadratically.
-// The result depends on the pose alone, not on the samples before it. docs/geometry.md, section 3.
+// The result depends on the pose alone, not on the samples before it. docs/model.md, section 13.3.
 #include "route.hpp"
 
 #include <algorithm>

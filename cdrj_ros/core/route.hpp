@@ -1,4 +1,4 @@
-// Lengths, wraps and lever arms of a cable given by positions. docs/geometry.md.
+// Lengths, wraps and lever arms of a cable given by positions. docs/model.md.
 //
 // A cable in the plane is one in space: its pulleys and drums lie at z = 0, their axes along z.
 #pragma once

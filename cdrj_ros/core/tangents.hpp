@@ -1,5 +1,5 @@
 // Tangents of circles, and the side on which a cable passes one: (G2), (G4), (G6).
-// docs/geometry.md, section 2.
+// docs/model.md, section 13.2.
 #pragma once
 
 #include <algorithm>

@@ -4,7 +4,7 @@ A joint without encoder is found at every sample by two least-squares steps: a p
 the cables turn the joint with the winches and its load changes little, and a correction by the
 measured efforts.  Every member of an ensemble, with parameters, friction history and error of the
 effort of its own, does the same; the spread gives the standard deviations.  The core solves them;
-see docs/encoderless.md.
+see docs/model.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Records of the geometry: constants of frames and nodes, their values in a pose, and tables.
 
 Cables are described in space; those of a robot in the plane lie at z = 0, with all axes along z.
-See docs/geometry.md.
+See docs/model.md.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Two equal circles of radius R roll on each other; the link's centre lies at 2R (cos q, sin q) and
 the link turns by 2q.  The load sits L_d beyond it, at 2R (cos q, sin q) + L_d (cos 2q, sin 2q).
 
-The printed equations differ from these (docs/paper_slips.md).  ``form`` selects ``corrected``, or
-``published``, which reproduces the source's curves.
+The printed equations differ from these (examples/paper/slips.md).  ``form`` selects ``corrected``,
+or ``published``, which reproduces the source's curves.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pull
 figures of PulleyFriction, ``health`` is null or the verdict of the health monitor, and ``limits``
 is null or ``{"file", "checked", "outside": [{"where", "channel", "figure", "value", "min" or "max",
 "by"}]}``.  An unknown figure is null; NaN and infinity never appear.
-docs/validate.md describes every key.
+docs/recordings.md describes every key.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "config" / "robots").mkdir(parents=True)
     for name in ("arm.yaml", "R.yaml", "config/robots/prototype.yaml"):
         (folder / name).write_text(robot)
-    page = (ROOT / "docs" / "validate.md").read_text()
+    page = (ROOT / "docs" / "recordings.md").read_text()
     (folder / "limits.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
     for name in ("recordings/one", "recordings/two", "other"):
         (folder / name).parent.mkdir(exist_ok=True)
@@ -87,9 +87,7 @@ def test_fits_of_the_page_on_identification_run(
 
 
 @pytest.mark.usefixtures("few_pictures", "few_members")
-@pytest.mark.parametrize(
-    "line", [*lines("validate.md", "validate"), *lines("many_recordings.md", "validate")]
-)
+@pytest.mark.parametrize("line", lines("recordings.md", "validate"))
 def test_validations_of_the_pages_run(
     line: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,11 +112,11 @@ def test_a_joint_without_encoder_is_made_as_the_page_shows(
     lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(lab)
-    text = (ROOT / "docs" / "encoderless.md").read_text()
+    text = (ROOT / "docs" / "validation.md").read_text()
     made = next(one for one in re.findall(r"^sed .*", text, re.MULTILINE) if "prototype" in one)
     subprocess.run(made, shell=True, check=True)
     words = next(
-        one for one in lines("encoderless.md", "validate") if "alone.yaml" in one and "bags" in one
+        one for one in lines("validation.md", "validate") if "alone.yaml" in one and "bags" in one
     )
     assert validate([str(lab / "recordings" / "one"), *shlex.split(words)[2:]]) == 0
     assert "Angle" in capsys.readouterr().out
@@ -126,6 +124,6 @@ def test_a_joint_without_encoder_is_made_as_the_page_shows(
 
 def test_the_pages_have_such_lines() -> None:
     assert len(lines("identification.md", "identify")) > 1
-    assert len(lines("validate.md", "validate")) + len(lines("many_recordings.md", "validate")) > 2
+    assert len(lines("recordings.md", "validate")) > 2
     assert len(lines("rig.md", "simulate")) > 3
     assert lines("uncertainty.md", "check_robot")

@@ -44,8 +44,7 @@ SHORT = {
     "validate": ["--quiet"],
 }
 PAGES = (
-    "bags/README.md", "docs/conditioning.md", "docs/continuum.md", "docs/encoderless.md",
-    "docs/validation.md",
+    "bags/README.md", "docs/conditioning.md", "docs/validation.md",
 )  # fmt: skip
 JAW_FILE = "config/robots/davinci_jaw.yaml"
 RUN = "Tool_4_Maryland_L_4_"

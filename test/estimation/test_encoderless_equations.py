@@ -1,4 +1,4 @@
-"""The angle of a joint without encoder minimises (M1) and (M2) of docs/encoderless.md.
+"""The angle of a joint without encoder minimises (M1) and (M2) of docs/model.md.
 
 Both sums are written out here and minimised without derivatives, from the outputs of the sample
 before: its state, the angle and, without an ensemble, the angle's variance P.

@@ -1,4 +1,4 @@
-"""Recomputation of all bold numbers of docs/paper_slips.md for the prototype."""
+"""Recomputation of all bold numbers of examples/paper/slips.md for the prototype."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.reader import load_robot
 
 ROOT = Path(__file__).parents[2]
-DOCUMENT = ROOT / "docs" / "paper_slips.md"
+DOCUMENT = ROOT / "examples" / "paper" / "slips.md"
 ROBOT = load_robot(ROOT / "config" / "robots" / "prototype.yaml")
 UPPER = ROBOT.cables[0]
 AMPLITUDE = radians(38.0)
