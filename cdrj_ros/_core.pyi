@@ -484,6 +484,9 @@ class Robot:
             TypeError: an array is not contiguous or of another type.
         """
 
+    def is_state(self, numbers: NDArray[np.float64]) -> bool:
+        """Whether numbers may be a state: within bounds that keep every step defined."""
+
     @property
     def state_size(self) -> int:
         """Numbers of a state."""

@@ -123,6 +123,12 @@ void bind_robot(py::module_& core) {
             [](const py::tuple& parts) {
                 return HeldRobot(parts[0].cast<Indices>(), parts[1].cast<Vector>());
             }))
+        .def(
+            "is_state",
+            [](const HeldRobot& held, const Given& numbers) {
+                return held.robot.is_state(span_of(numbers));
+            },
+            py::arg("numbers"))
         .def_property_readonly("state_size", [](const HeldRobot& h) { return h.robot.state_size(); })
         .def_property_readonly(
             "estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })

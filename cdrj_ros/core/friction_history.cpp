@@ -1,6 +1,7 @@
 // Histories that are assumed, not computed: friction before the start, and drums that slip.
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "drum.hpp"
 #include "laws.hpp"
@@ -11,6 +12,9 @@ namespace {
 
 /// Newton steps for the common factor of a stiffening cable's tensions; a linear one needs 3.
 constexpr int MOST_ROUNDS = 12;
+
+/// Greatest magnitude of any number of a state, in SI units.
+constexpr double LARGEST_IN_STATE = 1e9;
 
 }  // namespace
 
@@ -81,6 +85,19 @@ void Robot::forget_drums(double* state) const {
             start_drum(drum, drum.angle[top], drum.material[top], rate);
         }
     }
+}
+
+bool Robot::is_state(std::span<const double> numbers) const {
+    if (numbers.size() != state_size()) return false;
+    for (const double number : numbers) {
+        if (!(std::abs(number) <= LARGEST_IN_STATE)) return false;
+    }
+    std::vector<double> copy(numbers.begin(), numbers.end());
+    const State state(topology.sizes, copy.data());
+    if (*state.started == 0.0) return true;
+    return std::ranges::all_of(state.drums, [](const Drum& drum) {
+        return drum.points >= 1.0 && drum.points <= CAPACITY && drum.points == std::floor(drum.points);
+    });
 }
 
 }  // namespace cdrj

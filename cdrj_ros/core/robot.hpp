@@ -53,6 +53,9 @@ public:
     /// Give all cable on the drums the present strain, as of a cable that slips on its drum.
     void forget_drums(double* state) const;
 
+    /// Whether numbers may be a state: within bounds that keep every step defined.
+    bool is_state(std::span<const double> numbers) const;
+
     std::size_t state_size() const { return State::size(topology.sizes); }
     std::size_t estimate_size() const { return Estimate::size(topology.sizes); }
     std::size_t out_size() const {

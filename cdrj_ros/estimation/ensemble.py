@@ -190,6 +190,10 @@ class Ensemble:
             infinite = values.dtype == np.float64 and ~np.isfinite(there)
             if np.any(infinite & np.isfinite(values)):  # limits that a robot lacks are infinite
                 return False
+        counts = (arrays["intervals"], arrays["progress"][:LAST_STAMP])
+        states = arrays["members"]
+        if any(np.any(one < 0) for one in counts) or not all(map(self.model.core.is_state, states)):
+            return False
         for name, values in own.items():
             values[:] = arrays[name]
         self.renew_variance()

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
+from time import time_ns
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,9 @@ HEADER: Final = b"cdrj_ros state 6\n"
 
 MAXIMUM_BYTES: Final = 50_000_000
 """Maximum size of a state file; a larger file is refused."""
+
+DAY_NS: Final = 86_400_000_000_000
+"""A day [ns]."""
 
 CHANGED: Final = re.compile(r"(motors|joints)\.\w+\.reference_angle|cables\.\w+\.preload")
 """Paths of the numbers that ``~/tare`` and ``~/set_preload`` set."""
@@ -65,6 +69,18 @@ def _arrays(content: bytes, path: Path) -> dict[str, NDArray[Any]]:
             return {name: file[name] for name in file.files}
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         raise StateFileError(f"{path} is not a state file: {printable(str(error))}") from error
+
+
+def _unpacked(array: NDArray[Any]) -> Any:
+    """The value that ``_packed`` has packed.
+
+    Raises:
+        ValueError: not JSON.
+    """
+    try:
+        return json.loads(array.tobytes())
+    except RecursionError as error:
+        raise ValueError("too deeply nested") from error
 
 
 def _packed(value: Any) -> NDArray[np.uint8]:
@@ -143,7 +159,12 @@ def read_state(live: LiveEstimator, path: Path) -> str:
         said = f"{words} taken up; " if words else ""
         raise StateFileError(f"{said}the state in {path} belongs to other friction")
     _take_up_state(live, arrays, path)
-    return f"continues from {path}" + (f", with {words}" if words else "")
+    said = f", with {words}" if words else ""
+    days = (int(arrays["stamp"][0]) - time_ns()) / DAY_NS
+    if abs(days) > 1.0:
+        side = "after" if days > 0.0 else "before"
+        said += f"; its last estimate is {abs(days):.0f} days {side} the time of this computer"
+    return f"continues from {path}{said}"
 
 
 def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
@@ -155,22 +176,29 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
     values, stamp = arrays["state"], arrays.get("stamp")
     uncorrected = arrays.get("uncorrected", values)
     for one in (values, uncorrected):
-        if one.shape != (live.model.state_size,) or not np.all(np.isfinite(one)):
+        if one.dtype != np.float64 or not live.model.core.is_state(one):
             raise StateFileError(f"{path} holds no usable state")
-    if stamp is None or stamp.shape != (1,):
+    if stamp is None or stamp.shape != (1,) or stamp.dtype != np.int64 or stamp[0] <= 0:
         raise StateFileError(f"{path} holds no stamp")
+    known = live.conditioner.memory()
+    known["motor_angle"] = np.empty(len(live.model.robot.motors))
+    known["joint_angle"] = np.empty(len(live.model.robot.joints))
+    for name, own in known.items():
+        there = arrays.get(name)
+        if there is None or there.shape != own.shape or there.dtype != own.dtype:
+            raise StateFileError(f"{path} holds no usable {name.replace('_', ' ')}")
     try:
-        corrected_by = [str(name) for name in json.loads(arrays["corrected_by"].tobytes())]
+        corrected_by = [str(name) for name in _unpacked(arrays["corrected_by"])]
         if live.fusion is not None and "sensors" in arrays:
-            live.fusion.recall(json.loads(arrays["sensors"].tobytes()))
+            live.fusion.recall(_unpacked(arrays["sensors"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
     if live.ensemble is not None and not live.ensemble.recall(arrays):
         live.ensemble.reset()
-    state = State(int(stamp[0]), values.astype(np.float64))
+    state = State(int(stamp[0]), values)
     live.conditioner.recall(arrays)
-    motor, joint = arrays.get("motor_angle"), arrays.get("joint_angle")
-    live.resume(EarlierRun(state, motor, joint, uncorrected.astype(np.float64)), corrected_by)
+    motor, joint = arrays["motor_angle"], arrays["joint_angle"]
+    live.resume(EarlierRun(state, motor, joint, uncorrected), corrected_by)
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:
@@ -180,7 +208,7 @@ def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], pa
         StateFileError: the changes are unusable; nothing has changed then.
     """
     try:
-        changes = json.loads(arrays["changes"].tobytes())
+        changes = _unpacked(arrays["changes"])
         if not changes:
             return ""
         if not all(CHANGED.fullmatch(name) for name in changes):

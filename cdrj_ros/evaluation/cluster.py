@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from functools import partial
+from queue import Empty, Queue
+from threading import Thread
 from typing import Any, Final, TypeVar
 
 from cdrj_ros import __version__
@@ -51,13 +53,26 @@ def connected(address: str) -> Any:
             "--scheduler needs Dask: pip install 'cdrj_ros[cluster]' or 'distributed'"
         ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported by name
+    answer: Queue[Any] = Queue()
+
+    def connect() -> None:
+        try:
+            answer.put(Client(address, timeout=CONNECT_S))
+        except Exception as error:  # noqa: BLE001  whatever the port sent instead of an answer
+            answer.put(error)
+
+    # Dask waits without end for a port that accepts a connection and says nothing
+    Thread(target=connect, daemon=True).start()
     try:
-        return Client(address, timeout=CONNECT_S)
-    except (OSError, ValueError) as error:
+        found = answer.get(timeout=CONNECT_S + CLOSE_S)
+    except Empty:
+        found = TimeoutError("something else listens there")
+    if isinstance(found, Exception):
         raise UsageError(
             f"--scheduler {address}: no Dask scheduler answered within {CONNECT_S:g} s "
-            f"({' '.join(str(error).split())})"
-        ) from error
+            f"({' '.join(str(found).split())})"
+        ) from found
+    return found
 
 
 def _gathered(client: Any, work: Work[T, R], report: Progress) -> list[R | Failed]:

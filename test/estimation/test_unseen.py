@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from io import BytesIO
@@ -381,12 +382,25 @@ def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_sta
     assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
 
 
+def arrays_in(path: Path) -> dict[str, Any]:
+    with np.load(BytesIO(path.read_bytes().removeprefix(HEADER)[32:])) as file:
+        return {name: file[name] for name in file.files}
+
+
+def rewrite(path: Path, arrays: dict[str, Any]) -> None:
+    """Write a state file with a checksum that fits."""
+    buffer = BytesIO()
+    np.savez(buffer, **arrays)
+    path.write_bytes(with_checksum(buffer.getvalue()))
+
+
 @pytest.mark.parametrize(
     "changes",
     [
         b"[1, 2]", b"nothing", b'{"friction.mu_c": 0.1}', b'{"cables.lower.preload": NaN}',
         b'{"cables.none.preload": 3}', b'{"cables.lower.preload": "x"}',
         b'{"motors.winch.reference_angle": 1e300}', b'{"name": "x"}', b"7", b"\xff",
+        b"[" * 100_000 + b"]" * 100_000,
     ],
 )  # fmt: skip
 def test_changes_that_no_service_makes_are_refused(
@@ -397,16 +411,50 @@ def test_changes_that_no_service_makes_are_refused(
     for k in range(10):
         send(live, readings, k)
     write_state(live, path)
-    with np.load(BytesIO(path.read_bytes().removeprefix(HEADER)[32:])) as file:
-        arrays = {name: file[name] for name in file.files}
-    arrays["changes"] = np.frombuffer(changes, np.uint8)
-    buffer = BytesIO()
-    np.savez(buffer, **arrays)
-    path.write_bytes(with_checksum(buffer.getvalue()))
+    rewrite(path, arrays_in(path) | {"changes": np.frombuffer(changes, np.uint8)})
     again = LiveEstimator(model)
     with pytest.raises(StateFileError, match="no usable changes"):
         read_state(again, path)
     assert again.model is again.started
+
+
+def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estimate_defined(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    path, options = tmp_path / "state", Options(tension_sensors=True)
+    live = LiveEstimator(model, options)
+    for k in range(50):
+        send(live, readings, k)
+    write_state(live, path)
+    arrays = arrays_in(path)
+    lines = []
+    for name, own in arrays.items():
+        nested = np.frombuffer(b"[" * 100_000 + b"]" * 100_000, np.uint8)
+        others = [np.float64(1.0), np.zeros((2, 2, 2)), np.array("x"), nested]
+        others += [np.zeros(own.shape, "M8[ns]")]
+        others += [np.full(own.shape, value, own.dtype) for value in (255, 2**62)[: own.itemsize]]
+        for other in [*others, -np.ones(own.shape), np.full(own.shape, 1e308)]:
+            rewrite(path, arrays | {name: other})
+            again = LiveEstimator(model, options)
+            with np.errstate(all="ignore"):
+                try:
+                    read_state(again, path)
+                except StateFileError as error:
+                    lines.append(str(error))
+                (output,) = send(again, readings, 50)
+            assert np.isfinite(output.estimate.values).all(), name
+    assert len(lines) > 80
+    assert not any("\n" in line for line in lines)
+
+
+def test_a_state_file_of_another_time_is_said_to_be_one(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    live = LiveEstimator(model)
+    send(live, readings, 0)
+    write_state(live, tmp_path / "state")
+    said = read_state(LiveEstimator(model), tmp_path / "state")
+    assert re.search(r"its last estimate is \d{3,5} days before the time of this computer", said)
 
 
 # -- times -------------------------------------------------------------------------------------

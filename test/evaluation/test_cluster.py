@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import socketserver
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from support.many_tasks import killed_once, square, sum_after_death, sum_with
 from cdrj_ros.commands import validate
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.evaluation.cluster import check_address, on_cluster
+from cdrj_ros.evaluation.cluster import check_address, connected, on_cluster
 from cdrj_ros.evaluation.cluster_pool import cluster_pool
 from cdrj_ros.evaluation.tasks import Failed, Work, in_this_process
 from cdrj_ros.foundation.errors import CdrjError, UsageError
@@ -139,6 +141,27 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("cdrj_ros.evaluation.cluster.CONNECT_S", 0.2)
     with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1: no Dask scheduler answered"):
         on_cluster(Work(square, [1.0], ["one"], [1]), "tcp://127.0.0.1:1", lambda _: None)
+
+
+@pytest.mark.parametrize("said", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" * 9])
+def test_a_port_at_which_something_else_listens_is_refused(
+    said: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cdrj_ros.evaluation.cluster.CONNECT_S", 0.2)
+
+    class Other(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.sendall(said)
+            self.request.recv(1_000_000)
+            over.wait()
+
+    over = Event()
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Other) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        with pytest.raises(UsageError, match="no Dask scheduler answered"):
+            connected(f"tcp://127.0.0.1:{server.server_address[1]}")
+        over.set()
+        server.shutdown()
 
 
 @pytest.mark.parametrize("address", ["", "host", "host:port", "smtp://host:25", "tcp://:8786"])
