@@ -68,7 +68,7 @@ bench: setup $(BENCH)
 
 docs: setup $(DOCS)
 	@$(IN_ENV) NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
-	@echo "build/site/index.html"
+	@echo "build/site is ready. Its search needs a server: python3 -m http.server -d build/site --bind localhost"
 
 MINUTES ?= 30
 soak: setup
