@@ -31,9 +31,6 @@ ARGUMENTS = [
         description="Whether to publish markers for RViz.",
     ),
     DeclareLaunchArgument(
-        "frame_id", default_value="base", description="Frame of the markers, as in the URDF."
-    ),
-    DeclareLaunchArgument(
         "view",
         default_value="false",
         choices=["true", "false", "True", "False"],
@@ -53,7 +50,6 @@ def _shown(context: LaunchContext) -> list[Node]:
     given = context.launch_configurations
     if given["view"] in YES and not view_is_installed():
         raise RuntimeError("view:=true needs the extra `view`: pip install viser")
-    extra = {"markers": {"frame_id": given["frame_id"]}, "view": {}}
     return [
         Node(
             package=PACKAGE,
@@ -61,10 +57,10 @@ def _shown(context: LaunchContext) -> list[Node]:
             namespace=given["namespace"],
             output="screen",
             arguments=["--supervised"],
-            parameters=[{"robot": given["robot"], **parameters}],
+            parameters=[{"robot": given["robot"]}],
             remappings=[("joint_states", given["joint_states"])],
         )
-        for name, parameters in extra.items()
+        for name in ("markers", "view")
         if given[name] in YES
     ]
 

@@ -229,8 +229,9 @@ def _write(path: str, model: Model, truth: Truth, begin: float, seed: int, read:
             x, y, z = _components(truth.force, lambda one: readings_of(one, *force))
             magnitude = np.sqrt(x**2 + y**2 + z**2)
             bag.write_nodal_forces(
-                forces, at, layout.pulleys, magnitude, force_x=x, force_y=y, force_z=z
-            )
+                forces, at, layout.pulleys, magnitude, force_x=x, force_y=y, force_z=z,
+                frame_id=layout.force_frame,
+            )  # fmt: skip
         both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
         bag.write_joint_states(
             torques, at, layout.motors + layout.joints, effort=readings_of(both, *torque)

@@ -193,6 +193,7 @@ def _write_piece(
         None if stddev is None else deviations[:, :elements],
         status,
         log_ns=log_ns,
+        frame_id=layout.base_link,
     )
     bag.write_nodal_forces(
         forces,
@@ -207,6 +208,7 @@ def _write_piece(
         slip_speed=values[:, layout.slip_speed],
         status=layout.pulley_status(status),
         log_ns=log_ns,
+        frame_id=layout.force_frame,
     )
     bag.write_joint_states(
         efforts,
@@ -214,6 +216,7 @@ def _write_piece(
         layout.motors + layout.joints,
         effort=values[:, layout.motor_effort.start : layout.joint_effort.stop],
         log_ns=log_ns,
+        frame_id=layout.base_link,
     )
 
 

@@ -272,10 +272,11 @@ def in_frames_of(robot: Robot, recording: Recording) -> Recording:
     compared with those in a frame that the messages name.  For a cable with positions both are
     taken to be in the base frame, also where the messages name no frame or another.
     """
-    unplaced = [cable.name for cable in robot.cables if not (cable.routed or cable.spatial)]
+    unplaced = [cable.name for cable in robot.cables if not cable.placed]
     starts = tuple(f"{FORCE_VECTOR}/{cable}/" for cable in unplaced)
     foreign = {name for name in recording.references if name.startswith(starts)}
-    if not foreign or not recording.force_frame:
+    mixed = len(unplaced) < len(robot.cables) and recording.force_frame == robot.base_link
+    if not foreign or not recording.force_frame or mixed:
         return recording
     note = (
         f"The recorded forces are in the frame {printable(recording.force_frame)}, but the robot "

@@ -83,7 +83,7 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
                 f"the wrap falls to {degrees(wrap.low):.1f}°{_at(robot, wrap.low_at)}: the cable "
                 "is about to leave the pulley",
             )
-        if (cable.routed or cable.spatial) and WRONG_SENSE < wrap.high <= 2.0 * pi:
+        if cable.placed and WRONG_SENSE < wrap.high <= 2.0 * pi:
             yield Suspicion(
                 pulley.name,
                 f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: is turn "

@@ -45,12 +45,11 @@ class Encoded(NamedTuple):
 class EstimateEncoder:
     """Encodes estimates of one robot as messages."""
 
-    def __init__(self, layout: Layout, frame_id: str = "", uncertain: bool = False) -> None:
+    def __init__(self, layout: Layout, uncertain: bool = False) -> None:
         """Prepare the messages; their names are fixed.
 
         Args:
             layout: layout of the estimates.
-            frame_id: frame of the headers.
             uncertain: whether the messages include standard deviations.
         """
         self._layout = layout
@@ -60,7 +59,7 @@ class EstimateEncoder:
         of_elements = [(k, k) for k in range(elements)]
         of_pulleys = [(int(k), int(k) + 1) for k in layout.element_before]
         begins = (0, elements, elements + pulleys) if uncertain else (None, None, None)
-        prepare = _Preparation(layout, frame_id)
+        prepare = _Preparation(layout)
         self._tensions = prepare.message(
             CABLE_TENSIONS, layout.elements, ("tension",), begins[0], beside=of_elements
         )
@@ -109,7 +108,6 @@ class _Preparation:
     """Prepares the messages of one robot."""
 
     layout: Layout
-    frame_id: str
 
     def message(
         self,
@@ -132,7 +130,8 @@ class _Preparation:
         """
         uncertain = first_stddev is not None
         arrays = (*values, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
-        blank = Template(message, names, arrays, self.frame_id)
+        frame = self.layout.force_frame if message is NODAL_FORCES else self.layout.base_link
+        blank = Template(message, names, arrays, frame)
         at = {array: span.offset for array, span in blank.spans.items()}
         status = self.layout.status.start
         return MessageEncoder(

@@ -217,7 +217,7 @@ class _Rows:
         self, cable: Cable, pulley: Pulley, stribeck: int, place: int, element: int
     ) -> None:
         wrap = self._add_profiles(pulley.wrap, True, place)
-        changes = cable.routed or cable.spatial or any(profile.joint for profile in pulley.wrap)
+        changes = cable.placed or any(profile.joint for profile in pulley.wrap)
         _fill(
             self._plan.pulleys,
             place,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -50,6 +50,10 @@ class Layout:
     """``cable/element``, the order of ``tension`` and ``status``."""
     pulleys: tuple[str, ...]
     """``cable/node``, the order of everything that belongs to pulleys."""
+    base_link: str
+    """Name in tf of the robot's base frame."""
+    force_frame: str
+    """Frame of forces: ``base_link``; empty where all forces are in the frames of their pulleys."""
     motors: tuple[str, ...]
     joints: tuple[str, ...]
     cables: tuple[str, ...]
@@ -81,6 +85,11 @@ class Layout:
     """Newton iterations of every cable."""
     residual: slice
     """Largest force imbalance at a pulley of every cable [N]."""
+
+    def in_frame(self, base_link: str) -> Layout:
+        """The layout with another name of the base frame; empty: this one."""
+        base = base_link or self.base_link
+        return replace(self, base_link=base, force_frame=base if self.force_frame else "")
 
     def pulley_status(self, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Flags of pulleys, shape (..., pulleys): the union of those of both adjacent elements.
@@ -181,7 +190,7 @@ def _at_rest(robot: Robot) -> tuple[Model, Shape]:
     if not rest.possible:
         raise RobotFileError(_impossible(model, reference, rest))
     for c, cable in enumerate(robot.cables):
-        if cable.routed or cable.spatial:
+        if cable.placed:
             _set_references(model, c, views, reference)
     if model.sizes.frames:
         rest = shape_at(model, reference)
@@ -263,9 +272,12 @@ def _layout(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
     slices = [slice(a, b) for a, b in pairwise(ends)]
     before = rows["element"].astype(np.intp)
     before.flags.writeable = False
+    placed = any(cable.placed for cable in robot.cables)
     return Layout(
         elements,
         pulleys,
+        robot.base_link,
+        robot.base_link if placed else "",
         tuple(motor.name for motor in robot.motors),
         tuple(joint.name for joint in robot.joints),
         tuple(cable.name for cable in robot.cables),

@@ -47,7 +47,12 @@ class MarkersNode(Node):
         """
         super().__init__("markers", namespace="cdrj", **options)
         self.model = declared_model(self)
-        self._frame = declare_text(self, "frame_id", "base", "Frame of the markers")
+        frame = declare_text(
+            self, "frame_id", "",
+            "Frame of the markers; empty: base_link of the robot file, the root link of its URDF, "
+            "or base",
+        )  # fmt: skip
+        self._frame = self.model.layout.in_frame(frame).base_link
         self._labels = declare_flag(self, "labels", False, "Whether to label the elements")
         self._forces = declare_flag(self, "forces", True, "Whether to draw forces on pulleys")
         self._force_scale = declare_number(

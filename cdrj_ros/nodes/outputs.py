@@ -32,9 +32,6 @@ from cdrj_ros.nodes.qos import default_profile
 LOOK_S: Final = 0.2
 """Time between two counts of the subscribers of outputs that are computed on request [s]."""
 
-BASE: Final = "base"
-"""Frame of forces in the base frame unless the parameter frame_id names it."""
-
 
 class Outputs:
     """Publishes estimates.
@@ -50,15 +47,15 @@ class Outputs:
         Args:
             node: the node that publishes.
             live: provides the names, and whether there are standard deviations.
-            frame_id: frame of the headers, and of forces in the base frame.
+            frame_id: name of the robot's base frame; empty: that of the robot file.
         """
         self._node, self._model = node, live.model
-        layout, uncertain = live.model.layout, live.options.uncertainty
+        layout, uncertain = live.model.layout.in_frame(frame_id), live.options.uncertainty
         self.published = 0
         """Number of estimates published."""
-        self._encoder = EstimateEncoder(layout, frame_id, uncertain=uncertain)
-        self._states = Template(JOINT_STATE, layout.elements, ("effort",), frame_id)
-        self._frames = _frames(live.model, frame_id or BASE)
+        self._encoder = EstimateEncoder(layout, uncertain=uncertain)
+        self._states = Template(JOINT_STATE, layout.elements, ("effort",), layout.base_link)
+        self._frames = _frames(live.model, layout.base_link)
         self._opened: list[Any] = []
         self.tensions = self._open(CableTensions, TENSIONS)
         self.forces = self._open(NodalForces, NODAL_FORCES)
@@ -68,7 +65,7 @@ class Outputs:
         self._angles: Template | None = None
         if live.encoderless is not None:
             names = live.encoderless.solver.names
-            self._angles = Template(JOINT_STATE, names, ("position",), frame_id)
+            self._angles = Template(JOINT_STATE, names, ("position",), layout.base_link)
             self._on_angles = self._open(JointState, JOINT_ANGLES)
             self._on_angles_stddev = self._open(JointState, f"{JOINT_ANGLES}_stddev")
         self._wrenches: dict[int, Any] = {}
@@ -160,8 +157,7 @@ def _frames(model: Model, base: str) -> list[str]:
     frames = []
     for pulley in model.layout.pulleys:
         cable = cables[pulley.rpartition("/")[0]]
-        placed = cable.routed or cable.spatial
-        frames.append(base if placed else pulley.replace("/", "_"))
+        frames.append(base if cable.placed else pulley.replace("/", "_"))
     return frames
 
 

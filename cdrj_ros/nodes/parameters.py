@@ -61,7 +61,11 @@ _SETTINGS: Final = (
         "0: never compare with this clock, for a recording that is paused or played slowly",
         "s", 0.0, 1e10,
     ),
-    Setting("frame_id", "", "frame_id of the outgoing headers"),
+    Setting(
+        "frame_id", "",
+        "frame_id of the outgoing headers, the robot's base frame; empty: base_link of the robot "
+        "file, the root link of its URDF, or base",
+    ),
     Setting(
         "preload", Parameter.Type.DOUBLE_ARRAY,
         "Preload of every cable in the reference pose; not set: the robot file's. Shows the "

@@ -137,8 +137,10 @@ class RigOutputs:
             return
         self._truth_every = max(round(options.settings.rate / options.truth_rate), 1)
         layout = model.layout
-        self._tension_template = Template(CABLE_TENSIONS, layout.elements, ("tension", "status"))
-        self._force_template = Template(NODAL_FORCES, layout.pulleys, FORCES)
+        self._tension_template = Template(
+            CABLE_TENSIONS, layout.elements, ("tension", "status"), layout.base_link
+        )
+        self._force_template = Template(NODAL_FORCES, layout.pulleys, FORCES, layout.force_frame)
         self._pulley_status = layout.pulley_status
         self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
         self._slack_at, self._overload_at = _bounds(model.robot)

@@ -333,6 +333,11 @@ class Cable:
         return self.nodes[0].space is not None
 
     @property
+    def placed(self) -> bool:
+        """Whether it is described by positions, so that its forces are in the base frame."""
+        return self.routed or self.spatial
+
+    @property
     def element_names(self) -> tuple[str, ...]:
         """``cable/1`` to ``cable/n-1``."""
         return tuple(f"{self.name}/{i}" for i in range(1, len(self.nodes)))
@@ -360,6 +365,8 @@ class Robot:
     """The file's document in SI; empty for robots that were not read from a file."""
     spatial_frames: tuple[SpatialFrame, ...] = ()
     """Frames in space; empty for a robot described in the plane."""
+    base_link: str = "base"
+    """Name in tf of the frame ``base``, in which positions and forces are given."""
 
     @property
     def prismatic_joints(self) -> frozenset[str]:

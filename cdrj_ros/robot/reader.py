@@ -101,6 +101,7 @@ def build_robot(document: Document, source: str) -> Robot:
         _uncertainty(document, cables, refuse),
         document,
         spatial_frames if any(cable.spatial for cable in cables) else (),
+        document.get("base_link", Robot.base_link),
     )
 
 

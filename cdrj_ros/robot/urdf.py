@@ -19,6 +19,9 @@ MAXIMUM_BYTES: Final = 20_000_000
 
 MOTIONS: Final = ("fixed", "revolute", "continuous", "prismatic")
 
+ROOT: Final = "base"
+"""Name of the root link in robot files, whatever the URDF calls it."""
+
 DESCRIPTION: Final = "robot_description"
 """Name that stands for the URDF that robot_state_publisher publishes."""
 
@@ -83,6 +86,7 @@ def with_urdf_frames(document: Document, source: str) -> Document:
     else:
         path = _find(entry["urdf"], source)
         joints = read_urdf(path, source)
+    root = joints[0].child if joints and not joints[0].name else ROOT
     joints = _without_prefix(joints, str(document.get("prefix", "")))
     measured = entry.get("joints", [j.name for j in joints if j.motion != "fixed" and not j.mimic])
     _check_measured(measured, joints, path, source)
@@ -92,6 +96,7 @@ def with_urdf_frames(document: Document, source: str) -> Document:
     if "joints" not in entry:
         measured = [name for name in measured if name in moving]
     return {
+        "base_link": root,
         **document,
         "frames": frames,
         "joints": _joints(document.get("joints"), measured, joints, source),
@@ -250,8 +255,8 @@ def _ordered(links: list[str], joints: list[UrdfJoint], path: Path) -> list[Urdf
         raise RobotFileError(f"{path}: the joints form a loop; a URDF is a tree")
     if len(roots) != 1:
         raise RobotFileError(f"{path} must have one root link, got {len(roots)}")
-    root = UrdfJoint("", "fixed", "base", roots[0], [0.0] * 3, [0.0] * 3, [0.0] * 3, None, None)
-    return ([root] if roots[0] != "base" else []) + ordered
+    root = UrdfJoint("", "fixed", ROOT, roots[0], [0.0] * 3, [0.0] * 3, [0.0] * 3, None, None)
+    return ([root] if roots[0] != ROOT else []) + ordered
 
 
 def _check_measured(measured: Any, joints: list[UrdfJoint], path: Path, source: str) -> None:

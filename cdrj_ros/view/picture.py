@@ -236,7 +236,7 @@ def _arrows(model: Model, scene: Scene, shown: Snapshot, scale: float) -> list[D
     known = usable(shown.pulley_status)
     forces = np.where(known[:, None], shown.force, np.nan)
     by_name = dict(zip(model.layout.pulleys, forces, strict=True))
-    placed = {cable.name for cable in model.robot.cables if cable.routed or cable.spatial}
+    placed = {cable.name for cable in model.robot.cables if cable.placed}
     width = 0.05 * typical_radius(model, scene)
     looks = []
     for k, body in enumerate(scene.bodies):

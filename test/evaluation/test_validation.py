@@ -65,6 +65,7 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     """A piece is forgotten once it has been written."""
     monkeypatch.setattr(estimating, "AT_ONCE", 512)
     model = load_model(ROBOT)
+    model = replace(model, layout=replace(model.layout, base_link="arm", force_frame="arm"))
     read = read_inputs(BAG, Topics(), model)
     motors, joints = (
         {
@@ -90,7 +91,9 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     write_estimates(str(out), BAG, log_times(recording, conditioned), watched())
     assert len(alive) > 10
     assert most <= 2
-    written = read_recording(out, Topics(references=OUTPUTS), force_vectors=True).references
+    found = read_recording(out, Topics(references=OUTPUTS), force_vectors=True)
+    assert found.force_frame == "arm"
+    written = found.references
     named = estimate_channels(model.layout, estimate(model, conditioned).values)
     assert set(written) == set(named)
     for name, series in written.items():

@@ -39,8 +39,11 @@ def array_by_array(layout: Layout, frame_id: str, estimate: Estimate, stddev: ob
     status = estimate.status.astype(np.uint8)
     parts = {} if stddev is None else {"stddev": np.asarray(stddev)}
     first, beyond = len(layout.elements), len(layout.elements) + len(layout.pulleys)
+    of_forces = (
+        "" if "upper" in layout.cables else frame_id
+    )  # those of the prototype have no positions
     tensions = Template(CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id)
-    forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), frame_id)
+    forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), of_forces)
     efforts = Template(JOINT_STATE, axes, ("effort",) if estimate.solved else (), frame_id)
     effort = {"effort": np.concatenate([estimate.motor_effort, estimate.joint_effort])}
     stamp, values = estimate.stamp_ns, estimate.values
@@ -61,12 +64,12 @@ def array_by_array(layout: Layout, frame_id: str, estimate: Estimate, stddev: ob
     )
 
 
-@pytest.mark.parametrize("frame_id", ["", "base_link"])
+@pytest.mark.parametrize("frame_id", ["base", "base_link"])
 @pytest.mark.parametrize("uncertain", [False, True])
 def test_all_bytes_are_those_of_messages_encoded_array_by_array(
     layout: Layout, frame_id: str, uncertain: bool
 ) -> None:
-    encoder = EstimateEncoder(layout, frame_id, uncertain)
+    encoder = EstimateEncoder(layout.in_frame(frame_id), uncertain)
     width = stddev_columns(layout).size
     for seed in range(20):
         estimate = some_estimate(layout, seed, solved=seed % 5 != 4)
@@ -79,9 +82,9 @@ def test_all_bytes_are_those_of_messages_encoded_array_by_array(
 def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: bool) -> None:
     stddev = np.arange(stddev_columns(layout).size) * 0.5
     estimate = some_estimate(layout, 1, solved=solved)
-    payload = EstimateEncoder(layout, "f", uncertain=True).efforts_stddev(estimate, stddev)
+    payload = EstimateEncoder(layout, uncertain=True).efforts_stddev(estimate, stddev)
     axes, begin = layout.motors + layout.joints, len(layout.elements) + len(layout.pulleys)
-    template = Template(JOINT_STATE, axes, ("effort",) if solved else (), "f")
+    template = Template(JOINT_STATE, axes, ("effort",) if solved else (), "base")
     efforts = {"effort": stddev[begin:]} if solved else {}
     assert payload == template.encode(estimate.stamp_ns, **efforts)
 

@@ -35,18 +35,25 @@ def bench(ros: None) -> Iterator[Bench]:
 
 
 def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench: Bench) -> None:
+    from cdrj_msgs.msg import CableTensions, NodalForces
     from geometry_msgs.msg import WrenchStamped
     from sensor_msgs.msg import JointState
 
     estimator = bench.estimator(robot=PLACED, frame_id="arm")
     states: list[Any] = []
     wrenches: list[Any] = []
+    others: list[Any] = []
+    for kind, topic in (
+        (CableTensions, "tensions"), (NodalForces, "nodal_forces"), (JointState, "efforts"),
+    ):  # fmt: skip
+        bench.node.create_subscription(kind, f"/cdrj/{topic}", others.append, 10)
     bench.node.create_subscription(JointState, "/cdrj/tension_states", states.append, 10)
     bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", wrenches.append, 10)
     outputs = estimator.outputs
     assert bench.until(lambda: bool(outputs.wanted and outputs.states_wanted))
     feed(estimator, 0, 5)
-    assert bench.until(lambda: len(states) == len(wrenches) == 5)
+    assert bench.until(lambda: len(states) == len(wrenches) == 5 and len(others) >= 15)
+    assert {one.header.frame_id for one in (*states, *wrenches, *others)} == {"arm"}
     layout, estimate = estimator.live.model.layout, estimator.output.estimate
     state, wrench = states[-1], wrenches[-1]
     assert tuple(state.name) == layout.elements
@@ -58,7 +65,6 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
     wanted = [estimate.values[getattr(layout, f"force_{axis}")][k] for axis in "xyz"]
     assert [force.x, force.y, force.z] == wanted
     assert np.hypot(force.x, force.y) > 1.0
-    assert wrench.header.frame_id == "arm"
     assert wrench.header.stamp.sec * 10**9 + wrench.header.stamp.nanosec == estimate.stamp_ns
 
     for unknown in (marked_stale(estimate), replace(estimate, solved=False)):
@@ -69,15 +75,19 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
 
 
 def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(bench: Bench) -> None:
+    from cdrj_msgs.msg import NodalForces
     from geometry_msgs.msg import WrenchStamped
 
     estimator = bench.estimator()
     wrenches: list[Any] = []
+    forces: list[Any] = []
     bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/lower_5", wrenches.append, 10)
+    bench.node.create_subscription(NodalForces, "/cdrj/nodal_forces", forces.append, 10)
     assert bench.until(lambda: bool(estimator.outputs.wanted))
     feed(estimator, 0, 1)
-    assert bench.until(lambda: bool(wrenches))
+    assert bench.until(lambda: bool(wrenches) and bool(forces))
     assert wrenches[0].header.frame_id == "lower_5"
+    assert forces[0].header.frame_id == "", "in the frame of each pulley"
     opened = {name for name, _ in bench.node.get_topic_names_and_types() if "wrenches" in name}
     assert opened == {"/cdrj/wrenches/lower_5"}
 

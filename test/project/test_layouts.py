@@ -15,6 +15,7 @@ import yaml
 from cdrj_ros.evaluation.answers import ANSWER_TOPICS
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.model.loading import load_model
+from cdrj_ros.robot.description import Robot
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "config" / "layouts"
@@ -130,6 +131,5 @@ def test_rviz_shows_the_markers_in_their_default_frame() -> None:
     policy = ElementTree.parse(ROOT / "config" / "sros2" / "cdrj_ros.policy.xml")
     topics = policy.findall(".//profile[@node='markers']/topics[@publish='ALLOW']/topic")
     assert cables["Topic"]["Value"] in {f"/cdrj/{topic.text}" for topic in topics}
-    source = (ROOT / "cdrj_ros" / "nodes" / "markers.py").read_text()
     frame = layout["Visualization Manager"]["Global Options"]["Fixed Frame"]
-    assert f'"frame_id", "{frame}"' in source
+    assert frame == Robot.base_link

@@ -77,6 +77,9 @@ def test_links_become_frames_and_limits_ranges(tmp_path: Path) -> None:
         (-2.0, 2.0), (-0.5, 0.9), (0.1, 0.2),
     ]  # fmt: skip
     assert found.joints[2].reference_angle == 0.1
+    assert prepare(found).layout.force_frame == found.base_link == "world_link"
+    stated = robot(tmp_path, f"base_link: arm/world\n{ROBOT}")
+    assert prepare(stated).layout.in_frame("").base_link == "arm/world"
     frames = {frame.name: frame for frame in found.spatial_frames}
     assert "aside" not in frames  # no node is on it
     assert frames["coupled"].joint == "shoulder"
