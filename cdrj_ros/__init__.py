@@ -19,9 +19,13 @@ if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import ChannelError, Errors
     from cdrj_ros.foundation.errors import BagError, CdrjError, RobotFileError, UsageError
     from cdrj_ros.identification.fit import Identification
+    from cdrj_ros.inspection.checks import Inspection
+    from cdrj_ros.inspection.ranges import inspect_robot
     from cdrj_ros.model.prepared import Layout, Model
+    from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, STALE, UNSURE
     from cdrj_ros.recordings import Recording, Series, Topics, read_recording
     from cdrj_ros.robot.description import Robot
+    from cdrj_ros.robot.imported import import_mjcf
     from cdrj_ros.simulation.assembly import Truth
     from cdrj_ros.simulation.follow import follow_joints
     from cdrj_ros.simulation.load import Load, make_load, usual_load
@@ -31,6 +35,11 @@ if TYPE_CHECKING:
     """The version in package.xml."""
 
 __all__ = [
+    "INVALID",
+    "OVERLOAD",
+    "SLACK",
+    "STALE",
+    "UNSURE",
     "BagError",
     "CdrjError",
     "ChannelError",
@@ -39,6 +48,7 @@ __all__ = [
     "Estimates",
     "Estimator",
     "Identification",
+    "Inspection",
     "Layout",
     "Load",
     "Model",
@@ -56,7 +66,9 @@ __all__ = [
     "estimate",
     "follow_joints",
     "identify",
+    "import_mjcf",
     "initial_state",
+    "inspect_robot",
     "load",
     "make_load",
     "read_recording",
@@ -74,9 +86,13 @@ _HOMES: Final = {
     "evaluation.metrics": ("ChannelError", "Errors"),
     "foundation.errors": ("BagError", "CdrjError", "RobotFileError", "UsageError"),
     "identification.fit": ("Identification",),
+    "inspection.checks": ("Inspection",),
+    "inspection.ranges": ("inspect_robot",),
     "model.prepared": ("Layout", "Model"),
+    "model.status": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE"),
     "recordings": ("Recording", "Series", "Topics", "read_recording"),
     "robot.description": ("Robot",),
+    "robot.imported": ("import_mjcf",),
     "simulation.assembly": ("Truth",),
     "simulation.follow": ("follow_joints",),
     "simulation.load": ("Load", "make_load", "usual_load"),

@@ -6,7 +6,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from cdrj_ros.model.loading import load_model
+import cdrj_ros as cdrj
 
 SILENCE_S = 0.1
 """Time without a new estimate, or without a new command, after which the last is not used [s]."""
@@ -21,7 +21,7 @@ class Between(Node):
 
     def __init__(self, name, mode, message, topic, **options):
         super().__init__(name, namespace="cdrj", **options)
-        self.model = load_model(self.declare_parameter("robot", "prototype").value)
+        self.model = cdrj.load(self.declare_parameter("robot", "prototype").value)
         self.motors = len(self.model.robot.motors)
         self.mode, self.wished, self.wished_ns, self.last_ns = mode, None, 0, 0
         self.publisher = self.create_publisher(Float64MultiArray, f"commands/{mode}", 1)

@@ -13,7 +13,7 @@ from between import Between, spin
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from cdrj_ros.simulation.load import DAMPING, INERTIA, INERTIA_COS, make_load, usual_load, weight
+import cdrj_ros as cdrj
 
 BANDWIDTH = 60.0  # of the observer [rad/s]
 SPEED_FILTER_S = 0.005  # of the joint's speed from its encoder [s]
@@ -22,7 +22,8 @@ SPEED_FILTER_S = 0.005  # of the joint's speed from its encoder [s]
 class PushObserver:
     """Momentum observer: the external torque on a joint, low-passed with ``BANDWIDTH``.
 
-    With the momentum p = D(q) q' and the load's equation (``cdrj_ros.simulation.load``),
+    With the momentum p = D(q) q' and the load's equation D q'' + D' q'^2 / 2 + c q' + weight =
+    torque,
 
         r = K (p - integral of (cables' torque - weight - c q' + D'(q) q'^2 / 2 + r) dt)
 
@@ -34,9 +35,9 @@ class PushObserver:
         """Start at rest.
 
         Args:
-            load: of the joint (``cdrj_ros.simulation.load``).
+            load: of the joint, from ``cdrj.make_load``.
         """
-        self.numbers = load.coefficients()
+        self.load = load
         self.torque, self.speed = 0.0, 0.0
         self.before, self.integral = None, 0.0
 
@@ -48,19 +49,24 @@ class PushObserver:
             angle: of the joint [rad].
             effort: torque of the cables on it, positive along positive angle [N m].
         """
-        k = self.numbers
         if self.before is None:
             self.before = angle
             return 0.0
         share = dt / (dt + SPEED_FILTER_S)
         self.speed += share * ((angle - self.before) / dt - self.speed)
         self.before = angle
-        momentum = (k[INERTIA] + k[INERTIA_COS] * np.cos(angle)) * self.speed
-        pull = effort - float(weight(k, angle)) - k[DAMPING] * self.speed
-        pull -= 0.5 * k[INERTIA_COS] * np.sin(angle) * self.speed**2
+        weight = self.required(angle)
+        momentum = (self.required(angle, acceleration=1.0) - weight) * self.speed
+        damping = self.load.damping * self.speed
+        pull = effort - weight - damping
+        pull += self.required(angle, self.speed) - weight - damping  # D' q'^2 / 2
         self.integral += (pull + self.torque) * dt
         self.torque = BANDWIDTH * (momentum - self.integral)
         return self.torque
+
+    def required(self, angle, speed=0.0, acceleration=0.0):
+        """Torque that the load requires of the cables in this motion [N m]."""
+        return float(self.load.torque(*np.array([[angle], [speed], [acceleration]]))[0])
 
 
 class CollisionNode(Between):
@@ -73,7 +79,7 @@ class CollisionNode(Between):
         payload = self.declare_parameter("payload", 0.3).value
         damping = self.declare_parameter("damping", 0.05).value
         self.threshold = self.declare_parameter("threshold", 0.5).value
-        self.observer = PushObserver(make_load(usual_load(robot, 0), payload, damping))
+        self.observer = PushObserver(cdrj.make_load(cdrj.usual_load(robot, 0), payload, damping))
         self.angle, self.stddev, self.reason = None, 0.0, ""
         self.create_subscription(JointState, "joint_states", self.on_joint, 1)
         self.create_subscription(JointState, "efforts_stddev", self.on_stddev, 1)

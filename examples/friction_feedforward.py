@@ -16,12 +16,7 @@ from scipy.optimize import brentq
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.simulation.follow import follow_joints
-from cdrj_ros.simulation.load import make_load, usual_load
+import cdrj_ros as cdrj
 
 BRACKET, WIDEST = 1e-3, 2.0  # first and largest half width of the search for the angle [rad]
 ACCURACY = 1e-7  # of the angle [rad]
@@ -43,18 +38,18 @@ class FrictionFeedforward:
 
         Args:
             model: the prepared robot, with one motor and one joint.
-            load: of the joint (``cdrj_ros.simulation.load``).
+            load: of the joint, from ``cdrj.make_load``.
         """
         if (len(model.robot.motors), len(model.robot.joints)) != (1, 1):
-            raise CdrjError(f"{model.robot.name} must have one motor and one joint")
+            raise cdrj.UsageError(f"{model.robot.name} must have one motor and one joint")
         self.model, self.load = model, load
         self.sign = float(model.robot.joints[0].effort_sign)
-        self.state = initial_state(model)
+        self.state = cdrj.initial_state(model)
         self.correction = 0.0
 
     def rigid(self, target):
         """Motor angle of the undeformed mechanism at a joint angle [rad]."""
-        return float(follow_joints(self.model, np.array([[target]])).motor_angle[0, 0])
+        return float(cdrj.follow_joints(self.model, np.array([[target]])).motor_angle[0, 0])
 
     def angle(self, stamp_ns, target, speed=0.0, acceleration=0.0):
         """Motor angle for the desired motion [rad].
@@ -69,7 +64,7 @@ class FrictionFeedforward:
 
         def advanced(correction):
             angles = np.array([rigid + correction]), np.array([target])
-            return step(self.model, self.state, Sample(stamp_ns, *angles))
+            return cdrj.step(self.model, self.state, cdrj.Sample(stamp_ns, *angles))
 
         def imbalance(correction):
             return self.sign * float(advanced(correction)[1].joint_effort[0]) - torque
@@ -95,10 +90,10 @@ class FeedforwardNode(Node):
 
     def __init__(self, **options):
         super().__init__("friction_feedforward", namespace="cdrj", **options)
-        model = load_model(self.declare_parameter("robot", "prototype").value)
+        model = cdrj.load(self.declare_parameter("robot", "prototype").value)
         payload = self.declare_parameter("payload", 0.3).value
         damping = self.declare_parameter("damping", 0.05).value
-        load = make_load(usual_load(model.robot, 0), payload, damping)
+        load = cdrj.make_load(cdrj.usual_load(model.robot, 0), payload, damping)
         self.make = lambda: FrictionFeedforward(model, load)
         self.law, self.last_ns = self.make(), 0
         joint = model.robot.joints[0]

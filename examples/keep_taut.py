@@ -15,11 +15,9 @@ import numpy as np
 from between import Between, spin
 from cdrj_msgs.msg import CableTensions
 
-from cdrj_ros.model.prepared import shape_at
-from cdrj_ros.model.status import INVALID, STALE, UNSURE
-from cdrj_ros.simulation.faults import drums_of
+import cdrj_ros as cdrj
 
-REFUSED = STALE | INVALID | UNSURE
+REFUSED = CableTensions.STALE | CableTensions.INVALID | CableTensions.UNSURE
 TIGHTEN_S, LOOSEN_S = 0.008, 2.0  # time constants [s]
 
 
@@ -36,17 +34,16 @@ class KeepTaut:
             model: the prepared robot; every motor winds one cable, which has a preload.
             floor: desired lower bound of every tension minus 2 sigma [N].
         """
-        robot = model.robot
-        pose = np.array([joint.reference_angle for joint in robot.joints])
-        counts = [len(cable.nodes) - 1 for cable in robot.cables]
-        length = np.add.reduceat(shape_at(model, pose).length, np.cumsum([0, *counts])[:-1])
+        cables, checked = model.robot.cables, cdrj.inspect_robot(model)
+        counts = [len(cable.nodes) - 1 for cable in cables]
         self.floor, self.elements = floor, sum(counts)
-        self.turn = np.zeros(len(robot.motors))
+        preload = np.array([cable.preload for cable in cables])
+        shorter = preload / [check.stiffness for check in checked.cables]  # to double it [m]
+        winding = np.array([motor.winding for motor in checked.motors])  # [m/rad]
+        wound = np.argmax(np.abs(winding), axis=1)  # the cable of every motor
+        self.turn = shorter[wound] / winding[np.arange(len(wound)), wound]
         """Angle of every motor that doubles the preloads [rad]."""
-        for cable, _, motor, radius in drums_of(robot):
-            one = robot.cables[cable]
-            self.turn[motor] = one.preload * length[cable] / (one.axial_stiffness * radius)
-        self.strength = np.repeat([one.preload for one in robot.cables], counts)
+        self.strength = np.repeat(preload, counts)
         self.share = 0.0
         """Co-contraction: every cable's preload is 1 + share times that of the robot file."""
 

@@ -16,11 +16,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.mjcf import read_mjcf
-from cdrj_ros.robot.reader import build_robot
+import cdrj_ros as cdrj
 
 ARM = """
 <mujoco>
@@ -65,22 +61,21 @@ class Bridge:
         """
         self.physics = mujoco.MjModel.from_xml_path(str(path))
         self.data = mujoco.MjData(self.physics)
-        document = read_mjcf(path).document
-        document["friction"] = {**document.get("friction", {}), "mu_c": friction}
-        for cable in document["cables"]:
-            cable["axial_stiffness"], cable["preload"] = STIFFNESS, PRELOAD
-            cable.pop("youngs_modulus_gpa", None), cable.pop("diameter_mm", None)
-        self.model = prepare(build_robot(document, str(path)))
+        file = Path(path).with_suffix(".yaml")
+        cdrj.import_mjcf(path, file)
+        numbers = {"cables.lift.axial_stiffness": STIFFNESS, "cables.lift.preload": PRELOAD}
+        self.model = cdrj.load(file, {**numbers, "friction.mu_c": friction})
         joints = [self.physics.joint(joint.name) for joint in self.model.robot.joints]
         self.places = np.array([joint.qposadr[0] for joint in joints])
         self.speeds = np.array([joint.dofadr[0] for joint in joints])
-        self.state, self.time_ns = initial_state(self.model), 0
+        self.state, self.time_ns = cdrj.initial_state(self.model), 0
 
     def step(self, motor_angle):
         """Advance by a time step with these angles of the drums [rad]; returns the estimate."""
         self.time_ns += round(self.physics.opt.timestep * 1e9)
-        sample = Sample(self.time_ns, np.asarray(motor_angle), self.data.qpos[self.places].copy())
-        self.state, estimate = step(self.model, self.state, sample)
+        joint_angle = self.data.qpos[self.places].copy()
+        sample = cdrj.Sample(self.time_ns, np.asarray(motor_angle), joint_angle)
+        self.state, estimate = cdrj.step(self.model, self.state, sample)
         self.data.qfrc_applied[self.speeds] = estimate.values[self.model.layout.joint_effort]
         mujoco.mj_step(self.physics, self.data)
         return estimate

@@ -12,8 +12,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.simulation.follow import follow_joints
+import cdrj_ros as cdrj
 
 RATE_HZ, PERIOD_S, START_S = 50.0, 3.0, 1.0
 MIDDLE, AMPLITUDE = 0.5, 0.35  # of the joint's angle [rad]
@@ -24,12 +23,12 @@ class SwingNode(Node):
 
     def __init__(self):
         super().__init__("swing", namespace="cdrj")
-        model = load_model(self.declare_parameter("robot", "finger").value)
+        model = cdrj.load(self.declare_parameter("robot", "finger").value)
         time_s = np.arange(round((START_S + PERIOD_S) * RATE_HZ)) / RATE_HZ
         pose = np.tile([joint.reference_angle for joint in model.robot.joints], (time_s.size, 1))
         swing = np.sin(2.0 * np.pi * np.maximum(time_s - START_S, 0.0) / PERIOD_S)
         pose[:, 0] += MIDDLE * np.minimum(time_s / START_S, 1.0) + AMPLITUDE * swing
-        self.angles = follow_joints(model, pose).motor_angle
+        self.angles = cdrj.follow_joints(model, pose).motor_angle
         self.sent, self.start = 0, round(START_S * RATE_HZ)
         self.publisher = self.create_publisher(Float64MultiArray, "wished/position", 1)
         self.create_timer(1.0 / RATE_HZ, self.on_timer)

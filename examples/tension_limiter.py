@@ -15,9 +15,9 @@ import numpy as np
 from between import Between, spin
 from cdrj_msgs.msg import CableTensions
 
-from cdrj_ros.model.prepared import shape_at
-from cdrj_ros.model.status import INVALID, STALE, UNSURE
-from cdrj_ros.simulation.faults import drums_of
+import cdrj_ros as cdrj
+
+INVALID, STALE, UNSURE = CableTensions.INVALID, CableTensions.STALE, CableTensions.UNSURE
 
 APPROACH_S = 0.05  # a tension approaches its limit as exp(-t / APPROACH_S), never faster
 
@@ -38,16 +38,13 @@ class TensionLimiter:
             creep_speed: largest speed while a tension is UNSURE [rad/s].
         """
         self.creep_speed = creep_speed
-        robot = model.robot
-        pose = np.array([joint.reference_angle for joint in robot.joints])
-        counts = [len(cable.nodes) - 1 for cable in robot.cables]
-        length = np.add.reduceat(shape_at(model, pose).length, np.cumsum([0, *counts])[:-1])
+        cables, checked = model.robot.cables, cdrj.inspect_robot(model)
+        counts = [len(cable.nodes) - 1 for cable in cables]
         self.cable_of = np.repeat(np.arange(len(counts)), counts)
-        self.limit = np.array([limit or cable.maximum_tension for cable in robot.cables])
-        self.rise = np.zeros((len(robot.cables), len(robot.motors)))  # [N/rad]
-        for cable, _, motor, radius in drums_of(robot):
-            stiffness = robot.cables[cable].axial_stiffness / length[cable]
-            self.rise[cable, motor] += radius * stiffness
+        self.limit = np.array([limit or cable.maximum_tension for cable in cables])
+        stiffness = [check.stiffness for check in checked.cables]  # [N/m]
+        winding = np.array([motor.winding for motor in checked.motors])  # [m/rad]
+        self.rise = (winding * stiffness).T  # [N/rad], shape (cables, motors)
 
     def allowed(self, wished, tension, stddev, status):
         """Permitted speeds [rad/s], shape (motors,), and the reason if they are reduced.

@@ -10,11 +10,10 @@ from typing import Final
 
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.files import check_outputs, write_text
+from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.text import counted, printable
-from cdrj_ros.robot.imported import robot_text
-from cdrj_ros.robot.mjcf import read_mjcf
-from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.imported import import_mjcf
+from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.robot.urdf import read_urdf
 
 DESCRIPTION: Final = (
@@ -50,11 +49,9 @@ def _body(argv: Sequence[str]) -> int:
             f"{printable(arguments.model)}"
         )
     wanted = arguments.tendons.split(",") if arguments.tendons else None
-    imported = read_mjcf(path, wanted)
-    text = robot_text(imported.document, imported.remarks, path.name)
-    robot = parse_robot(text, arguments.out)
-    write_text(arguments.out, text)
-    for remark in imported.remarks:
+    remarks = import_mjcf(path, arguments.out, wanted)
+    robot = load_robot(arguments.out)
+    for remark in remarks:
         print(printable(f"note: {remark}"))
     print(
         f"{printable(arguments.out)}: {counted(len(robot.cables), 'cable')}, "

@@ -95,6 +95,8 @@ class MotorCheck:
     name: str
     angle: Extent
     """Motor angle relative to the reference pose [rad]."""
+    winding: tuple[float, ...]
+    """Length of every cable that the motor winds in per radian [m]."""
 
 
 @dataclass(frozen=True)

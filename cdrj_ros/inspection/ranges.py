@@ -136,7 +136,7 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
         poses,
         tuple(_cables(model, poses, shapes, followed, stiffness, motors)),
         tuple(
-            MotorCheck(motor.name, _extent(motors[:, m], poses))
+            MotorCheck(motor.name, _extent(motors[:, m], poses), tuple(drums[:, m].tolist()))
             for m, motor in enumerate(robot.motors)
         ),
         loads,

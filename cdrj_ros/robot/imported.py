@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
+from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.robot.mjcf import read_mjcf
+from cdrj_ros.robot.reader import parse_robot
 
 Document = dict[str, Any]
 
@@ -15,6 +19,31 @@ ASSUMED: Final = {
     "mu_c": "assumed: Coulomb coefficient of the cable on what it touches",
 }
 """Comments on keys that models of other programs do not have."""
+
+
+def import_mjcf(
+    path: str | Path, out: str | Path, tendons: Sequence[str] | None = None
+) -> tuple[str, ...]:
+    """Turn a MuJoCo model's spatial tendons into the cables of a robot file, docs/importing.md.
+
+    Args:
+        path: MJCF file.
+        out: robot file to write; values that the model does not have are marked as assumed.
+        tendons: names of those that become cables; None for all.
+
+    Returns:
+        Remarks on what the robot file does not represent.
+
+    Raises:
+        UsageError: MuJoCo is not installed, or cannot read the model within the limits of time and
+            memory, or no tendon can be represented.
+        RobotFileError: the result would be no possible robot.
+    """
+    imported = read_mjcf(path, tendons)
+    text = robot_text(imported.document, imported.remarks, Path(path).name)
+    parse_robot(text, str(out))
+    write_text(out, text)
+    return tuple(imported.remarks)
 
 
 def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:

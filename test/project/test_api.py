@@ -43,6 +43,17 @@ def offline(model: cdrj.Model, recording: cdrj.Recording) -> Offline:
     return estimate_recording(model, condition_recording(model, recording), spread=True)
 
 
+def imported(tree: ast.AST) -> set[str]:
+    """The modules below ``cdrj_ros`` that a program imports."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(node.module or "")
+    return {name for name in found if name.startswith("cdrj_ros.")}
+
+
 def test_every_public_name_is_listed_typed_and_found() -> None:
     typed = {
         alias.name
@@ -58,8 +69,11 @@ def test_every_public_name_is_listed_typed_and_found() -> None:
 
 
 def test_every_public_name_is_on_the_page() -> None:
-    named = re.findall(r"^::: cdrj_ros\.(\w+)$", PAGE.read_text("utf-8"), re.MULTILINE)
-    assert sorted([*named, "__version__"]) == sorted(cdrj.__all__)
+    page = PAGE.read_text("utf-8")
+    named = set(re.findall(r"^::: cdrj_ros\.(\w+)$", page, re.MULTILINE))
+    flags = {name for name in cdrj.__all__ if name.isupper()}
+    assert named | flags | {"__version__"} == set(cdrj.__all__)
+    assert all(name in page for name in flags)
 
 
 def test_importing_the_package_imports_nothing_else() -> None:
@@ -70,6 +84,21 @@ def test_importing_the_package_imports_nothing_else() -> None:
     ours = {name for name in done.stdout.split() if name.startswith("cdrj_ros")}
     assert ours == {"cdrj_ros"}
     assert "numpy" not in done.stdout
+
+
+def test_examples_and_pages_import_only_public_names() -> None:
+    programs = {
+        str(path.relative_to(ROOT)): path.read_text("utf-8")
+        for path in (ROOT / "examples").glob("*.py")
+    }
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        text = path.read_text("utf-8")
+        scripts = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+        scripts += re.findall(r"^python - .*<<'END'\n(.*?)^END$", text, re.DOTALL | re.MULTILINE)
+        programs |= {f"{path.name} {k}": script for k, script in enumerate(scripts)}
+    assert len(programs) > 10
+    assert {name: sorted(found) for name, text in programs.items()
+            if (found := imported(ast.parse(text)))} == {}  # fmt: skip
 
 
 def test_the_page_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

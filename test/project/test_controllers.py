@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+TOOLS = Path(__file__).parents[2] / "tools"
 
 
 @pytest.fixture(scope="module")
 def measure() -> Any:
     """The module that measures the controllers."""
     pytest.importorskip("rclpy")
-    sys.path.insert(0, str(EXAMPLES))
+    sys.path.insert(0, str(TOOLS))
     try:
         yield importlib.import_module("measure_controllers")
     finally:
-        sys.path.remove(str(EXAMPLES))
+        sys.path.remove(str(TOOLS))
 
 
 def test_the_limiter_holds_every_true_tension_below_its_limit(measure: Any) -> None:

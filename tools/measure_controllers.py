@@ -1,14 +1,19 @@
 """Measure what each controller achieves, on the true tensions and angles of the rig.
 
-python3 measure_controllers.py                     # a line per controller
-python3 measure_controllers.py --png effects.png   # and a picture
+python tools/measure_controllers.py                     # a line per controller
+python tools/measure_controllers.py --png effects.png   # and a picture
 """
 
 import argparse
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from closed_loop import FIRST_NS, STEP_NS, ClosedLoop
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
 from collision_stop import PushObserver
 from friction_feedforward import FrictionFeedforward
 from keep_taut import KeepTaut
