@@ -89,8 +89,6 @@ def write_files(
     errors: Errors,
     title: str,
     limit_check: LimitCheck | None = None,
-    *,
-    preload_stated: bool = True,
 ) -> None:
     """Write the files given by ``--json`` and ``--html``.
 
@@ -100,7 +98,6 @@ def write_files(
         errors: the recordings and their figures.
         title: of the report.
         limit_check: result of comparing with limits, where there were any.
-        preload_stated: whether the model's preload is that of every recording.
     """
     if arguments.json:
         from cdrj_ros.report.results_json import write_results
@@ -108,19 +105,13 @@ def write_files(
         write_results(arguments.json, errors, limit_check)
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot
-        from cdrj_ros.report.drawing import draw_robot
-        from cdrj_ros.report.html import RobotShown, write_report
-        from cdrj_ros.report.parameters import robot_summary
+        from cdrj_ros.report.html import write_report
 
         write_report(
             arguments.html,
             errors,
             title=title,
-            robot=RobotShown(
-                robot_summary(model.robot, with_preload=preload_stated),
-                model.robot,
-                draw_robot(inspect_robot(model)),
-            ),
+            inspection=inspect_robot(model),
             versions=versions(),
             beside=_published(model),
             limit_check=limit_check,
@@ -135,8 +126,7 @@ def print_results(
     limit_check: LimitCheck | None = None,
 ) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
-    from cdrj_ros.report.table import print_errors, print_limits
-    from cdrj_ros.report.verdict import health_of
+    from cdrj_ros.report.table import health_of, print_errors, print_limits
 
     for bag in errors.bags:
         for note in bag.notes:

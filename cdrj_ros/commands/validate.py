@@ -219,8 +219,7 @@ def _body(argv: Sequence[str]) -> int:
     errors = errors_of(bags)
     limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
-    stated = len(set(preloads)) == 1
-    write_files(arguments, model, errors, title, limit_check, preload_stated=stated)
+    write_files(arguments, model, errors, title, limit_check)
     if not arguments.quiet:
         print_results(arguments, model, errors, title, limit_check)
         for task in tasks:

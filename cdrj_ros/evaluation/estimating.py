@@ -20,7 +20,6 @@ from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.inputs import passes_of, slices_of
-from cdrj_ros.evaluation.pulley_friction import BLOCK
 from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
@@ -29,8 +28,8 @@ from cdrj_ros.recordings import BagWriter, Recording, list_topics
 
 T = TypeVar("T")
 
-AT_ONCE: Final = 2 * BLOCK
-"""Number of samples in a piece; it does not affect the estimates."""
+AT_ONCE: Final = 8192
+"""Number of samples in a piece, which fit into the processor's cache; no estimate depends on it."""
 
 UNKNOWN: Final = np.empty((0, 0))
 """Standard deviations that are not estimated."""

@@ -41,34 +41,16 @@ def envelope(buckets: int, *series: Floats) -> Indices:
     Returns:
         Indices to draw, strictly increasing, shape (k,) with k ≤ 2 * buckets * len(series) + 2.
     """
-    return np.unique(envelopes(buckets, *(values[np.newaxis] for values in series)))
-
-
-def envelopes(buckets: int, *series: Floats) -> Indices:
-    """The envelopes of many drawings at once, see ``envelope``.
-
-    Args:
-        buckets: how many buckets, at least 1.
-        series: finite, shape (m, n) each, with a row for each of the m drawings.
-
-    Returns:
-        Indices to draw, increasing in every row, where they may repeat, shape (m, k).
-    """
-    m, n = series[0].shape
+    n = len(series[0])
     size = -(-n // max(buckets, 1))
     if size <= 2 * len(series):
-        return np.broadcast_to(np.arange(n), (m, n))
-    whole = n // size
-    starts = np.arange(whole) * size
-    kept = [np.broadcast_to(np.array([0, n - 1]), (m, 2))]
+        return np.arange(n)
+    starts = np.arange(0, n, size)
+    kept = [np.array([0, n - 1])]
     for values in series:
-        blocks = values[:, : whole * size].reshape(m, whole, size)
-        kept += [starts + blocks.argmin(axis=2), starts + blocks.argmax(axis=2)]
-        rest = values[:, whole * size :]
-        if rest.size:
-            extremes = np.stack([rest.argmin(axis=1), rest.argmax(axis=1)], axis=1)
-            kept.append(whole * size + extremes)
-    return np.sort(np.concatenate(kept, axis=1), axis=1)
+        padded = np.append(values, np.full(-n % size, values[-1])).reshape(-1, size)
+        kept += [starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)]
+    return np.unique(np.minimum(np.concatenate(kept), n - 1))
 
 
 def turning_points(angle: Floats) -> Indices:

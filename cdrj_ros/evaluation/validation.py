@@ -157,7 +157,7 @@ class Validation:
                 if piece.angles is not None:
                     found.append(piece.angles)
                 if segment is longest:
-                    self._friction.add(piece.stamp_ns, piece.values)
+                    self._friction.add(piece.values)
                 named = _named(piece)
                 comparing.add(named.estimates, named.stddev, named.n)
                 if self._health:

@@ -1,22 +1,26 @@
-"""The report: one self-contained HTML page.
+"""Self-contained HTML pages: the report of a comparison, and what check_robot tells of a robot.
 
-The verdict comes first, then the table, then the pictures; only those of the most informative
-channels are unfolded.  Pictures are inline SVG.  Their lines are envelopes of a few hundred points,
-so their size does not grow with the recording; an SVG takes less than half the size of an equally
-sharp PNG, and it adopts the page's colours in dark mode and in print.
-
-``assets/report.html`` is a Jinja template that escapes all text; this module provides its values.
+``assets/`` holds Jinja templates, which escape all text; this module provides their values.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from cdrj_ros.evaluation.channels import QUANTITIES, BagComparison, Channel, quantity_of
+import yaml
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+from cdrj_ros.evaluation.channels import (
+    ANGLE,
+    FORCE_VECTOR,
+    QUANTITIES,
+    BagComparison,
+    Channel,
+    quantity_of,
+)
 from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import (
     COVERAGE_SIGMAS,
@@ -25,59 +29,125 @@ from cdrj_ros.evaluation.metrics import (
     NO_SAMPLES,
     ChannelError,
     Errors,
+    mean_over_channels,
 )
+from cdrj_ros.evaluation.pulley_friction import PulleyFriction
 from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.inspection.checks import Inspection, Suspicion
-from cdrj_ros.report.parameters import cable_tables, headline, parameter_tables
-from cdrj_ros.report.pictures import Picture, channel_pictures, drawing_svg, friction_pictures
+from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
+from cdrj_ros.report.parameters import cable_tables, headline
 from cdrj_ros.report.table import (
     HEADINGS,
     OUTSIDE_HEADINGS,
     Beside,
     cause_in_words,
     format_amount,
+    format_angle,
     format_percent,
     format_r2,
     headings_of,
+    health_lines,
     limits_sentence,
     outside_rows,
     table_groups,
 )
-from cdrj_ros.report.verdict import (
-    direction_words,
-    health_lines,
-    key_channels,
-    origin_of,
-    verdict,
-)
 from cdrj_ros.robot.description import Robot
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+PICTURE_BUDGET: Final = 2_700_000
+"""Characters available for pictures on one page; channels beyond it are listed but not drawn."""
 
-    from cdrj_ros.report.canvas import Sheets
+MOST_OF_A_KIND: Final = 4
+"""Largest number of unfolded channels of one kind."""
 
 
-def template(name: str) -> Any:
+def write_report(
+    path: str | os.PathLike[str],
+    errors: Errors,
+    *,
+    title: str,
+    inspection: Inspection,
+    versions: Mapping[str, str],
+    beside: Beside | None = None,
+    limit_check: LimitCheck | None = None,
+) -> None:
+    """Write comparisons as one page, whole or not at all.
+
+    Args:
+        path: the file, replaced if it exists.
+        errors: the recordings and their figures, in the order of the page.
+        title: title of the page, in one line.
+        inspection: of the robot whose estimates were compared.
+        versions: names and versions of the software that produced the estimates.
+        beside: an additional column of the table, for example published figures.
+        limit_check: result of the comparison with limits, if any.
+
+    Raises:
+        OSError: the file cannot be written; an existing file is then kept.
+    """
+    robot = inspection.model.robot
+    page = _template("report.html").render(
+        title=title,
+        style=style(),
+        numbers=key_numbers(errors.pooled),
+        limits=_limits(limit_check) if limit_check else None,
+        several=len(errors.bags) > 1,
+        table=_table(errors.pooled, _anchors(errors.bags), beside),
+        bags=_bags(errors),
+        robot=f"{robot.name} ({robot.source})",
+        drawing=_drawing(inspection),
+        parameters=_robot_file(robot),
+        versions=versions,
+        sigmas=f"{COVERAGE_SIGMAS:g}",
+        around=f"{AROUND_NS * 1e-9:g} s",
+        back=f"{100.0 * REVERSAL_SHARE:g} %",
+        share=f"{100.0 * MINIMUM_SHARE:g} %",
+        direction_share=f"{100.0 * DIRECTION_SHARE:g} %",
+    )
+    write_text(path, page + "\n")
+
+
+def write_robot_page(
+    path: str | os.PathLike[str], inspection: Inspection, suspicions: Sequence[Suspicion]
+) -> None:
+    """Write what check_robot tells of a robot as one page, whole or not at all.
+
+    Args:
+        path: the file, replaced if it exists.
+        inspection: of ``cdrj_ros.inspection.ranges``.
+        suspicions: of ``cdrj_ros.inspection.suspicions``.
+
+    Raises:
+        OSError: the file cannot be written; an existing file is then kept.
+    """
+    robot = inspection.model.robot
+    grave = [entry for entry in suspicions if entry.grave]
+    page = _template("robot.html").render(
+        title=robot.name,
+        style=style(),
+        headline=headline(inspection),
+        verdict=f"{counted(len(grave), 'suspicious value')}" if grave else "nothing suspicious",
+        grave=[(entry.where, entry.text) for entry in grave],
+        remarks=[(entry.where, entry.text) for entry in suspicions if not entry.grave],
+        drawing=_drawing(inspection),
+        cables=cable_tables(inspection),
+        parameters=_robot_file(robot),
+    )
+    write_text(path, page + "\n")
+
+
+def _template(name: str) -> Any:
     """A template of ``assets/``, which may import others from there."""
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
-
     environment = Environment(
         autoescape=True,
-        finalize=_shown,
+        finalize=lambda value: printable(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         loader=FunctionLoader(_asset),
     )
     return environment.get_template(name)
-
-
-def _shown(value: object) -> object:
-    """Text of others without control characters; jinja escapes it."""
-    return printable(value) if type(value) is str else value
 
 
 def style() -> str:
@@ -89,77 +159,21 @@ def _asset(name: str) -> str:
     return (resources.files("cdrj_ros.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-PICTURE_BUDGET: Final = 2_700_000
-"""Characters available for pictures on one page; channels beyond it are listed but not drawn."""
+def _drawing(inspection: Inspection) -> Any:
+    """The drawing of the robot."""
+    from cdrj_ros.report.drawing import draw_robot
+    from cdrj_ros.report.figures import inline_svg
+
+    name = inspection.model.robot.name
+    return inline_svg(draw_robot(inspection), f"Cables of {name}", "drawing")
 
 
-@dataclass(frozen=True, eq=False)
-class RobotShown:
-    """Robot, parameters and drawing shown on the page."""
-
-    summary: str
-    """The robot and the parameters used, in a sentence or two."""
-    robot: Robot | None = None
-    """Source of the parameter tables; None leaves them out."""
-    drawing: Figure | None = None
-
-
-@dataclass(frozen=True)
-class _Section:
-    """One channel of one recording on the page."""
-
-    name: str
-    anchor: str
-    line: str
-    """Error figures in one line."""
-    pictures: tuple[Picture, ...]
-    left_out: bool
-    """Whether pictures were left out although there are samples, to limit the size of the page."""
-
-
-def write_report(
-    path: str | os.PathLike[str],
-    errors: Errors,
-    *,
-    title: str,
-    robot: RobotShown,
-    versions: Mapping[str, str],
-    beside: Beside | None = None,
-    limit_check: LimitCheck | None = None,
-) -> None:
-    """Write the comparisons as one self-contained HTML page, whole or not at all.
-
-    Args:
-        path: the file, replaced if it exists.
-        errors: the recordings and their figures, in the order of the page.
-        title: title of the page, in one line.
-        robot: robot and parameters to show.
-        versions: names and versions of the software that produced the estimates.
-        beside: an additional column of the table, for example published figures.
-        limit_check: result of the comparison with limits, if any.
-
-    Raises:
-        OSError: the file cannot be written; an existing file is then kept.
-    """
-    page = template("report.html").render(
-        title=title,
-        style=style(),
-        verdict=verdict(errors),
-        limits=_limits(limit_check) if limit_check else None,
-        several=len(errors.bags) > 1,
-        table=_table(errors.pooled, _anchors(errors.bags), beside),
-        bags=_bags(errors),
-        robot=robot.summary,
-        drawing=drawing_svg(robot.drawing, robot.summary) if robot.drawing else None,
-        parameters=parameter_tables(robot.robot) if robot.robot else (),
-        versions=versions,
-        sigmas=f"{COVERAGE_SIGMAS:g}",
-        around=f"{AROUND_NS * 1e-9:g} s",
-        back=f"{100.0 * REVERSAL_SHARE:g} %",
-        share=f"{100.0 * MINIMUM_SHARE:g} %",
-        direction_share=f"{100.0 * DIRECTION_SHARE:g} %",
+def _robot_file(robot: Robot) -> list[str]:
+    """The lines of the robot file."""
+    text: str = yaml.safe_dump(
+        dict(robot.document), sort_keys=False, default_flow_style=None, allow_unicode=True
     )
-    write_text(path, page + "\n")
+    return text.splitlines()
 
 
 def _limits(limit_check: LimitCheck) -> dict[str, Any]:
@@ -172,17 +186,44 @@ def _limits(limit_check: LimitCheck) -> dict[str, Any]:
     }
 
 
+def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
+    """One number for every quantity, shown in large type: label, value, meaning and detail."""
+    numbers = []
+    for quantity, known in QUANTITIES.items():
+        members = [e for name, e in errors.items() if quantity_of(name) == quantity and e.n]
+        if not members:
+            continue
+        overall = mean_over_channels(members)
+        unit = overall.unit or known.unit
+        mean, largest = (
+            format_amount(value, unit) for value in (overall.mean_abs_error, overall.max_abs_error)
+        )
+        value, meaning = format_percent(overall.mean_relative_error), "mean relative error"
+        if known.signed or overall.mean_relative_error is None:
+            value, meaning = format_r2(overall.r2), "R²"
+        detail = f"{mean} mean, {largest} largest{_direction(overall)}"
+        label = known.title if len(members) == 1 else f"{len(members)} {known.several}"
+        numbers.append({"label": label, "value": value, "meaning": meaning, "detail": detail})
+    return numbers
+
+
+def _direction(error: ChannelError) -> str:
+    """Mean and largest direction error of vectors."""
+    if error.mean_direction_error_deg is None:
+        return ""
+    return (
+        f"; direction {format_angle(error.mean_direction_error_deg)} mean, "
+        f"{format_angle(error.max_direction_error_deg)} largest"
+    )
+
+
 def _table(
     errors: Mapping[str, ChannelError], anchors: Mapping[str, str], beside: Beside | None = None
 ) -> dict[str, Any]:
     """The figures, one table per quantity, with names linked to their pictures."""
     groups = table_groups(errors, beside=beside)
     headings = headings_of(errors)
-    rows = [
-        row
-        for group in groups
-        for row in (*group.rows, *([group.summary] if group.summary else []))
-    ]
+    rows = [row for group in groups for row in (*group.rows, group.summary) if row]
     return {
         "groups": groups,
         "headings": headings,
@@ -205,20 +246,36 @@ def _anchors(bags: Sequence[BagComparison]) -> dict[str, str]:
     return anchors
 
 
+def key_channels(names: Sequence[str]) -> list[str]:
+    """The most informative channels, in display order, at most MOST_OF_A_KIND of each kind.
+
+    The tension of a cable's last element contains the friction of all its pulleys. The force at
+    node 3 is the one measured in the paper; for a cable without it, the last node is chosen.
+    """
+    chosen: list[str] = []
+    for quantity in (TENSION, NODAL_FORCE, FORCE_VECTOR, EFFORT, ANGLE):
+        own: dict[str, tuple[tuple[bool, int], str]] = {}
+        for name in (one for one in names if quantity_of(one) == quantity):
+            part, _, number = name.rpartition("/")
+            if quantity in (EFFORT, ANGLE) or not number.isdecimal():
+                own[name] = ((False, 0), name)
+                continue
+            rank = (quantity != TENSION and int(number) == 3, int(number))
+            own[part] = max(own.get(part, ((False, -1), "")), (rank, name))
+        chosen += [name for _, name in own.values()][:MOST_OF_A_KIND]
+    return chosen or list(names[:MOST_OF_A_KIND])
+
+
 def _bags(errors: Errors) -> list[dict[str, Any]]:
-    """A section per recording."""
+    """A section per recording, with its channels by quantity; the key channels are not folded."""
     sections = _sections(errors)
     shown = []
     for number, (bag, own) in enumerate(zip(errors.bags, errors.of_bags, strict=True)):
         keys = key_channels([channel.name for channel in bag.channels])
-        folded = {
-            known.title: [
-                sections[number, channel.name]
-                for channel in bag.channels
-                if quantity_of(channel.name) == quantity and channel.name not in keys
-            ]
-            for quantity, known in QUANTITIES.items()
-        }
+        folded: dict[str, list[dict[str, Any]]] = {}
+        for name in (one.name for one in bag.channels if one.name not in keys):
+            title = QUANTITIES[quantity_of(name)].title
+            folded.setdefault(title, []).append(sections[number, name])
         anchors = {name: _anchor(number, index) for index, name in enumerate(own)}
         shown.append(
             {
@@ -228,8 +285,8 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
                 "health": _health(bag),
                 "table": _table(own, anchors) if len(errors.bags) > 1 else None,
                 "key": [sections[number, name] for name in keys],
-                "friction": _friction(bag, f"bag{number + 1}-friction"),
-                "folded": {title: rest for title, rest in folded.items() if rest},
+                "friction": [_friction_row(one) for one in bag.friction],
+                "folded": folded,
             }
         )
     return shown
@@ -243,112 +300,59 @@ def _health(bag: BagComparison) -> dict[str, Any] | None:
     return {"kind": kind, "lines": health_lines(bag.health), "values": bag.health.values}
 
 
-def _sections(errors: Errors) -> dict[tuple[int, str], _Section]:
+def _sections(errors: Errors) -> dict[tuple[int, str], dict[str, Any]]:
     """Sections of all channels; the key channels of all recordings use the budget first."""
-    from cdrj_ros.report.canvas import Sheets  # imports matplotlib
+    from cdrj_ros.report.figures import channel_pictures
 
-    budget, sheets = PICTURE_BUDGET, Sheets()
+    budget = PICTURE_BUDGET
     keys = [key_channels([channel.name for channel in bag.channels]) for bag in errors.bags]
-    sections: dict[tuple[int, str], _Section] = {}
+    sections: dict[tuple[int, str], dict[str, Any]] = {}
     for first in (True, False):
         for number, bag in enumerate(errors.bags):
-            label = f"{bag.path}, " if len(errors.bags) > 1 else ""
+            stamps = [int(one.stamp_ns[0]) for one in bag.channels if len(one.stamp_ns)]
             for index, channel in enumerate(bag.channels):
                 if (channel.name in keys[number]) is not first:
                     continue
-                section = _section(
-                    channel,
-                    errors.of_bags[number].get(channel.name, NO_SAMPLES),
-                    _anchor(number, index),
-                    origin_of(bag),
-                    label,
-                    sheets if budget > 0 else None,
-                )
-                budget -= sum(len(picture.svg) for picture in section.pictures)
-                sections[number, channel.name] = section
+                error = errors.of_bags[number].get(channel.name, NO_SAMPLES)
+                anchor, pictures = _anchor(number, index), []
+                if error.n and budget > 0:
+                    label = f"{bag.path}, {channel.name}"
+                    pictures = channel_pictures(channel, anchor, min(stamps), label)
+                    budget -= sum(len(picture.svg) for picture in pictures)
+                sections[number, channel.name] = {
+                    "name": channel.name,
+                    "anchor": anchor,
+                    "line": _line(channel, error),
+                    "pictures": pictures,
+                    "left_out": bool(error.n and not pictures),
+                }
     return sections
 
 
-def _section(
-    channel: Channel,
-    error: ChannelError,
-    anchor: str,
-    origin_ns: int,
-    label_start: str,
-    sheets: Sheets | None,
-) -> _Section:
-    """Section of one channel: name, error figures in one line, and pictures if there are sheets."""
-    if error.n == 0:
-        return _Section(channel.name, anchor, "no samples", (), left_out=False)
-    line = (
+def _line(channel: Channel, error: ChannelError) -> str:
+    """Error figures of one channel in one line."""
+    if not error.n:
+        return "no samples"
+    return (
         f"mean |error| {format_amount(error.mean_abs_error, channel.unit)}, "
         f"{format_percent(error.mean_relative_error)}; "
         f"largest {format_amount(error.max_abs_error, channel.unit)}; "
         f"R² {format_r2(error.r2)}"
         + (f"; {format_percent(error.coverage, 1)} within ±2σ" if error.coverage else "")
-        + (f"; {direction_words(error)}" if channel.is_vector else "")
+        + _direction(error)
     )
-    if sheets is None:
-        return _Section(channel.name, anchor, line, (), left_out=True)
-    pictures = channel_pictures(channel, anchor, origin_ns, label_start, sheets)
-    return _Section(channel.name, anchor, line, pictures, left_out=False)
 
 
 def _facts(bag: BagComparison) -> dict[str, str]:
     """Length, facts and counters of one recording."""
     rows = {"length": f"{bag.duration_s:.1f} s", **bag.facts}
     if bag.counters:
-        counted = (f"{cause_in_words(cause)}: {n}" for cause, n in bag.counters.items() if n)
-        rows["samples left out"] = ", ".join(counted) or "none"
+        causes = (f"{cause_in_words(cause)}: {n}" for cause, n in bag.counters.items() if n)
+        rows["samples left out"] = ", ".join(causes) or "none"
     return rows
 
 
-def _friction(bag: BagComparison, key: str) -> dict[str, Any] | None:
-    """Bars of the pulleys' friction, and the loop of the pulley with the largest mean share."""
-    if not bag.friction:
-        return None
-    most = max(bag.friction, key=lambda one: one.mean_share)
-    line = (
-        f"most at {most.name}: mean {format_percent(most.mean_share)}, "
-        f"{format_amount(most.mean, 'N')}; largest {format_percent(most.largest_share)}"
-    )
-    return {"line": line, "pictures": friction_pictures(bag.friction, most, key)}
-
-
-def write_robot_page(
-    path: str | os.PathLike[str], inspection: Inspection, suspicions: Sequence[Suspicion]
-) -> None:
-    """Write one self-contained HTML page on a robot, whole or not at all.
-
-    Args:
-        path: the file, replaced if it exists.
-        inspection: of ``cdrj_ros.inspection.ranges``.
-        suspicions: of ``cdrj_ros.inspection.suspicions``.
-
-    Raises:
-        OSError: the file cannot be written; an existing file is then kept.
-    """
-    from cdrj_ros.report.drawing import draw_robot
-
-    robot = inspection.model.robot
-    grave = [entry for entry in suspicions if entry.grave]
-    page = template("robot.html").render(
-        title=robot.name,
-        style=style(),
-        headline=headline(inspection),
-        verdict=f"{counted(len(grave), 'suspicious value')}" if grave else "nothing suspicious",
-        grave=_by_name(grave),
-        remarks=_by_name([entry for entry in suspicions if not entry.grave]),
-        drawing=drawing_svg(draw_robot(inspection), f"Cables of {robot.name}"),
-        cables=cable_tables(inspection),
-        parameters=parameter_tables(robot),
-    )
-    write_text(path, page + "\n")
-
-
-def _by_name(suspicions: Sequence[Suspicion]) -> dict[str, str]:
-    """Texts by the name of what they concern."""
-    texts: dict[str, str] = {}
-    for entry in suspicions:
-        texts[entry.where] = "; ".join(filter(None, (texts.get(entry.where), entry.text)))
-    return texts
+def _friction_row(one: PulleyFriction) -> tuple[str, ...]:
+    """Friction of one pulley, as a force and as a share of the larger tension."""
+    shares = (format_percent(share) for share in (one.mean_share, one.largest_share))
+    return (one.name, format_amount(one.mean, "N"), format_amount(one.largest, "N"), *shares)

@@ -15,7 +15,6 @@ from cdrj_ros.evaluation.comparison import (
 )
 from cdrj_ros.evaluation.metrics import mean_over_channels, pooled_errors
 from cdrj_ros.report.figures import hysteresis
-from cdrj_ros.report.pictures import Window
 from cdrj_ros.report.table import table_groups
 
 EPOCH_NS = 1_722_000_000_123_456_789
@@ -234,4 +233,4 @@ def test_effort_and_position_of_a_prismatic_joint_have_their_own_units() -> None
     assert mean_over_channels(efforts).unit == "N or N·m"
     (title,) = (group.title for group in table_groups(errors) if group.quantity == "effort")
     assert title == "Effort [N or N·m]"
-    assert "[mm]" in hysteresis(found[0], Window(0, 3, None)).axes[0].get_xlabel()
+    assert "[mm]" in hysteresis(found[0], slice(None)).axes[0].get_xlabel()
