@@ -8,7 +8,21 @@ from typing import Final
 
 import numpy as np
 import pytest
-from support.campaign import MS, SECOND, Course, Faults, Lie, courses, judge, quarter_rate, run
+from support.campaign import (
+    CELL,
+    EFFORT,
+    MS,
+    SECOND,
+    Course,
+    Faults,
+    How,
+    Lie,
+    course_of,
+    judge,
+    quarter_rate,
+    run,
+    sine,
+)
 
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.draws import standard
@@ -34,17 +48,17 @@ def model() -> Model:
 
 @pytest.fixture(scope="module")
 def course(model: Model) -> Course:
-    return courses(model, 8.0, (1,))[0]
+    return course_of(model, 8.0, sine(0.3, 0.45))
 
 
 @pytest.fixture(scope="module")
 def longer(model: Model) -> Course:
-    return courses(model, 12.0, (1,))[0]
+    return course_of(model, 12.0, sine(0.3, 0.45))
 
 
 @pytest.fixture(scope="module")
 def slow(model: Model) -> Course:
-    return courses(model, 18.0, (0,))[0]
+    return course_of(model, 18.0, sine(0.1))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +68,8 @@ def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status
     off: float, track_preload: bool, model: Model, course: Course
 ) -> None:
     begin = 5 * SECOND
-    faults = Faults(quarter_rate(), liar=("is off", begin), off=off, cell_ns=SELDOM)
+    lies = {CELL: Lie("is off", begin, off)}
+    faults = Faults(quarter_rate(), sensors=(CELL,), lies=lies, cell_ns=SELDOM)
     options = Options(tension_sensors=True, track_preload=track_preload)
     outputs = run(model, course, faults, options)
     before = judge(course, outputs, begin - SECOND, begin)
@@ -67,43 +82,46 @@ def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status
 
 def _assert_law(model: Model, course: Course, faults: Faults) -> None:
     """The liar is trusted before, and leaves no wrong tension with status 0 afterwards."""
-    assert faults.liar is not None
-    begin = faults.liar[1]
-    options = Options(tension_sensors=True, track_preload=faults.good_effort)
-    outputs = run(model, course, faults, options)
+    begin = faults.lies[CELL].since_ns
+    outputs = run(model, course, faults)
     before = judge(course, outputs, begin - SECOND, begin)
     verdict = judge(course, outputs, begin, course.duration_ns)
-    assert before.ratio.size >= (0.99 if faults.good_effort else 0.49) * before.judged
+    assert before.ratio.size >= (0.99 if EFFORT in faults.sensors else 0.49) * before.judged
     assert before.beyond(2.0) == 0.0
     assert verdict.judged > 0
     assert verdict.beyond(5.0) <= 0.001
     assert verdict.beyond(2.0) <= 0.08
 
 
-@pytest.mark.parametrize("good_effort", [False, True])
+@pytest.mark.parametrize("sensors", [(CELL,), (CELL, EFFORT)])
 @pytest.mark.parametrize(
-    ("lie", "off"),
-    [("drifts", 5.0), ("drifts", -5.0), ("drifts", 1.5), ("is off", 1.0), ("is off", -5.0)],
+    ("how", "size"),
+    [("drifts", 1.0), ("drifts", -1.0), ("drifts", 0.3), ("is off", 1.0), ("is off", -5.0)],
 )
 def test_a_trusted_cell_that_drifts_or_is_off_keeps_to_the_law(
-    lie: Lie, off: float, good_effort: bool, model: Model, longer: Course
+    how: How, size: float, sensors: tuple[str, ...], model: Model, longer: Course
 ) -> None:
-    """The cell drifts by a fifth of ``off`` in a second; an effort beside it is right."""
-    lying = (lie, 6 * SECOND)
-    faults = Faults(quarter_rate(), liar=lying, off=off, good_effort=good_effort, cell_ns=SELDOM)
+    """An effort beside it is right."""
+    lies = {CELL: Lie(how, 6 * SECOND, size)}
+    faults = Faults(quarter_rate(), sensors=sensors, lies=lies, cell_ns=SELDOM)
     _assert_law(model, longer, faults)
 
 
 @pytest.mark.parametrize(
-    ("off", "good_effort", "seconds"),
-    [(-5.0, False, 14), (-1.5, False, 10), (-5.0, True, 14), (-1.5, True, 14)],
+    ("rate", "sensors", "seconds"),
+    [
+        (-1.0, (CELL,), 14),
+        (-0.3, (CELL,), 10),
+        (-1.0, (CELL, EFFORT), 14),
+        (-0.3, (CELL, EFFORT), 14),
+    ],
 )
 def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
-    off: float, good_effort: bool, seconds: int, model: Model, slow: Course
+    rate: float, sensors: tuple[str, ...], seconds: int, model: Model, slow: Course
 ) -> None:
     """A single cell cannot tell its drift from a preload that creeps: both are left open."""
-    lying = ("drifts", seconds * SECOND)
-    faults = Faults(quarter_rate(), liar=lying, off=off, good_effort=good_effort, cell_ns=SELDOM)
+    lies = {CELL: Lie("drifts", seconds * SECOND, rate)}
+    faults = Faults(quarter_rate(), sensors=sensors, lies=lies, cell_ns=SELDOM)
     _assert_law(model, slow, faults)
 
 

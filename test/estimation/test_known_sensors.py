@@ -9,7 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.campaign import MS, SECOND, START, Course, Faults, courses, judge, quarter_rate, run
+from support.campaign import (
+    CELL,
+    MS,
+    SECOND,
+    START,
+    Course,
+    Faults,
+    Lie,
+    course_of,
+    judge,
+    quarter_rate,
+    run,
+    sine,
+)
 
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
@@ -17,7 +30,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
-CELL = "upper/8"
 BREAK = 6 * SECOND
 HOUR = 3600 * SECOND
 MEASURED = Options(tension_sensors=True)
@@ -30,15 +42,17 @@ def model() -> Model:
 
 @pytest.fixture(scope="module")
 def course(model: Model) -> Course:
-    return courses(model, 11.0, (1,))[0]
+    return course_of(model, 11.0, sine(0.3, 0.45))
 
 
 BREAKS = {
-    "restart": Faults(quarter_rate(), restart_ns=BREAK, stop_ns=SECOND // 2),
-    "clock back": Faults(quarter_rate(), clock_ns=(BREAK, -HOUR)),
-    "clock ahead": Faults(quarter_rate(), clock_ns=(BREAK, HOUR)),
+    "restart": Faults(quarter_rate(), sensors=(CELL,), restart_ns=BREAK, stop_ns=SECOND // 2),
+    "clock back": Faults(quarter_rate(), sensors=(CELL,), clock_ns=(BREAK, -HOUR)),
+    "clock ahead": Faults(quarter_rate(), sensors=(CELL,), clock_ns=(BREAK, HOUR)),
     "gap": Faults(
-        quarter_rate(), gaps=[(axis, BREAK, BREAK + 3 * SECOND // 2) for axis in ("winch", "elbow")]
+        quarter_rate(),
+        sensors=(CELL,),
+        gaps=[(axis, BREAK, BREAK + 3 * SECOND // 2) for axis in ("winch", "elbow")],
     ),
 }
 
@@ -51,7 +65,7 @@ def test_a_trusted_cell_that_is_off_after_a_break_is_not_believed(
     """It would be if the preload were as uncertain as at the start, and the cell on trial again."""
     # in a gap a cell stays trusted, and nothing contradicts one that lies while friction is unknown
     begin = BREAK + (2 * SECOND if name == "gap" else 0)
-    faults = replace(BREAKS[name], liar=("is off", begin), off=off)
+    faults = replace(BREAKS[name], lies={CELL: Lie("is off", begin, off)})
     outputs = run(model, course, faults, scratch=tmp_path)
     before = judge(course, outputs, BREAK - SECOND, BREAK)
     verdict = judge(course, outputs, BREAK, course.duration_ns)
@@ -65,8 +79,7 @@ def test_a_trusted_cell_that_is_off_after_a_break_is_not_believed(
 def test_a_good_cell_is_trusted_after_a_break_as_before(
     name: str, model: Model, course: Course, tmp_path: Path
 ) -> None:
-    good = replace(BREAKS[name], liar=("is off", course.duration_ns))
-    outputs = run(model, course, good, scratch=tmp_path)
+    outputs = run(model, course, BREAKS[name], scratch=tmp_path)
     end = judge(course, outputs, course.duration_ns - SECOND, course.duration_ns)
     assert end.ratio.size >= 0.49 * end.judged
     assert end.beyond(2.0) == 0.0
@@ -81,7 +94,7 @@ LOST = "29.5,26.26"
 
 def _learned(model: Model, course: Course) -> LiveEstimator:
     """An estimator that has learned the lost preload from a cell, after ``BREAK``."""
-    true = courses(load_model(ROBOT, LOST), BREAK / SECOND, (1,))[0]
+    true = course_of(load_model(ROBOT, LOST), BREAK / SECOND, sine(0.3, 0.45))
     live = LiveEstimator(model, MEASURED)
     for k in range(0, BREAK // MS, 2):
         stamp = START + k * MS
@@ -225,7 +238,7 @@ def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course
     """Its cable has lost too much at once to be taken for a change of preload."""
     preloads = [cable.preload for cable in model.robot.cables]
     true = load_model(ROBOT, [0.4 * preloads[0], preloads[1]])
-    after = courses(true, course.duration_ns / SECOND, (1,))[0]
+    after = course_of(true, course.duration_ns / SECOND, sine(0.3, 0.45))
     live = LiveEstimator(model, MEASURED)
     within = []
     for k in range(9 * SECOND // MS):

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 from support.campaign import (
+    CELL,
+    EFFORT,
     MS,
-    SECOND,
     START,
     Course,
     Faults,
     Mode,
-    courses,
+    course_of,
     judge,
     run,
 )
@@ -21,9 +22,9 @@ from support.motor_alone import motion, only_measured, truth_of, without_encoder
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.simulation import motion as motions
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
-NEVER_NS = 1000 * SECOND
 SLOW = {"winch": 4 * MS, "elbow": 100_144_075}
 """Intervals of the readings by axis [ns]: the elbow's readings wander against the reversals."""
 
@@ -35,8 +36,8 @@ def model() -> Model:
 
 @pytest.fixture(scope="module")
 def fast(model: Model) -> Course:
-    """Two frequencies, so that reversals are frequent."""
-    return courses(model, 12.0, (2,))[0]
+    """Several frequencies, so that reversals are frequent."""
+    return course_of(model, 12.0, motions.random(0.5, 0.4, 3))
 
 
 def _everything(live: LiveEstimator) -> dict[str, object]:
@@ -58,17 +59,15 @@ def _everything(live: LiveEstimator) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("period_ns", "late_ns"), [(SLOW, 0), (SLOW, 30 * MS), ({"winch": MS, "elbow": 2 * MS}, 3 * MS)]
 )
-@pytest.mark.parametrize("sensors", [False, True])
+@pytest.mark.parametrize("sensors", [(), (CELL, EFFORT)])
 def test_prediction_leaves_the_memory_as_it_is_without(
-    period_ns: dict[str, int], late_ns: int, sensors: bool, model: Model, fast: Course
+    period_ns: dict[str, int], late_ns: int, sensors: tuple[str, ...], model: Model, fast: Course
 ) -> None:
     found: dict[Mode, dict[str, object]] = {}
     outputs: dict[Mode, list[Output]] = {}
-    course = Course(*(values[:4001] for values in vars(fast).values()))
+    course = fast.until(4001 * MS)
     for mode in ("wait", "predict"):
-        faults = Faults(period_ns=period_ns, late_ns={"elbow": late_ns}, mode=mode)
-        if sensors:
-            faults.liar, faults.good_effort = ("freezes", NEVER_NS), True
+        faults = Faults(period_ns, late_ns={"elbow": late_ns}, sensors=sensors, mode=mode)
         outputs[mode] = run(
             model, course, faults,
             watch=lambda live, mode=mode: found.update({mode: _everything(live)}),  # type: ignore[misc]
@@ -79,14 +78,12 @@ def test_prediction_leaves_the_memory_as_it_is_without(
     assert stamps[-1] >= outputs["wait"][-1].estimate.stamp_ns
 
 
-@pytest.mark.parametrize("sensors", ["cell", "effort", "both", "none"])
+@pytest.mark.parametrize("sensors", [(), (CELL,), (EFFORT,), (CELL, EFFORT)])
 def test_a_good_sensor_beside_a_slow_topic_that_is_predicted_keeps_to_the_law(
-    sensors: str, model: Model, fast: Course
+    sensors: tuple[str, ...], model: Model, fast: Course
 ) -> None:
     """A cell does not correct the error of a predicted angle, which the next reading removes."""
-    faults = Faults(period_ns=SLOW, mode="predict", good_effort=sensors in ("effort", "both"))
-    if sensors in ("cell", "both"):
-        faults.liar = "freezes", NEVER_NS
+    faults = Faults(SLOW, sensors=sensors, mode="predict")
     dropped: list[dict[str, str]] = []
 
     def watch(live: LiveEstimator) -> None:

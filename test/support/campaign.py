@@ -1,79 +1,105 @@
-"""Random combinations of input faults, compared with an undisturbed run of the same motion."""
+"""Faults of the inputs of a simulated rig: what its sensors say, and estimates beside the truth.
+
+The truth is the rig with contact cells that are fixed to the surfaces of its pulleys, of a robot
+whose numbers differ from the file's as the file's standard deviations allow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation import estimator
+from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.session import LiveEstimator, Options, Output
 from cdrj_ros.estimation.state_file import read_state, write_state
-from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.series import Series
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.parameters import number_at
+from cdrj_ros.simulation import motion
+from cdrj_ros.simulation.load import make_load
+from cdrj_ros.simulation.truth import simulate
 
-Kind = Literal[
-    "gap", "slow", "late", "slip", "cell", "effort", "tare", "restart", "clock", "wrap", "liar"
-]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-Lie = Literal["freezes", "says zero", "doubles", "is off", "is wild", "drifts"]
-LIES: tuple[Lie, ...] = get_args(Lie)
+How = Literal["freezes", "is stuck", "is off", "is wild", "drifts", "scales"]
 Axis = Literal["winch", "elbow"]
 Mode = Literal["wait", "predict"]
 Stamps = NDArray[np.int64]
 Vector = NDArray[np.float64]
 
-START = 1_700_000_000 * 10**9
-MS = 1_000_000
-SECOND = 1_000_000_000
-SLOWEST_NS = 100 * MS
-"""Readings further apart cannot tell a slip from a motion [ns]."""
-CELL = 7
-"""Index of ``upper/8`` in the prototype."""
-SMALLEST = 1e-3
+START: Final = 1_700_000_000 * 10**9
+MS: Final = 1_000_000
+SECOND: Final = 1_000_000_000
+CELLS: Final = 16
+"""Contact cells of every pulley of the rig."""
+CELL: Final = "upper/8"
+EFFORT: Final = "winch"
+NOISE: Final = {CELL: 0.05, EFFORT: 0.005}
+"""Standard deviations of the readings of the cell [N] and of the effort [N m]."""
+SMALLEST: Final = 1e-3
 """Lower bound of standard deviations; smaller ones are rounding errors [N]."""
+FASTEST: Final = 2.5
+"""Greatest speed of the joint [rad/s]."""
 
 
-@dataclass(frozen=True)
-class Course:
-    """True angles at 1 kHz and the undisturbed estimates for them."""
+class Course(NamedTuple):
+    """The truth at 1 kHz."""
 
     winch: Vector
     elbow: Vector
     tension: Vector
-    """Undisturbed estimate of the tension [N], shape (n, elements)."""
+    """Of all elements [N], shape (n, elements)."""
     effort: Vector
-    """Undisturbed estimate of the motor's effort [N m], shape (n,)."""
+    """Of the motor [N m], shape (n,)."""
 
     @property
     def duration_ns(self) -> int:
         return self.winch.size * MS
 
-    def angle(self, name: str, stamps: Stamps) -> Vector:
-        """Angle of an axis [rad] at stamps since the start [ns]."""
-        return np.interp(stamps, MS * np.arange(self.winch.size), getattr(self, name))
+    def at(self, name: str, stamps: Stamps) -> Vector:
+        """An axis [rad], the load cell ``CELL`` [N] or the ``effort`` [N m] at stamps [ns]."""
+        values = self.tension[:, 7] if name == CELL else getattr(self, name)
+        return np.interp(stamps, MS * np.arange(self.winch.size), values)
+
+    def until(self, end_ns: int) -> Course:
+        return Course(*(values[: end_ns // MS] for values in self))
+
+
+class Lie(NamedTuple):
+    """What is wrong with a sensor that was good until then."""
+
+    how: How
+    since_ns: int
+    size: float = 0.0
+    """Where it "is stuck", by how much it "is off" or "drifts" in a second [N] or [N m], or by
+    which share it "scales" too much [-]."""
 
 
 @dataclass
 class Faults:
     """Faults of the inputs of one run; none by default."""
 
-    period_ns: dict[str, int] = field(default_factory=lambda: {"winch": MS, "elbow": MS})
-    phase: float = 0.0
-    """First reading of axes slower than ``SLOWEST_NS``, as a share of their period."""
+    period_ns: dict[str, int] = field(default_factory=lambda: {"winch": MS, "elbow": 2 * MS})
+    phase_ns: int = 0
+    """Of the first reading of every axis."""
     gaps: list[tuple[str, int, int]] = field(default_factory=list)
     """Axis, begin and end [ns]."""
+    lost: dict[str, float] = field(default_factory=dict)
+    """Share of the readings that are lost, by axis."""
     late_ns: dict[str, int] = field(default_factory=dict)
     """Delay of the messages by axis [ns]."""
-    slip: tuple[int, float] | None = None
-    """Time [ns] and size [rad] of a slip of the winch's encoder."""
+    slips: list[tuple[str, int, float]] = field(default_factory=list)
+    """Axis, time [ns] and size [rad] of slips of an encoder."""
+    wrong: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Share of the readings that are wrong, and by how much [rad], by axis."""
+    second: dict[str, float] = field(default_factory=dict)
+    """By how much [rad] every other reading of an axis differs: that of a second publisher."""
+    clocks: dict[str, tuple[int, float]] = field(default_factory=dict)
+    """Offset [ns] and relative drift of the clock of an axis."""
     wrap: bool = False
     """Whether the winch's encoder wraps after a turn although the robot file gives no wrapping."""
     restart_ns: int | None = None
@@ -81,23 +107,15 @@ class Faults:
     stop_ns: int = 0
     """Duration of that stop [ns]."""
     clock_ns: tuple[int, int] | None = None
-    """Time and size of a jump of the inputs' clock [ns]."""
-    cell: float | None = None
-    """Constant reading of a stuck load cell at ``upper/8`` [N]."""
-    cell_ns: int = 10 * MS
-    """Interval of the readings of the load cell [ns]."""
-    effort: float | None = None
-    """Constant effort that the motor's driver reports [N m]."""
-    noise: float = 0.0
-    """Noise of these constant readings [N] or [N m]."""
-    good_effort: bool = False
-    """Whether the preloads are tracked by an effort that is right, beside a liar."""
-    liar: tuple[Lie, int] | None = None
-    """How, and since when [ns], a load cell at ``upper/8`` lies that was good until then."""
-    off: float = 5.0
-    """How much a liar that "is off" reads too high, and one that "drifts" after 5 s [N]."""
+    """Time and size of a jump of the clock of all inputs [ns]."""
     tare_ns: int | None = None
     """Time of a call of tare [ns]."""
+    sensors: tuple[str, ...] = ()
+    """``CELL`` and ``EFFORT``, if they are used."""
+    lies: dict[str, Lie] = field(default_factory=dict)
+    """Of sensors, by name."""
+    cell_ns: int = 10 * MS
+    """Interval of the readings of the load cell and of the effort [ns]."""
     mode: Mode = "wait"
 
     def words(self) -> str:
@@ -110,43 +128,75 @@ def quarter_rate() -> dict[str, int]:
     return {"winch": 4 * MS, "elbow": 4 * MS}
 
 
-def courses(model: Model, seconds: float, kinds: Sequence[int]) -> list[Course]:
-    """Smooth motions of the robot with their undisturbed estimates."""
-    return [_course(model, seconds, kind) for kind in kinds]
+# --- the truth ------------------------------------------------------------------------------------
 
 
-def _course(model: Model, seconds: float, kind: int) -> Course:
+def sine(hertz: float, amplitude: float = 0.6) -> motion.Motion:
+    """A sinusoid of the joint within its speed."""
+    return motion.sine(min(amplitude, FASTEST / (2.0 * np.pi * hertz)), hertz)
+
+
+def course_of(
+    model: Model,
+    seconds: float,
+    moves: motion.Motion,
+    *,
+    load: float = 0.0,
+    seed: int | None = None,
+) -> Course:
+    """What happens in the rig.
+
+    Args:
+        model: the robot of the file.
+        seconds: duration [s].
+        moves: motion of the joint.
+        load: mass that the joint carries [kg], which the winch balances; 0: the winch follows the
+            lengths of the cables.
+        seed: of the numbers of the robot, which differ from the file's; None: they are the file's.
+    """
     time = 0.001 * np.arange(round(1000 * seconds))
-    hertz, amplitude = ((0.1, 0.6), (0.3, 0.45), (0.2, 0.6))[kind]
-    elbow = amplitude * np.sin(2.0 * np.pi * hertz * time)
-    if kind == 2:  # two frequencies
-        elbow = 0.75 * elbow + 0.05 * np.sin(2.0 * np.pi * 0.7 * time)
-    winch = follow(model, elbow)
-    stamps = START + MS * np.arange(winch.size)
-    axes = {"winch": Series(stamps, stamps, winch)}, {"elbow": Series(stamps, stamps, elbow)}
-    (samples,) = condition(model.robot, *axes).segments
-    assert np.array_equal(samples.stamp_ns, stamps)
-    values = estimator.run(model, estimator.initial_state(model), samples)[1].values
-    effort = values[:, model.layout.motor_effort][:, 0]
-    return Course(winch, elbow, values[:, model.layout.tension], effort)
+    elbow = moves(time)
+    robot = model.robot if seed is None else _other(model, seed).robot
+    torque = make_load("rolling", load).torque(*elbow) if load > 0.0 else None
+    truth = simulate(robot, time, elbow.angle, torque, 60.0, CELLS, allow_slack=True)
+    return Course(
+        truth.motor_angle[:, 0], truth.joint_angle[:, 0], truth.tension, truth.motor_effort[:, 0]
+    )
 
 
-def follow(model: Model, elbow: Vector) -> Vector:
-    """Winch angles that approximately follow the cable lengths required by the joint angles."""
-    grid = np.linspace(elbow.min(), elbow.max(), 41)
-    cable = model.robot.cables[0]
-    count = len(cable.element_names)
-    lengths = np.array([shape_at(model, np.array([angle])).length[:count].sum() for angle in grid])
-    node = cable.nodes[0]
-    reference = shape_at(model, np.zeros(1)).length[:count].sum()
-    turned = -node.winding * (lengths - reference) / node.radius  # type: ignore[union-attr]
-    return np.interp(elbow, grid, turned)
+def _other(model: Model, seed: int) -> Model:
+    """A robot whose numbers differ from the file's as its standard deviations allow."""
+    known, document = model.robot.uncertainty, dict(model.robot.document)
+    assert known is not None
+    generator = np.random.default_rng([seed, 1])
+    paths = known.parameters[: known.stated]
+    stddev = np.sqrt(np.diag(known.covariance))
+    return with_other_numbers(
+        model,
+        {
+            path: number_at(document, path) + float(one * np.clip(generator.normal(), -2.0, 2.0))
+            for path, one in zip(paths, stddev, strict=False)
+        },
+    )
 
 
-def stamps_of(course: Course, faults: Faults, name: str) -> Stamps:
-    """Stamps of the readings of an axis since the start [ns]."""
-    period = faults.period_ns[name]
-    first = int(faults.phase * period) if period > SLOWEST_NS else 0
+# --- what the sensors say -------------------------------------------------------------------------
+
+
+class Message(NamedTuple):
+    """A reading on its way to the estimator."""
+
+    arrival_ns: int
+    order: int
+    name: str
+    stamp_ns: int
+    value: float
+
+
+def _stamps_of(course: Course, faults: Faults, name: str, generator: np.random.Generator) -> Stamps:
+    """Times of the readings that arrive [ns]."""
+    period = faults.period_ns.get(name, faults.cell_ns)
+    first = faults.phase_ns % period if name in faults.period_ns else 0
     stamps = np.arange(first, course.duration_ns, period, dtype=np.int64)
     for axis, begin, end in faults.gaps:
         if axis == name:
@@ -154,19 +204,82 @@ def stamps_of(course: Course, faults: Faults, name: str) -> Stamps:
     if faults.restart_ns is not None:
         begin, end = faults.restart_ns, faults.restart_ns + faults.stop_ns
         stamps = stamps[(stamps < begin) | (stamps > end)]
+    if name in faults.lost:
+        stamps = stamps[generator.random(stamps.size) >= faults.lost[name]]
     return stamps
 
 
-def readings_of(course: Course, faults: Faults, name: str) -> tuple[Stamps, Vector]:
-    """Stamps since the start [ns] and readings [rad] of an axis."""
-    stamps = stamps_of(course, faults, name)
-    values = course.angle(name, stamps)
-    if name == "winch":
-        if faults.slip is not None:
-            values = values + faults.slip[1] * (stamps >= faults.slip[0])
-        if faults.wrap:
-            values = np.mod(values + np.pi, 2.0 * np.pi) - np.pi
-    return stamps, values
+def _angles(
+    model: Model, course: Course, faults: Faults, name: str, stamps: Stamps,
+    generator: np.random.Generator,
+) -> Vector:  # fmt: skip
+    """Readings of an axis [rad]."""
+    values = course.at(name, stamps)
+    for axis, since, size in faults.slips:
+        if axis == name:
+            values = values + size * (stamps >= since)
+    if name in faults.second:
+        values[1::2] += faults.second[name]
+    if name in faults.wrong:
+        share, size = faults.wrong[name]
+        values = values + size * (generator.random(stamps.size) < share)
+    count = next(axis.sensor.resolution for axis in model.robot.axes if axis.name == name)
+    values = count * np.round(values / count)
+    if faults.wrap and name == "winch":
+        values = np.mod(values + np.pi, 2.0 * np.pi) - np.pi
+    return values
+
+
+def _measured(
+    course: Course, faults: Faults, name: str, stamps: Stamps, generator: np.random.Generator
+) -> Vector:
+    """Readings of a load cell [N] or of an effort [N m]."""
+    true = course.at("effort" if name == EFFORT else name, stamps)
+    values = true + generator.normal(0.0, NOISE[name], stamps.size)
+    if name not in faults.lies:
+        return values
+    how, since, size = faults.lies[name]
+    lying = stamps >= since
+    if not lying.any():
+        return values
+    said = {
+        "freezes": np.full(stamps.size, values[np.argmax(lying)]),
+        "is stuck": values - true + size,
+        "is off": values + size,
+        "is wild": values + size * (np.arange(stamps.size) % 3 == 0),
+        "drifts": values + size * (stamps - since) / SECOND,
+        "scales": values * (1.0 + size),
+    }[how]
+    return np.where(lying, said, values)
+
+
+def _messages(model: Model, course: Course, faults: Faults) -> list[Message]:
+    """All messages in the order of their arrival."""
+    generator = np.random.default_rng(7)
+    messages: list[Message] = []
+    for order, name in enumerate((*faults.sensors, "winch", "elbow")):
+        is_sensor = order < len(faults.sensors)
+        stamps = _stamps_of(course, faults, "" if is_sensor else name, generator)
+        if is_sensor:
+            values = _measured(course, faults, name, stamps, generator)
+        else:
+            values = _angles(model, course, faults, name, stamps, generator)
+        late = 0 if is_sensor else faults.late_ns.get(name, 0)
+        offset, creep = (0, 0.0) if is_sensor else faults.clocks.get(name, (0, 0.0))
+        said = stamps + offset + (creep * stamps).astype(np.int64)
+        if faults.clock_ns is not None:
+            said = said + faults.clock_ns[1] * (stamps >= faults.clock_ns[0])
+        what = EFFORT + " effort" if is_sensor and name == EFFORT else name
+        messages += [
+            Message(arrival, order, what, stamp, value)
+            for arrival, stamp, value in zip(
+                (stamps + late).tolist(), said.tolist(), values.tolist(), strict=True
+            )
+        ]
+    return sorted(messages)
+
+
+# --- runs -----------------------------------------------------------------------------------------
 
 
 def run(
@@ -177,97 +290,56 @@ def run(
     scratch: Path | None = None,
     watch: Callable[[LiveEstimator], object] | None = None,
 ) -> list[Output]:
-    """Feed the course with its faults; the stamps of the outputs refer to the course's clock.
+    """Feed the readings of the course with their faults.
 
     Args:
         model: the robot.
-        course: the motion.
+        course: the truth.
         faults: the faults of the inputs.
-        options: options of the estimator.
+        options: options of the estimator; None: those that the faults ask for.
         scratch: a folder for the state file of a restart.
         watch: called with the estimator at the end.
+
+    Returns:
+        The estimates; their stamps are on the clock of the course.
     """
     options = options or Options(
         conditioning=faults.mode,
-        tension_sensors=faults.cell is not None or faults.liar is not None,
-        track_preload=faults.effort is not None or faults.good_effort,
+        tension_sensors=CELL in faults.sensors,
+        track_preload=EFFORT in faults.sensors,
     )
-    live = LiveEstimator(model, options)
-    outputs: list[Output] = []
-    for arrival, kind, name, stamp, value in _messages(course, faults):
-        if faults.restart_ns is not None and arrival > faults.restart_ns and scratch is not None:
+    live, outputs = LiveEstimator(model, options), []
+    restart_ns, tare_ns = faults.restart_ns, faults.tare_ns
+    for message in _messages(model, course, faults):
+        if restart_ns is not None and message.arrival_ns > restart_ns and scratch is not None:
+            restart_ns = None
             write_state(live, scratch / "state")
-            live, faults = LiveEstimator(model, options), _once(faults, "restart_ns")
+            live = LiveEstimator(model, options)
             read_state(live, scratch / "state")
-        if faults.tare_ns is not None and arrival > faults.tare_ns:
-            faults = _once(faults, "tare_ns")
-            _try_tare(live)
-        set_by = 0
-        if faults.clock_ns is not None and stamp >= faults.clock_ns[0]:
-            set_by = faults.clock_ns[1]
-        if name == "winch":
-            _feed_sensors(live, course, faults, stamp, set_by)
-        made = live.feed(kind, START + stamp + set_by, (name,), (value,))[1]
-        outputs += [_moved(output, set_by) for output in made] if set_by else made
+        if tare_ns is not None and message.arrival_ns > tare_ns:
+            tare_ns = None
+            with suppress(UsageError):
+                live.tare()
+        made = _feed(live, message)
+        by = 0
+        if faults.clock_ns is not None and message.arrival_ns >= faults.clock_ns[0]:
+            by = faults.clock_ns[1]
+        outputs += [_moved(output, by) for output in made] if by else made
     if watch is not None:
         watch(live)
     return outputs
 
 
-def _messages(course: Course, faults: Faults) -> list[tuple[int, str, str, int, float]]:
-    """Arrival [ns], kind, axis, stamp [ns] and reading [rad] of all messages, in order."""
-    messages = []
-    for name, kind in (("winch", "motors"), ("elbow", "joints")):
-        stamps, values = readings_of(course, faults, name)
-        late = faults.late_ns.get(name, 0)
-        messages += [
-            (stamp + late, kind, name, stamp, value)
-            for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True)
-        ]
-    return sorted(messages)
-
-
-def _feed_sensors(
-    live: LiveEstimator, course: Course, faults: Faults, stamp: int, set_by: int
-) -> None:
-    """Feed the stuck sensors' readings at a stamp [ns]; ``set_by`` is the clock's offset [ns]."""
-    k = stamp // MS
-    noise = faults.noise * np.sin(1e3 * k)  # as good as random
-    if faults.effort is not None:
-        live.feed_efforts(START + stamp + set_by, ("winch",), (faults.effort + noise,))
-    elif faults.good_effort and course.effort.size:
-        effort = float(course.effort[k]) + 0.005 * np.sin(1e3 * k)
-        live.feed_efforts(START + stamp + set_by, ("winch",), (effort,))
-    period = faults.period_ns["winch"]
-    cell_reads = stamp % faults.cell_ns < (period if period < faults.cell_ns else 1)
-    if faults.cell is not None and cell_reads:
-        live.feed_tensions(START + stamp + set_by, ("upper/8",), (faults.cell + noise,), (0.05,))
-
-    if faults.liar is not None and course.tension.size and cell_reads:
-        value = _lie(course, faults.liar, k, faults.off)
-        live.feed_tensions(START + stamp + set_by, ("upper/8",), (value,), (0.05,))
-
-
-def _lie(course: Course, liar: tuple[Lie, int], k: int, off: float) -> float:
-    """Reading of the liar at the k-th millisecond [N]."""
-    how, since = liar[0], liar[1] // MS
-    true = float(course.tension[k, CELL]) + 0.05 * np.sin(1e3 * k)  # as good as random
-    if k < since:
-        return true
-    return {
-        "freezes": float(course.tension[since, CELL]), "says zero": 0.0, "doubles": 2.0 * true,
-        "is off": true + off, "is wild": true + (40.0 if k % 30 == 0 else 0.0),
-        "drifts": true + off * (k - since) / 5000.0,
-    }[how]  # fmt: skip
-
-
-def _once(faults: Faults, name: str) -> Faults:
-    return Faults(**{**vars(faults), name: None})
-
-
-def _try_tare(live: LiveEstimator) -> None:
-    with suppress(UsageError):
-        live.tare()
+def _feed(live: LiveEstimator, message: Message) -> list[Output]:
+    stamp, value = START + message.stamp_ns, (message.value,)
+    if message.name == CELL:
+        live.feed_tensions(stamp, (CELL,), value, (NOISE[CELL],))
+        return []
+    if message.name == EFFORT + " effort":
+        live.feed_efforts(stamp, (EFFORT,), value)
+        return []
+    kind = "motors" if message.name == "winch" else "joints"
+    return live.feed(kind, stamp, (message.name,), value)[1]
 
 
 def _moved(output: Output, by: int) -> Output:
@@ -309,112 +381,3 @@ def judge(course: Course, outputs: Sequence[Output], begin_ns: int, end_ns: int)
     ratio = error / np.maximum(stddev, SMALLEST)
     worst = float(error[good].max()) if good.any() else 0.0
     return Verdict(ratio[good], worst, error.size)
-
-
-def draw_kinds(generator: np.random.Generator) -> tuple[Kind, ...]:
-    """One to three kinds of faults for one run."""
-    count = int(generator.integers(1, 4))
-    return tuple(KINDS[k] for k in generator.choice(len(KINDS), size=count, replace=False))
-
-
-def draw_faults(generator: np.random.Generator, duration_ns: int) -> Faults:
-    """One to three faults of random kinds for one run, each at a random time and of random size."""
-    faults = Faults()
-    for kind in draw_kinds(generator):
-        _FAULTS[kind](faults, generator, duration_ns)
-    if generator.random() < 0.2:
-        faults.mode = "predict"
-    _let_slips_be_seen(faults)
-    faults.phase = float(generator.random())
-    return faults
-
-
-def _let_slips_be_seen(faults: Faults) -> None:
-    """Read the winch while its encoder slips or wraps: readings far apart cannot tell it.
-
-    That is a limit of the estimator (docs/reliability.md), not a fault that it could find.
-    """
-    if faults.slip is not None:
-        faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 50)
-        at = faults.slip[0]
-        faults.gaps = [
-            (axis, begin, end)
-            for axis, begin, end in faults.gaps
-            if axis != "winch" or not begin - SLOWEST_NS < at < end + SLOWEST_NS
-        ]
-        stopped = faults.restart_ns
-        if (
-            stopped is not None
-            and stopped - SLOWEST_NS < at < stopped + faults.stop_ns + SLOWEST_NS
-        ):
-            faults.restart_ns = None
-    if faults.wrap:
-        faults.period_ns["winch"] = min(faults.period_ns["winch"], SECOND // 20)
-
-
-def _time(generator: np.random.Generator, duration_ns: int) -> int:
-    """Random time between 35 % and 80 % of the run [ns]."""
-    return int(generator.uniform(0.35, 0.8) * duration_ns)
-
-
-def _gap(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
-    for _ in range(int(generator.integers(1, 4))):
-        begin = _time(generator, duration_ns)
-        end = begin + int(10.0 ** generator.uniform(-1.5, 0.3) * SECOND)
-        for axis in (("winch",), ("elbow",), ("winch", "elbow"))[generator.integers(0, 3)]:
-            faults.gaps.append((axis, begin, end))
-
-
-def _slow(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
-    period = int(SECOND / 10.0 ** generator.uniform(-0.3, 2.3))
-    for axis in (("winch",), ("elbow",), ("winch", "elbow"))[generator.integers(0, 3)]:
-        faults.period_ns[axis] = period
-
-
-def _late(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
-    axis = ("winch", "elbow")[generator.integers(0, 2)]
-    faults.late_ns[axis] = int(10.0 ** generator.uniform(-3.0, 0.5) * SECOND)
-
-
-def _slip(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
-    sign = generator.choice((-1.0, 1.0))
-    faults.slip = _time(generator, duration_ns), float(sign * generator.uniform(0.4, 3.0))
-
-
-def _wrap(faults: Faults, _generator: np.random.Generator, _duration_ns: int) -> None:
-    faults.wrap = True
-
-
-def _cell(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
-    faults.cell = float(generator.choice((0.0, 15.0, 30.0, 60.0)))
-
-
-def _liar(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
-    how = LIES[int(generator.integers(0, len(LIES)))]
-    faults.liar = how, int(generator.uniform(0.5, 0.9) * duration_ns)
-    faults.off = float(generator.choice((-1.0, 1.0)) * 10.0 ** generator.uniform(0.0, 1.1))
-    faults.good_effort = bool(generator.random() < 0.5)
-
-
-def _effort(faults: Faults, generator: np.random.Generator, _duration_ns: int) -> None:
-    faults.effort = float(generator.choice((0.0, 0.05, -0.1)))
-
-
-def _tare(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
-    faults.tare_ns = _time(generator, duration_ns)
-
-
-def _restart(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
-    faults.restart_ns = _time(generator, duration_ns)
-    faults.stop_ns = int(10.0 ** generator.uniform(-2.0, 0.5) * SECOND)
-
-
-def _clock(faults: Faults, generator: np.random.Generator, duration_ns: int) -> None:
-    by = int(generator.choice((-3600, -5, 5, 3600))) * SECOND
-    faults.clock_ns = _time(generator, duration_ns), by
-
-
-_FAULTS: Mapping[Kind, Callable[[Faults, np.random.Generator, int], None]] = {
-    "gap": _gap, "slow": _slow, "late": _late, "slip": _slip, "cell": _cell, "effort": _effort,
-    "tare": _tare, "restart": _restart, "clock": _clock, "wrap": _wrap, "liar": _liar,
-}  # fmt: skip

@@ -1,0 +1,128 @@
+#!/usr/bin/env python3
+"""Run estimators beside simulated rigs with faults, and write the table of docs/reliability.md.
+
+python tools/campaign.py                 6 runs of every kind of fault, 60 of mixed ones
+python tools/campaign.py --only predict  only the kinds whose name contains the word; no table
+python tools/campaign.py --runs 20 --mixed 300 --write    write the table into the page
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "test")]
+
+from support import campaign  # noqa: E402
+from support import campaign_draws as draws  # noqa: E402
+
+from cdrj_ros.model.loading import load_model  # noqa: E402
+from cdrj_ros.model.prepared import Model  # noqa: E402
+
+ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+PAGE = ROOT / "docs" / "reliability.md"
+TABLE = re.compile(r"(<!-- campaign -->\n).*?(<!-- /campaign -->)", re.DOTALL)
+LAW = 0.001
+"""Greatest share of tensions with status 0 beyond five standard deviations."""
+MIXED = "one to three of these"
+HEAD = (
+    "| fault | runs | status 0 | beyond 2σ | beyond 5σ | worst | runs beyond the law |",
+    "|---|---|---|---|---|---|---|",
+)
+
+
+class Result(NamedTuple):
+    """What came out of one run."""
+
+    kind: str
+    judged: int
+    good: int
+    beyond_two: int
+    beyond_five: int
+    worst: float
+    words: str
+
+    @property
+    def share(self) -> float:
+        """Share of the tensions with status 0 beyond five standard deviations [-]."""
+        return self.beyond_five / max(self.good, 1)
+
+
+@cache
+def _model() -> Model:
+    return load_model(ROBOT)
+
+
+@cache
+def _course(index: int) -> campaign.Course:
+    return draws.course(_model(), index)
+
+
+def run(kind: str, seed: int) -> Result:
+    """One run of a kind of fault, or of several together."""
+    if kind == MIXED:
+        kinds, faults = draws.mixed(seed)
+        words = " + ".join(kinds)
+    else:
+        faults, words = draws.single(kind, seed), ""
+    first = 0 if kind == MIXED else 3 * list(draws.SINGLE).index(kind)
+    index = (first + 7 * seed) % draws.COURSES
+    course = _course(index)
+    with TemporaryDirectory() as folder:
+        outputs = campaign.run(_model(), course, faults, scratch=Path(folder))
+    verdict = campaign.judge(course, outputs, 0, course.duration_ns)
+    two, five = (round(verdict.beyond(s) * verdict.ratio.size) for s in (2.0, 5.0))
+    said = f"course {index}, seed {seed}: {words} {faults.words()}"
+    return Result(kind, verdict.judged, verdict.ratio.size, two, five, verdict.worst, said)
+
+
+def row(kind: str, results: list[Result]) -> str:
+    """The row of a kind of fault."""
+    judged, good, two, five = (
+        sum(getattr(one, key) for one in results)
+        for key in ("judged", "good", "beyond_two", "beyond_five")
+    )
+    over = sum(one.share > LAW for one in results)
+    share = f"{good / max(judged, 1):.1%}".replace("%", " %")
+    beyond = " | ".join(f"{100 * n / max(good, 1):.2g} %" for n in (two, five))
+    worst = max(one.worst for one in results)
+    return f"| {kind} | {len(results)} | {share} | {beyond} | {worst:.1f} N | {over or 'none'} |"
+
+
+def main() -> int:
+    """Run, print, and write if asked."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--runs", type=int, default=6, help="runs of every kind (6)")
+    parser.add_argument("--mixed", type=int, default=60, help="runs of mixed faults (60)")
+    parser.add_argument("--only", default="", help="only kinds whose name contains this")
+    parser.add_argument("--first", type=int, default=0, help="first seed (0)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--write", action="store_true", help="write the table into the page")
+    arguments = parser.parse_args()
+    seeds = range(arguments.first, arguments.first + arguments.runs)
+    tasks = [(kind, seed) for kind in draws.SINGLE for seed in seeds]
+    tasks += [(MIXED, arguments.first + k) for k in range(arguments.mixed)]
+    tasks = [task for task in tasks if arguments.only in task[0]]
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        results = list(pool.map(run, *zip(*tasks, strict=True)))
+    own = {kind: [one for one in results if one.kind == kind] for kind in (*draws.SINGLE, MIXED)}
+    table = "\n".join([*HEAD, *(row(kind, some) for kind, some in own.items() if some)])
+    print(table)
+    for one in sorted(results, key=lambda one: -one.share):
+        if one.share > LAW:
+            print(f"{one.share:.2%}, {one.worst:.1f} N: {one.kind}, {one.words}")
+    if arguments.write and not arguments.only:
+        page = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(TABLE.sub(lambda m: f"{m[1]}{table}\n{m[2]}", page), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
