@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import pi
 from typing import TYPE_CHECKING, Final
 
@@ -11,6 +11,7 @@ from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.shares import Shares
 from cdrj_ros.report.parameters import CableTable, cable_tables, headline
 from cdrj_ros.report.table import UNLIMITED
+from cdrj_ros.robot.description import Robot
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,6 +39,8 @@ def print_inspection(
     for motor in inspection.motors:
         turns = motor.angle.width / (2.0 * pi)
         console.print(Text(f"motor {motor.name}: {turns:.2f} turns to follow the joints"))
+    for line in mapping(robot):
+        console.print(Text(line))
     for cable, table in zip(cables, tables, strict=True):
         console.print()
         wide.print(table)
@@ -60,6 +63,23 @@ def print_inspection(
             line = Text("  ")
             line.append(entry.where, style="bold").append(f": {entry.text}")
             console.print(line)
+
+
+def mapping(robot: Robot) -> Iterator[str]:
+    """What published positions and efforts mean, for every axis where they are converted."""
+    for axis in robot.axes:
+        sensor = axis.sensor
+        prismatic = axis.name in robot.prismatic_joints
+        angle, effort = ("position [m]", "[N]") if prismatic else ("angle [rad]", "[N m]")
+        parts = []
+        if sensor.scale != 1.0 or sensor.offset or sensor.corrected_at:
+            text = f"{angle} = {sensor.scale:.6g} * published"
+            text += f" {sensor.offset:+.4g}" if sensor.offset else ""
+            parts.append(text + (" + correction" if sensor.corrected_at else ""))
+        if axis.effort_scale != 1.0:
+            parts.append(f"effort {effort} = {axis.effort_scale:.6g} * published")
+        if parts:
+            yield f"{axis.name}: {', '.join(parts)}"
 
 
 def _table(cable: CableTable) -> Table:

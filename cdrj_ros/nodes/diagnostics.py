@@ -68,6 +68,8 @@ class Health(NamedTuple):
     """Why many readings are refused; empty if only a few are."""
     clock_refused: int = 0
     """Number of invalid times received on /clock."""
+    misfit: str = ""
+    """Why the readings do not fit the robot file; empty if they may."""
 
 
 def names_with(estimate: Estimate, flag: int) -> list[str]:
@@ -124,6 +126,7 @@ def _verdict(
     causes = (
         (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
         (deaf, error, "no effort of a motor: joints without encoder need it"),
+        (health.misfit, error, health.misfit),
         (flagged[INVALID], error, f"not solved: {', '.join(flagged[INVALID])}"),
         (flagged[OVERLOAD], error, f"overload: {', '.join(flagged[OVERLOAD])}"),
         (

@@ -7,6 +7,7 @@ begin, stop and resume, and explains in the log and on /diagnostics what is miss
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import isfinite, radians
 from time import monotonic
 from typing import Any, Final
 
@@ -17,14 +18,17 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from cdrj_ros.estimation.reading_limits import axis_of
 from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.foundation.text import counted, printable
+from cdrj_ros.inspection.motor_travel import MotorTravel
+from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.nodes.diagnostics import Health
-from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.qos import default_profile, remapping
 from cdrj_ros.nodes.settings import given_parameter
 from cdrj_ros.nodes.silence import Silence, StampClock
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Joint, Robot
 
 PATIENCE_S: Final = 3.0
 """Time without an estimate after which the reason is logged [s]."""
@@ -37,6 +41,9 @@ SILENT_S: Final = 1.5
 
 TOLERATED_PER_S: Final = 5.0
 """Rate of refused readings below which no warning is given [1/s]."""
+
+FAR: Final = 3.0
+"""An angle beyond this many times the end of its range may be in another unit."""
 
 MANY: Final = 8
 """Maximum number of names in a list."""
@@ -73,6 +80,8 @@ class InputTopic:
         self.positions: Sequence[float] | NDArray[np.float64] = ()
         """Positions in that message [rad or m]."""
         self.publishers = 0
+        self.remapping = ""
+        """Where messages of this type are, while this topic has no publisher."""
         self.silent_s = 0.0
         """Time since the last message, to the second, as of the last ``look`` [s]."""
         self._changed = 0, 0.0
@@ -117,6 +126,7 @@ class InputTopic:
         """
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         self.publishers = len(publishers)
+        self.remapping = "" if publishers else remapping(self._node, self.topic, JOINT_STATE.name)
         unreliable = {
             info.node_name
             for info in publishers
@@ -190,19 +200,40 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
     """Describe one topic: messages received, missing names, and positions out of range."""
     if not topic.messages:
         there = counted(topic.publishers, "publisher") if topic.publishers else "no publisher"
-        return f"{topic.topic}: {there}, no message"
+        elsewhere = f"; {topic.remapping}" if topic.remapping else ""
+        return f"{topic.topic}: {there}, no message{elsewhere}"
     parts = [counted(topic.messages, "message")]
     expected = [axis for axis in topic.axes if axis in unheard]
     if missing := [axis for axis in expected if axis not in topic.names]:
         parts.append(f"the last names {_listed(topic.names) or 'nothing'}, not {_listed(missing)}")
+        if prefix := _common_prefix(topic.names, missing):
+            parts.append(f"prefix: {prefix} in the robot file would fit")
     at = dict(zip(topic.names, topic.positions, strict=False))
-    parts += [
-        f"joint {joint.name} at {at[joint.name]:.4g}, its range is "
-        f"{joint.lower:.4g} to {joint.upper:.4g}"
-        for joint in robot.joints
-        if joint.name in at and not joint.lower <= at[joint.name] <= joint.upper
-    ]
+    for joint in robot.joints:
+        if joint.name in at and isfinite(at[joint.name]):
+            angle = axis_of(joint).angle_near(float(at[joint.name]), joint.reference_angle)
+            if not joint.lower <= angle <= joint.upper:
+                parts.append(
+                    f"joint {joint.name} at {angle:.4g}, its range is {joint.lower:.4g} to "
+                    f"{joint.upper:.4g}"
+                    + (": in degrees? scale_deg: 1" if _may_be_degrees(joint, angle) else "")
+                )
     return f"{topic.topic}: {', '.join(parts)}"
+
+
+def _may_be_degrees(joint: Joint, angle: float) -> bool:
+    """Whether an angle far out of range would be in range if its number were in degrees."""
+    far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
+    return far and joint.lower <= radians(angle) <= joint.upper
+
+
+def _common_prefix(names: Sequence[str], missing: Sequence[str]) -> str:
+    """The text before every missing name that would make it one of the names; empty if none."""
+    for name in names:
+        prefix = name.removesuffix(missing[0])
+        if prefix != name and all(prefix + one in names for one in missing):
+            return printable(prefix)[:LONG]
+    return ""
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -246,6 +277,7 @@ class InputWatch:
         self._node, self._live, self._inputs = node, live, inputs
         self._silence, self._now_ns, self._stamps = silence, now_ns, stamps
         self._refused: dict[str, int] = {}
+        self._travel = MotorTravel(live.model)
         self.looked_s = self.estimated_s = monotonic()
         """Steady times of the last call of ``health`` and of the last estimate [s]."""
         self._first = True
@@ -305,8 +337,11 @@ class InputWatch:
                 self._live.model.robot,
             )
         refusing = self._refusing()
+        if (sample := self._live.sample) is not None and not waiting:
+            self._travel.add(sample.motor_angle, sample.joint_angle)
+        misfit = self._travel.suspicion()
         timeout_s = self._silence.timeout_s
-        return Health(timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused)
+        return Health(timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused, misfit)
 
     def _refusing(self) -> str:
         """Rate and causes of the readings refused since the last call; empty if tolerated.
@@ -327,12 +362,12 @@ class InputWatch:
         return f"{rate:.0f} readings per second refused: {_refusals(since)}"
 
     def warn(self, health: Health) -> None:
-        """Log why there is no estimate or why many readings are refused, at most every AGAIN_S."""
+        """Log why there is no estimate or what is wrong with readings, at most every AGAIN_S."""
         words = ""
         if health.waiting and monotonic() - self.estimated_s > PATIENCE_S:
             self._quiet = True
             words = f"no estimate: {health.waiting}"
-        elif health.refusing and not self._quiet:
-            words = health.refusing
+        elif (health.misfit or health.refusing) and not self._quiet:
+            words = health.misfit or health.refusing
         if words:
             self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

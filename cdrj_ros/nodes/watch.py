@@ -32,6 +32,7 @@ from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.nodes.feed import Choice, Feed
+from cdrj_ros.nodes.qos import remapping
 from cdrj_ros.nodes.spinning import RANGE, ros_context, starting
 from cdrj_ros.report.live_table import View, live_table, plain_line
 from cdrj_ros.robot.reader import load_robot
@@ -154,18 +155,11 @@ class WatchNode(Node):
         return f"nothing from {_full_name(fitting[0])} on {feed.topic} for {silent}"
 
     def _no_publisher(self, feed: Feed) -> str:
-        elsewhere = [
-            topic
-            for topic, types in self.get_topic_names_and_types()
-            if feed.message.name in types and topic != feed.topic and self.count_publishers(topic)
-        ]
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         reach = os.environ.get(RANGE) or "SUBNET"
         text = f"no publisher of {feed.topic} in ROS domain {domain}, {RANGE}={reach}"
-        if elsewhere:
-            name = feed.topic.rpartition("/")[2]
-            text += f"; there is {elsewhere[0]}: --ros-args -r {name}:={elsewhere[0]}"
-        return text
+        elsewhere = remapping(self, feed.topic, feed.message.name)
+        return f"{text}; {elsewhere}" if elsewhere else text
 
 
 def _full_name(endpoint: Any) -> str:

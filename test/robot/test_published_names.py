@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from math import pi
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.published import JOINT, MOTOR, NAMES, PLAIN, PUBLISHED, efforts, of_all, positions
 
+from cdrj_ros.commands.check_robot_text import mapping
 from cdrj_ros.estimation.reading_limits import efforts_of
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
@@ -22,26 +23,10 @@ from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section
 from cdrj_ros.view.history import joint_angles, joint_axes
 
-PLAIN = (Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml").read_text("utf-8")
-GEAR, COUNTS, TORQUE_CONSTANT = -50.0, 4096, 0.06
-MOTOR, JOINT = "m/left.winch-1", "elbow 1:a+b"
-PUBLISHED = (
-    PLAIN.replace("name: prototype\n", "name: prototype\nprefix: arm1_\n")
-    .replace("- name: winch", f"- name: {MOTOR}\n    scale: {2 * pi / COUNTS / GEAR!r}\n"
-             f"    offset: 0.3\n    effort_scale: {TORQUE_CONSTANT * 50.0 * 0.9}")
-    .replace("- name: elbow", f"- name: {JOINT!r}\n    scale_deg: 360\n    offset: -0.1")
-    .replace("motor: winch", f"motor: {MOTOR}").replace("joint: elbow", f"joint: {JOINT!r}")
-    .replace("resolution_deg: 0.00439453125", "resolution: 1")
-    .replace("resolution_deg: 0.02197265625", "resolution: 6.103515625e-05")
-)  # fmt: skip
-"""The same robot as a stack publishes it: counts of an encoder on a geared motor that turns the
-other way, currents, turns of the joint, and names of several robots in one message."""
-
 STAMPS = 1_000_000_000 + 2_000_000 * np.arange(400)
 TIME = (STAMPS - STAMPS[0]) * 1e-9
 ANGLE = {"winch": 0.4 * np.sin(4.0 * TIME), "elbow": 0.5 * np.sin(4.0 * TIME + 0.1)}
 TORQUE = 0.2 * np.cos(4.0 * TIME)
-NAMES = ("arm2_elbow 1:a+b", f"arm1_{JOINT}", "elbow", "arm1_gripper", f"arm1_{MOTOR}")
 
 
 @pytest.fixture(scope="module")
@@ -50,31 +35,17 @@ def models() -> tuple[Model, Model]:
     return plain, published
 
 
-def published_positions() -> np.ndarray:
-    """Shape (n, names); the axes of other robots move otherwise."""
-    counts = (ANGLE["winch"] - 0.3) * COUNTS * GEAR / (2 * pi)
-    turns = (ANGLE["elbow"] + 0.1) / (2 * pi)
-    other = 9.0 + TIME
-    return np.column_stack([other, turns, -other, other, counts])
-
-
-def published_efforts() -> np.ndarray:
-    current = TORQUE / (TORQUE_CONSTANT * 50.0 * 0.9)
-    other = np.full_like(current, 7.0)
-    return np.column_stack([other, other, other, other, current])
-
-
 def test_the_live_estimate_is_that_of_angles_and_torques(models: tuple[Model, Model]) -> None:
     plain, published = (LiveEstimator(model, Options()) for model in models)
     for k, stamp in enumerate(STAMPS.tolist()):
         angles = [ANGLE["winch"][k], ANGLE["elbow"][k]]
         ours = plain.conditioner.feed_both(stamp, ("winch", "elbow"), angles)
-        theirs = published.conditioner.feed_both(stamp, NAMES, published_positions()[k])
+        theirs = published.conditioner.feed_both(stamp, NAMES, positions(*angles))
         assert len(ours) == len(theirs)
         for one, other in zip(ours, theirs, strict=True):
             np.testing.assert_allclose(one.motor_angle, other.motor_angle, atol=1e-9)
             np.testing.assert_allclose(one.joint_angle, other.joint_angle, atol=1e-9)
-    torques = efforts_of(models[1].robot, NAMES, published_efforts()[0])
+    torques = efforts_of(models[1].robot, NAMES, np.array(efforts(TORQUE[0])))
     np.testing.assert_allclose(torques, [7.0, 7.0, 7.0, 7.0, TORQUE[0]])
     assert efforts_of(models[1].robot, NAMES, np.zeros(2)).size == 0
 
@@ -84,8 +55,8 @@ def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
 ) -> None:
     with BagWriter(tmp_path / "bag") as bag:
         bag.write_joint_states(
-            "/joint_states", STAMPS, NAMES, position=published_positions(),
-            effort=published_efforts(),
+            "/joint_states", STAMPS, NAMES, position=of_all(ANGLE["winch"], ANGLE["elbow"]),
+            effort=[efforts(torque) for torque in TORQUE.tolist()],
         )  # fmt: skip
         bag.write_joint_states("/measured", STAMPS, ("sensor",), effort=TORQUE[:, None])
     topics = Topics("/joint_states", "/joint_states", ("/joint_states", "/measured"))
@@ -102,9 +73,19 @@ def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
 
 
 def test_a_picture_shows_the_same_angle(models: tuple[Model, Model]) -> None:
-    message = SimpleNamespace(name=NAMES, position=published_positions()[30])
+    message = SimpleNamespace(
+        name=NAMES, position=positions(ANGLE["winch"][30], ANGLE["elbow"][30])
+    )
     axes = joint_axes(models[1].robot)
     assert joint_angles(message, axes, np.zeros(1)) == pytest.approx(ANGLE["elbow"][30])
+
+
+def test_check_robot_shows_what_published_numbers_mean(models: tuple[Model, Model]) -> None:
+    assert list(mapping(models[0].robot)) == []
+    assert list(mapping(models[1].robot)) == [
+        f"arm1_{MOTOR}: angle [rad] = -3.06796e-05 * published +0.3, effort [N m] = 2.7 * published",
+        f"arm1_{JOINT}: angle [rad] = 6.28319 * published -0.1",
+    ]
 
 
 def test_numbers_are_found_and_written_under_any_name() -> None:
