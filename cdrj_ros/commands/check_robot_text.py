@@ -39,8 +39,8 @@ def print_inspection(
     for motor in inspection.motors:
         turns = motor.angle.width / (2.0 * pi)
         console.print(Text(f"motor {motor.name}: {turns:.2f} turns to follow the joints"))
-    for line in mapping(robot):
-        console.print(Text(line))
+    for conversion in mapping(robot):
+        console.print(Text(conversion))
     for cable, table in zip(cables, tables, strict=True):
         console.print()
         wide.print(table)
