@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -57,12 +56,6 @@ def validate() -> NoReturn:
     """Run ``validate``."""
 
     def load() -> Callable[[], int]:
-        from cdrj_ros.evaluation.tasks import several_large
-
-        if several_large(sys.argv[1:]):
-            from cdrj_ros.evaluation.processes import prepare_processes
-
-            prepare_processes("cdrj_ros.evaluation.validation")
         from cdrj_ros.commands.validate import main
 
         return main

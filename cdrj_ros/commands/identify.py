@@ -45,7 +45,7 @@ def _body(argv: Sequence[str]) -> int:
     task = task_of(arguments)
     if arguments.scheduler is None:
         return _identified(arguments, task, None)
-    from cdrj_ros.evaluation.cluster_pool import cluster_pool
+    from cdrj_ros.evaluation.parallel import cluster_pool
 
     with cluster_pool(arguments.scheduler) as pool:
         return _identified(arguments, task, pool)

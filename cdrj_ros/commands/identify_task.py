@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cdrj_ros.commands.shared import topics_of
-from cdrj_ros.evaluation.cluster import check_address
+from cdrj_ros.evaluation.parallel import check_address
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say

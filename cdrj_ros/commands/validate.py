@@ -24,12 +24,15 @@ from cdrj_ros.evaluation.estimating import OUTPUTS
 from cdrj_ros.evaluation.inputs import Window, require_reference_topics
 from cdrj_ros.evaluation.limits import check_limits, load_limits
 from cdrj_ros.evaluation.metrics import errors_of
-from cdrj_ros.evaluation.tasks import (
+from cdrj_ros.evaluation.parallel import (
     Failed,
     Progress,
     Work,
+    check_address,
     default_jobs,
+    in_processes,
     in_this_process,
+    on_cluster,
     processors,
     reason_of,
 )
@@ -52,16 +55,12 @@ def _compared(
     sizes = [size_of(task.path) for task in tasks]
     work = Work(compare_bag, tasks, [task.path for task in tasks], sizes)
     if arguments.scheduler:
-        from cdrj_ros.evaluation.cluster import on_cluster
-
         return on_cluster(work, arguments.scheduler, report)
     if len(tasks) == 1:
         return [compare_bag(tasks[0], lambda share: report(share * work.sizes[0]))]
     jobs = default_jobs(work.sizes) if arguments.jobs is None else arguments.jobs or processors()
     if jobs == 1:
         return in_this_process(work, report)
-    from cdrj_ros.evaluation.processes import in_processes
-
     return in_processes(work, jobs, report)
 
 
@@ -240,8 +239,6 @@ def _check_workers(arguments: argparse.Namespace) -> None:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     if arguments.scheduler is None:
         return
-    from cdrj_ros.evaluation.cluster import check_address
-
     check_address(arguments.scheduler)
     if arguments.jobs is not None:
         raise UsageError("--jobs and --scheduler exclude each other: the cluster has its workers")

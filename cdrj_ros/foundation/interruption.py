@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from traceback import clear_frames
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -54,6 +55,7 @@ def run_interruptibly(
         signal.signal(signal.SIGINT, signal.default_int_handler)
         code = main()
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
+        clear_frames(error.__traceback__)  # lets go of what would be reported as leaked
         end()
     sys.exit(code)

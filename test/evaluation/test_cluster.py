@@ -18,9 +18,15 @@ from support.many_tasks import killed_once, square, sum_after_death, sum_with
 from cdrj_ros.commands import validate
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.evaluation.cluster import check_address, connected, on_cluster
-from cdrj_ros.evaluation.cluster_pool import cluster_pool
-from cdrj_ros.evaluation.tasks import Failed, Work, in_this_process
+from cdrj_ros.evaluation.parallel import (
+    Failed,
+    Work,
+    check_address,
+    cluster_pool,
+    connected,
+    in_this_process,
+    on_cluster,
+)
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.observations import Recorded, observe, samples_of
@@ -89,7 +95,7 @@ def test_a_task_that_kills_every_worker_is_named_and_the_others_are_done(address
     numbers = [1.0, 99.0, 2.0, 3.0]
     work = Work(square, numbers, [f"bag {n:g}" for n in numbers], [1] * 4)
     results = on_cluster(work, address, lambda _: None)
-    assert results[1] == Failed("bag 99", "bag 99: every worker that processed it died")
+    assert results[1] == Failed("bag 99", "bag 99: its process died, twice (out of memory?)")
     assert [one for one in results if not isinstance(one, Failed)] == [0.1, 0.4, 0.1 * 3.0 * 3.0]
 
 
@@ -138,7 +144,7 @@ def test_residuals_from_a_cluster_have_the_digits_of_this_process(address: str) 
 
 
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cdrj_ros.evaluation.cluster.CONNECT_S", 0.2)
+    monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
     with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1: no Dask scheduler answered"):
         on_cluster(Work(square, [1.0], ["one"], [1]), "tcp://127.0.0.1:1", lambda _: None)
 
@@ -147,7 +153,7 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPat
 def test_a_port_at_which_something_else_listens_is_refused(
     said: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cdrj_ros.evaluation.cluster.CONNECT_S", 0.2)
+    monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
 
     class Other(socketserver.BaseRequestHandler):
         def handle(self) -> None:
@@ -159,7 +165,7 @@ def test_a_port_at_which_something_else_listens_is_refused(
     with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Other) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         with pytest.raises(UsageError, match="no Dask scheduler answered"):
-            connected(f"tcp://127.0.0.1:{server.server_address[1]}")
+            connected(f"tcp://127.0.0.1:{server.server_address[1]}").__enter__()
         over.set()
         server.shutdown()
 

@@ -10,16 +10,14 @@ from pathlib import Path
 import pytest
 from support.many_tasks import killed_once, noted, square
 
-from cdrj_ros.commands import entry
-from cdrj_ros.evaluation.processes import in_processes
-from cdrj_ros.evaluation.tasks import (
+from cdrj_ros.evaluation.parallel import (
     WORTH_PROCESSES,
     Failed,
     Work,
     default_jobs,
+    in_processes,
     in_this_process,
     processors,
-    several_large,
 )
 
 
@@ -63,7 +61,7 @@ def test_a_task_that_kills_its_process_is_named_and_the_others_are_done() -> Non
     failed = results[1]
     assert isinstance(failed, Failed)
     assert failed.name == "bag 99"
-    assert "was ended by SIGKILL (out of memory?), 2 times in a row" in failed.reason
+    assert failed.reason == "bag 99: its process died, twice (out of memory?)"
 
 
 def test_the_task_of_a_process_killed_from_outside_is_done_by_another(tmp_path: Path) -> None:
@@ -91,34 +89,3 @@ def test_large_tasks_begin_first(tmp_path: Path) -> None:
     names = [name for _, name in tasks]
     assert in_processes(Work(noted, tasks, names, [1, 3, 2]), 1, lambda _: None) == names
     assert Path(note).read_text().split() == ["large", "middle", "small"]
-
-
-def test_processes_are_prepared_only_for_several_large_recordings(tmp_path: Path) -> None:
-    for name in ("a.mcap", "b.mcap", "robot.yaml"):
-        with (tmp_path / name).open("wb") as file:
-            file.truncate(WORTH_PROCESSES)
-    (tmp_path / "folder").mkdir()
-    one, other, robot, folder = (
-        str(tmp_path / name) for name in ("a.mcap", "b.mcap", "robot.yaml", "folder")
-    )
-    needed = processors() > 1
-    assert several_large([one, other, "--robot", robot]) == needed
-    assert several_large([folder, one]) == needed
-    assert not several_large([one, "--robot", robot])
-    assert not several_large([folder, folder])
-    assert not several_large([one, other, "--jobs", "1"])
-    assert not several_large([one, other, "--scheduler=tcp://127.0.0.1:8786"])
-    assert not several_large([str(tmp_path / "none.mcap"), "a\0b"])
-
-
-@pytest.mark.parametrize("several", [False, True])
-def test_the_command_prepares_processes_before_its_slow_imports(
-    several: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prepared: list[str] = []
-    monkeypatch.setattr("sys.argv", ["validate", "a.mcap", "b.mcap"])
-    monkeypatch.setattr("cdrj_ros.evaluation.tasks.several_large", lambda paths: several and paths)
-    monkeypatch.setattr("cdrj_ros.evaluation.processes.prepare_processes", prepared.append)
-    monkeypatch.setattr(entry, "run_interruptibly", lambda _, load: load())
-    entry.validate()
-    assert prepared == ["cdrj_ros.evaluation.validation"] * several

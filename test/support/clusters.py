@@ -26,7 +26,7 @@ if __name__ == "__main__":
 """
 
 IMPORTED = (
-    "cdrj_ros.evaluation.cluster_pool", "cdrj_ros.commands.validate", "support.many_tasks",
+    "cdrj_ros.evaluation.parallel", "cdrj_ros.commands.validate", "support.many_tasks",
 )  # fmt: skip
 """What the tasks of the tests import; the workers are forks of a process that has done so."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import BagError
 
 
-def square(task: float, progress: Callable[[float], None]) -> float:
+def square(task: float) -> float:
     """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process."""
-    progress(0.5)
     if task < 0:
         raise BagError(f"{task} is no bag")
     if task == 13:
@@ -26,9 +24,8 @@ def square(task: float, progress: Callable[[float], None]) -> float:
     return 0.1 * task * task
 
 
-def killed_once(task: str, progress: Callable[[float], None]) -> str:
+def killed_once(task: str) -> str:
     """Note the process in the file ``task``; wait to be killed at the first attempt."""
-    progress(0.25)
     path = Path(task)
     first = not path.exists()
     with path.open("a", encoding="utf-8") as file:
@@ -38,9 +35,8 @@ def killed_once(task: str, progress: Callable[[float], None]) -> str:
     return path.name
 
 
-def noted(task: tuple[str, str], progress: Callable[[float], None]) -> str:
+def noted(task: tuple[str, str]) -> str:
     """Append its name to a file."""
-    progress(0.5)
     note, name = task
     with Path(note).open("a", encoding="utf-8") as file:
         file.write(f"{name}\n")
