@@ -51,10 +51,10 @@ settings.load_profile("steady")
 
 LONGEST_FIRST = (
     "nodes/test_replay_node.py", "estimation/test_campaign.py", "model/test_reference.py",
-    "nodes/test_node_restart.py", "documents/test_page_tools.py", "estimation/test_contest.py",
+    "nodes/test_node_restart.py", "estimation/test_contest.py",
     "nodes/test_estimator_node.py", "estimation/test_known_sensors.py",
     "evaluation/test_validation.py", "nodes/test_effort_tracking.py",
-    "documents/test_page_scripts.py", "robots/test_davinci_jaw.py",
+    "robots/test_davinci_jaw.py",
     "identification/test_fit.py", "identification/test_rho.py", "nodes/test_watch.py",
     "commands/test_check_robot.py", "estimation/test_session.py",
     "commands/test_validate_options.py", "commands/test_simulate.py", "recordings/test_states.py",
@@ -62,7 +62,7 @@ LONGEST_FIRST = (
     "simulation/test_slack_detection.py",
     "commands/test_identify.py", "estimation/test_take_back.py",
     "recordings/test_bombs.py", "project/test_controllers.py", "project/test_wheel.py",
-    "evaluation/test_cluster.py", "nodes/test_hostile.py", "nodes/test_page_lines.py",
+    "evaluation/test_cluster.py", "nodes/test_hostile.py",
 )  # fmt: skip
 """Each takes more than 1.2 % of all tests: one started last would keep a single worker busy.  Of
 three neighbours one waits for messages a good part of its time, and two calculate."""

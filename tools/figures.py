@@ -16,7 +16,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -75,14 +74,6 @@ def readme_with(text: str, channels: Channels) -> str:
     return text
 
 
-def stamped(picture: bytes, channels: Channels) -> bytes:
-    """Return a PNG file with a text chunk of the README's errors before its last chunk."""
-    chunk = b"tEXt" + b"errors\0" + "|".join(cell(channels) for cell in ROWS.values()).encode()
-    length, check = (len(chunk) - 4).to_bytes(4, "big"), zlib.crc32(chunk).to_bytes(4, "big")
-    end = len(picture) - 12
-    return picture[:end] + length + chunk + check + picture[end:]
-
-
 def picture_report(browser: str) -> None:
     """Take a screenshot of the beginning of report.html without its tables."""
     page = (ROOT / "report.html").read_text(encoding="utf-8")
@@ -113,7 +104,6 @@ def main() -> int:
     browser = next((name for name in BROWSERS if shutil.which(name)), None)
     if browser:
         picture_report(browser)
-        PICTURE.write_bytes(stamped(PICTURE.read_bytes(), channels))
     else:
         print(f"{PICTURE} is not renewed: none of {', '.join(BROWSERS)} is on the path")
     with tempfile.TemporaryDirectory() as folder:

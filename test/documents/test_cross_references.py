@@ -96,4 +96,4 @@ def test_the_pages_contain_what_the_tests_above_look_for() -> None:
         r"\n(identify|validate|simulate) .* --",
         r"`model\.\w+\.",
     ):
-        assert len(re.findall(pattern, texts)) > 1, pattern
+        assert len(re.findall(pattern, texts)) > 0, pattern

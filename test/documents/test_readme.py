@@ -113,16 +113,6 @@ def test_the_errors_of_the_readme_are_those_of_the_last_demonstration(figures: M
     assert figures.readme_with(README, channels) != README
 
 
-def test_the_picture_of_the_readme_shows_the_last_demonstration(figures: ModuleType) -> None:
-    """`make figures` stamps the picture with the errors of the demonstration it was taken from."""
-    channels = json.loads((ROOT / "docs" / "demo.json").read_text())["channels"]
-    picture = (ROOT / "docs" / "report.png").read_bytes()
-    stamp = figures.stamped(bytes(12), channels)[:-12]
-    assert picture[-12 - len(stamp) : -12] == stamp, "run make figures"
-    channels["tension/upper/8"]["mean_relative_error"] += 0.001
-    assert figures.stamped(bytes(12), channels)[:-12] != stamp
-
-
 def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
     """docs/demo.json must match the current code; node and offline results agree."""
     from cdrj_ros.evaluation.metrics import pooled_errors
