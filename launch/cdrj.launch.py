@@ -57,7 +57,7 @@ def _shown(context: LaunchContext) -> list[Node]:
             namespace=given["namespace"],
             output="screen",
             arguments=["--supervised"],
-            parameters=[{"robot": given["robot"]}],
+            parameters=[{"robot": given["robot"], "prefix": given.get("prefix", "")}],
             remappings=[("joint_states", given["joint_states"])],
         )
         for name in ("markers", "view")

@@ -30,6 +30,11 @@ ARGUMENTS = [
         "namespace", default_value="cdrj", description="Namespace of the node and its topics."
     ),
     DeclareLaunchArgument(
+        "prefix",
+        default_value="",
+        description="Text before all names, as arm1_; that of the robot file by default.",
+    ),
+    DeclareLaunchArgument(
         "motor_states",
         default_value="motor_states",
         description="Topic of the motor angles (sensor_msgs/JointState).",
@@ -103,6 +108,8 @@ def _refuse_unknown(context: LaunchContext) -> None:
 def _parameters(given: dict[str, str]) -> dict[str, object]:
     """The parameters that the user has set."""
     parameters: dict[str, object] = {"robot": given["robot"]}
+    if given["prefix"]:
+        parameters["prefix"] = given["prefix"]
     if given["conditioning"]:
         parameters["conditioning"] = given["conditioning"]
     if given["use_sim_time"]:

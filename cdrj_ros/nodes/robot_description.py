@@ -19,6 +19,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.settings import Setting, declare
+from cdrj_ros.robot.names import prefix_given
 from cdrj_ros.robot.urdf import DESCRIPTION, description_given
 
 TOPIC: Final = f"/{DESCRIPTION}"
@@ -29,6 +30,12 @@ ROBOT_SETTINGS: Final = (
         DESCRIPTION,
         "",
         f"URDF for a robot file whose frames name {DESCRIPTION}; empty: from the topic {TOPIC}",
+    ),
+    Setting(
+        "prefix",
+        "",
+        "Text before all names of motors and joints in messages, and of the URDF; empty: prefix of "
+        "the robot file",
     ),
 )
 """The parameters of every node that needs a robot."""
@@ -64,7 +71,8 @@ def given_model(node: Node, robot: str, preload: Sequence[float] | None = None) 
     """
     if not robot:
         raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
-    with description_given(lambda: robot_description(node)):
+    prefix = str(node.get_parameter("prefix").value)
+    with description_given(lambda: robot_description(node)), prefix_given(prefix):
         return load_model(robot, preload)
 
 

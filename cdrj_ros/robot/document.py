@@ -45,7 +45,7 @@ def parse_document(text: str, source: str) -> Document:
         raise RobotFileError(str(error)) from error
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    document: Document = with_urdf_frames(_Reading(source).to_si(raw), source)
+    document: Document = with_urdf_frames(with_prefix(_Reading(source).to_si(raw)), source)
     for complaint in document_complaints(document):
         raise RobotFileError(f"{complaint} ({source})")
     if not _possible(document):
@@ -54,7 +54,7 @@ def parse_document(text: str, source: str) -> Document:
             f"{path} must be a finite number of at most {LARGEST:g} in SI, got {_shown(value)} "
             f"({source})"
         )
-    return with_prefix(document)
+    return document
 
 
 @lru_cache(maxsize=1)

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, Final
 
 Document = dict[str, Any]
 
 _KINDS: Final = ("motors.", "joints.", "effort/")
 """Beginnings of paths of numbers of motors and joints, and of channels of their efforts."""
+
+
+_prefix: ContextVar[str] = ContextVar("prefix", default="")
+
+
+@contextmanager
+def prefix_given(prefix: str) -> Iterator[None]:
+    """Let robot files that are read within the context have another prefix; empty: their own."""
+    token = _prefix.set(prefix)
+    try:
+        yield
+    finally:
+        _prefix.reset(token)
 
 
 def prefixed(name: str, prefix: str) -> str:
@@ -19,41 +35,56 @@ def with_prefix(document: Document) -> Document:
     """The document with the names of motors and joints as messages have them.
 
     Args:
-        document: satisfies the schema.
+        document: a robot file in SI, not yet validated.
     """
-    prefix: str = document.get("prefix", "")
-    if not prefix:
+    document = {**document, "prefix": _prefix.get()} if _prefix.get() else document
+    prefix = document.get("prefix")
+    if not isinstance(prefix, str) or not prefix:
         return document
-    found = {**document}
-    for kind in ("motors", "joints"):
-        entries = document[kind]
-        found[kind] = [{**one, "name": prefixed(one["name"], prefix)} for one in entries]
-    for kind in ("frames", "cables"):
-        found[kind] = _referring(document.get(kind, []), prefix)
-    if "uncertainty" in document:
-        entry: Document = document["uncertainty"]
-        found["uncertainty"] = {
-            **entry,
-            "parameters": [_path(path, prefix) for path in entry.get("parameters", ())],
-            "model_error": {
-                _path(name, prefix): value for name, value in entry.get("model_error", {}).items()
-            },
-        }
-    return found
+
+    def named(name: str) -> str:
+        return prefixed(name, prefix)
+
+    def at(path: str) -> str:
+        return _path(path, prefix)
+
+    changes: dict[str, tuple[tuple[str, ...], Callable[[str], str]]] = {
+        "motors": (("name",), named),
+        "joints": (("name",), named),
+        "frames": (("joint", "joints"), named),
+        "cables": (("motor", "joint"), named),
+        "uncertainty": (("parameters", "model_error"), at),
+    }
+    return {
+        key: renamed(value, *changes[key]) if key in changes else value
+        for key, value in document.items()
+    }
 
 
-def _referring(value: Any, prefix: str) -> Any:
-    """A part of the document whose references to motors and joints have the prefix."""
+def renamed(value: Any, keys: Collection[str], change: Callable[[str], str]) -> Any:
+    """A part of a document with other names under some keys.
+
+    Args:
+        value: any part; its structure need not be valid.
+        keys: keys of a name, of a list of names, or of a mapping by name.
+        change: gives the other name.
+    """
     if isinstance(value, list):
-        return [_referring(one, prefix) for one in value]
+        return [renamed(one, keys, change) for one in value]
     if not isinstance(value, dict):
         return value
     return {
-        key: prefixed(one, prefix)
-        if key in ("motor", "joint") and isinstance(one, str)
-        else _referring(one, prefix)
+        key: _changed(one, change) if key in keys else renamed(one, keys, change)
         for key, one in value.items()
     }
+
+
+def _changed(value: Any, change: Callable[[str], str]) -> Any:
+    if isinstance(value, dict):
+        return {change(name): one for name, one in value.items()}
+    if isinstance(value, list):
+        return [_changed(one, change) for one in value]
+    return change(value) if isinstance(value, str) else value
 
 
 def _path(path: str, prefix: str) -> str:

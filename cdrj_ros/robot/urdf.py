@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.untrusted import InputError, parse_xml, read_regular
+from cdrj_ros.robot.names import prefixed, renamed
 
 MAXIMUM_BYTES: Final = 20_000_000
 """Largest accepted size of a URDF [bytes]."""
@@ -87,7 +88,8 @@ def with_urdf_frames(document: Document, source: str) -> Document:
         path = _find(entry["urdf"], source)
         joints = read_urdf(path, source)
     root = joints[0].child if joints and not joints[0].name else ROOT
-    joints = _without_prefix(joints, str(document.get("prefix", "")))
+    document, joints = _with_prefix(document, joints)
+    entry = document["frames"]
     measured = entry.get("joints", [j.name for j in joints if j.motion != "fixed" and not j.mimic])
     _check_measured(measured, joints, path, source)
     kept = _needed(document, joints)
@@ -103,16 +105,32 @@ def with_urdf_frames(document: Document, source: str) -> Document:
     }
 
 
-def _without_prefix(joints: list[UrdfJoint], prefix: str) -> list[UrdfJoint]:
-    """The joints with the names of the robot file, which the URDF may have after its prefix."""
+def _with_prefix(document: Document, joints: list[UrdfJoint]) -> tuple[Document, list[UrdfJoint]]:
+    """Names that agree where the document has a prefix, which the URDF may have or not.
 
-    def named(joint: UrdfJoint) -> UrdfJoint:
-        leader = joint.mimic and (joint.mimic[0].removeprefix(prefix), *joint.mimic[1:])
-        names = (joint.name, joint.parent, joint.child)
-        name, parent, child = (one.removeprefix(prefix) for one in names)
-        return replace(joint, name=name, parent=parent, child=child, mimic=leader)
+    Joints take the prefix unless another one has that name; links named in the document are those
+    with the prefix, where the URDF has them.
+    """
+    prefix = document.get("prefix")
+    if not isinstance(prefix, str) or not prefix:
+        return document, joints
+    names, links = {one.name for one in joints}, {one.child for one in joints}
 
-    return [named(joint) for joint in joints]
+    def joint(name: str) -> str:
+        other = prefixed(name, prefix)
+        return name if not name or other in names else other
+
+    def link(name: str) -> str:
+        other = prefixed(name, prefix)
+        return other if other in links else name
+
+    cables = renamed(document.get("cables"), ("frame", "exit_frame", "side_frame"), link)
+    return {**document, "cables": cables}, [
+        replace(
+            one, name=joint(one.name), mimic=one.mimic and (joint(one.mimic[0]), *one.mimic[1:])
+        )
+        for one in joints
+    ]
 
 
 def _find(path: str, source: str) -> Path:

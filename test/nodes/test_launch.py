@@ -156,7 +156,7 @@ def test_the_launch_file_of_a_real_robot_adds_what_is_asked_for(
     assert launched("robot:=r.yaml", file=CDRJ, included=FILE) == []
     (markers,) = launched("robot:=r.yaml", "markers:=true", file=CDRJ, included=FILE)
     assert markers.executable == "markers"
-    assert markers.parameters == [{"robot": "r.yaml"}]
+    assert markers.parameters == [{"robot": "r.yaml", "prefix": ""}]
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", CDRJ.name])
     with pytest.raises(RuntimeError, match="'marker': did you mean markers"):
         launched("robot:=r.yaml", "marker:=true", file=CDRJ, included=FILE)

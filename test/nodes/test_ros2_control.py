@@ -155,8 +155,11 @@ def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with
     assert bench.until(lambda: bool(diagnosed(estimation)) and bool(estimation.inputs[0].remapping))
     assert "--ros-args -r motor_states:=/joint_states" in diagnosed(estimation)[0].message
     publisher.destroy()
-    text = PUBLISHED.replace("prefix: arm1_", "prefix: ''")
+    text = PUBLISHED.replace("prefix: arm1_\n", "")
     without = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path, text))
+    other = stack(tmp_path, PUBLISHED.replace("prefix: arm1_", "prefix: arm7_"))
+    as_given = bench.estimator(*ONE_TOPIC, robot=other, prefix="arm1_")
+    assert as_given.live.model.layout.motors == (f"arm1_{MOTOR}",)
     played(without, 10)
     degrees = bench.estimator()
     degrees.joint(Template(JOINT_STATE, ("elbow",), ("position",)).encode(1, position=[20.0]))

@@ -82,11 +82,10 @@ def test_a_picture_shows_the_same_angle(models: tuple[Model, Model]) -> None:
 
 def test_check_robot_shows_what_published_numbers_mean(models: tuple[Model, Model]) -> None:
     assert list(mapping(models[0].robot)) == []
-    assert list(mapping(models[1].robot)) == [
-        f"arm1_{MOTOR}: angle [rad] = -3.06796e-05 * published +0.3, "
-        "effort [N m] = 2.7 * published",
-        f"arm1_{JOINT}: angle [rad] = 6.28319 * published -0.1",
-    ]
+    motor, joint = mapping(models[1].robot)
+    assert motor.startswith(f"arm1_{MOTOR}: angle [rad] = -3.06796e-05 * published +0.3, ")
+    assert motor.endswith(", effort [N m] = 2.7 * published")
+    assert joint == f"arm1_{JOINT}: angle [rad] = 6.28319 * published -0.1"
 
 
 def test_numbers_are_found_and_written_under_any_name() -> None:

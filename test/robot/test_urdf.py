@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 
@@ -84,6 +85,27 @@ def test_links_become_frames_and_limits_ranges(tmp_path: Path) -> None:
     assert "aside" not in frames  # no node is on it
     assert frames["coupled"].joint == "shoulder"
     assert found.prismatic_joints == {"slide"}
+
+
+@pytest.mark.parametrize("of_urdf", [True, False])
+def test_a_prefix_is_that_of_names_in_messages_and_where_it_has_it_of_the_urdf(
+    of_urdf: bool, tmp_path: Path
+) -> None:
+    plain = robot(tmp_path)
+    text = f"prefix: arm1_\n{ROBOT}"
+    text = text.replace("{urdf: arm.urdf}", "{urdf: arm.urdf, joints: [elbow, shoulder, slide]}")
+    urdf = re.sub(r'(name|link|joint)="(?=[a-z])', r'\1="arm1_', URDF) if of_urdf else URDF
+    # another robot in the same URDF, with the names of this one but for the prefix
+    other = """<link name="tip"/><joint name="elbow" type="revolute"><parent link="arm1_tip"/>
+        <child link="tip"/><limit lower="-1" upper="1"/></joint>"""
+    found = robot(tmp_path, text, urdf.replace("</robot>", f"{other if of_urdf else ''}</robot>"))
+    assert [one.name for one in found.joints] == ["arm1_elbow", "arm1_shoulder", "arm1_slide"]
+    assert found.base_link == ("arm1_world_link" if of_urdf else "world_link")
+    pose = np.array([0.3, -0.2, 0.15])
+    np.testing.assert_array_equal(
+        shape_at(prepare(found, check_range=False), pose).length,
+        shape_at(prepare(plain, check_range=False), pose).length,
+    )
 
 
 def test_lengths_are_those_of_the_chain_of_transformations(tmp_path: Path) -> None:
