@@ -76,6 +76,14 @@ def load_yaml(text: str, source: str) -> Any:
         raise YamlError(f"{printable(source)} {error}") from None
 
 
+def yaml_text(document: Any) -> str:
+    """A document of mappings, lists, texts and numbers as YAML."""
+    text: str = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True
+    )
+    return text
+
+
 def yaml_nodes(text: str) -> Any:
     """The nodes of a text that ``load_yaml`` accepts, with their places in it.
 

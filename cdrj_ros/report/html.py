@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any, Final
 
-import yaml
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from cdrj_ros.evaluation.channels import (
@@ -35,6 +34,7 @@ from cdrj_ros.evaluation.pulley_friction import PulleyFriction
 from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import counted, printable
+from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.parameters import cable_tables, headline
@@ -170,10 +170,7 @@ def _drawing(inspection: Inspection) -> Any:
 
 def _robot_file(robot: Robot) -> list[str]:
     """The lines of the robot file."""
-    text: str = yaml.safe_dump(
-        dict(robot.document), sort_keys=False, default_flow_style=None, allow_unicode=True
-    )
-    return text.splitlines()
+    return yaml_text(dict(robot.document)).splitlines()
 
 
 def _limits(limit_check: LimitCheck) -> dict[str, Any]:
