@@ -257,6 +257,7 @@ def identify(
     bags: str | Path | Iterable[str | Path],
     fit: str,
     *,
+    free: Iterable[str] = (),
     only: bool = False,
     topics: Topics | None = None,
     settings: Settings | None = None,
@@ -268,6 +269,7 @@ def identify(
         bags: rosbag2 folder or file, or several, which are fitted together.
         fit: the numbers, as ``identify --fit`` takes them: ``"rho,preload"``, see
             docs/identification.md.
+        free: those of which nothing is known before, as ``identify --free`` takes them.
         only: whether to fit these alone, and not along with them those numbers whose accuracy the
             file does not state.
         topics: names of the recorded topics; None: ``Topics()``.
@@ -284,14 +286,20 @@ def identify(
     from cdrj_ros.evaluation.inputs import read_inputs
     from cdrj_ros.identification.fit import identify as identify_numbers
     from cdrj_ros.identification.observations import Recorded
-    from cdrj_ros.identification.unknowns import fitted_along, parse_unknowns
+    from cdrj_ros.identification.unknowns import (
+        fitted_along,
+        known_before,
+        parse_unknowns,
+        without_priors,
+    )
     from cdrj_ros.recordings import Topics
 
     model = model if isinstance(model, Model) else load(model)
     robot, document = model.robot, dict(model.robot.document)
-    unknowns = parse_unknowns(document, fit)
+    unknowns = known_before(document, robot.uncertainty, parse_unknowns(document, fit))
     if not only:
         unknowns += fitted_along(document, robot.uncertainty, unknowns)
+    unknowns = without_priors(unknowns, free)
     recordings = []
     for bag in [bags] if isinstance(bags, (str, Path)) else bags:
         read = read_inputs(str(bag), topics or Topics(), model)

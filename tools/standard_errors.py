@@ -79,7 +79,7 @@ CASES: Final = {
 }
 KINDS: Final = {
     "ρ": "rho", "preload": "preload", "EA": "axial_stiffness", "drum": "radius",
-    "zero": "reference_angle", "drag": "bearing_torque",
+    "zero": "reference_angle", "encoder": "offset", "drag": "bearing_torque",
 }  # fmt: skip
 
 
@@ -151,7 +151,7 @@ def moved(
     stamps = 1_700_000_000_000_000_000 + np.round(time * 1e9).astype(np.int64)
     counts = [axis.sensor.resolution for axis in robot.axes]
     motor = np.round(truth.motor_angle[:, 0] / counts[0]) * counts[0]
-    joint = np.round(truth.joint_angle[:, 0] / counts[1]) * counts[1]
+    joint = np.round((truth.joint_angle[:, 0] - robot.offsets[1]) / counts[1]) * counts[1]
     return Motion(stamps, truth, motor, joint)
 
 

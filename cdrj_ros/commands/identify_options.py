@@ -29,6 +29,11 @@ def parser() -> argparse.ArgumentParser:
         "'cables.{*}.preload': one for each, 'a=b' and 'a=-b': two tied parameters",
     )  # fmt: skip
     parser.add_argument(
+        "--free", default="", metavar="NAME,...",
+        help="fitted parameters of which nothing is known: otherwise each keeps its value in the "
+        "file with the default standard deviation as a prior, unless the file states one",
+    )  # fmt: skip
+    parser.add_argument(
         "--only", action="store_true",
         help="fit these alone; otherwise stiffness, preload, drum radius, zeros and drag are "
         "fitted along where the file states no accuracy, with the default tolerance as prior",

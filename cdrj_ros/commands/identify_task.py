@@ -25,15 +25,17 @@ from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import (
     Unknown,
     fitted_along,
+    known_before,
     parse_unknowns,
     starting_values,
     with_bounds,
     with_priors,
+    without_priors,
 )
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.document import Document, document_complaints
-from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.parameters import split_outside, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 
 
@@ -113,10 +115,14 @@ def _unknowns(
     if arguments.pose:
         unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))
     else:
-        unknowns = parse_unknowns(document, arguments.fit)
+        unknowns = known_before(
+            document, robot.uncertainty, parse_unknowns(document, arguments.fit)
+        )
         if not arguments.only:
             unknowns += fitted_along(document, robot.uncertainty, unknowns)
-    return with_priors(with_bounds(unknowns, arguments.bounds), arguments.prior)
+    free = split_outside(arguments.free, ",") if arguments.free else ()
+    unknowns = without_priors(with_bounds(unknowns, arguments.bounds), free)
+    return with_priors(unknowns, arguments.prior)
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:

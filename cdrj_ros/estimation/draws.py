@@ -21,7 +21,8 @@ from cdrj_ros.model.elasticity import elasticities, strain_at
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare, read_only, segments_of, shape_at
 from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.parameters import writer_of
+from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
@@ -68,7 +69,8 @@ class Draws:
     """Lasting errors of the motors' efforts [N m], shape (members, motors); zero where every joint
     has an encoder."""
     reading_error: Table
-    """Errors of motor and joint angles [rad], used in turn, shape (rows, axes)."""
+    """Errors of motor and joint angles [rad], one row for every update of a member, which they have
+    in turn, shape (rows, axes)."""
     unseen_share: Table
     """xi of (U3), one row per interval between readings in turn, shape (rows, members, axes)."""
     generator: np.random.Generator
@@ -93,7 +95,7 @@ def draw(
         known: standard deviations of the parameters; None: those of the robot.
     """
     robot, generator = model.robot, np.random.default_rng(seed)
-    numbers = draw_numbers(model, members, generator, known)
+    numbers, zeros = draw_numbers(model, members, generator, known)
     wind_differently(model, numbers, generator)
     if preload_share > 0.0:
         preload_differently(model, numbers, preload_share, generator)
@@ -102,7 +104,7 @@ def draw(
     if robot.unmeasured:
         half = generator.standard_normal((members // 2, len(robot.motors)))
         efforts = _paired(half * _effort_stddev(robot))
-    errors = reading_errors(robot, generator)
+    errors = reading_errors(robot, zeros, generator)
     axes = len(robot.motors) + len(robot.joints)
     return Draws(
         read_only(numbers),
@@ -137,13 +139,27 @@ def draw_members(
 
 def draw_numbers(
     model: Model, members: int, generator: np.random.Generator, known: Uncertainty | None = None
-) -> Table:
-    """Numbers of the robots that ``draw_members`` gives, shape (members, numbers)."""
+) -> tuple[Table, Table]:
+    """The robots that ``draw_members`` gives, as the core takes them.
+
+    Returns:
+        Their numbers, shape (members, numbers), and the differences of their angles from the
+        robot's at the same readings [rad], shape (members, axes): ``offset`` is not one of the
+        numbers, since readings are converted to angles before any robot sees them.
+    """
     known = known or model.robot.uncertainty
+    zeros = np.zeros((members, len(model.robot.axes)))
     if members == 0 or known is None or not known.parameters or not model.robot.document:
-        return np.repeat(model.numbers[None, :], members, axis=0)
-    made = _members(model.robot, known, members, generator, lambda one: prepare(one, False).numbers)
-    return np.stack([model.numbers if one is None else one for one in made])
+        return np.repeat(model.numbers[None, :], members, axis=0), zeros
+    offsets = model.robot.offsets
+    made = _members(
+        model.robot, known, members, generator,
+        lambda one: (prepare(one, False).numbers, np.subtract(one.offsets, offsets)),
+    )  # fmt: skip
+    numbers = np.stack([model.numbers if one is None else one[0] for one in made])
+    for k, one in enumerate(made):
+        zeros[k] = 0.0 if one is None else one[1]
+    return numbers, zeros
 
 
 def _members(
@@ -167,8 +183,8 @@ def _members(
     found: list[Made | None] = [None] * members
     left = np.arange(members)
     for share in (None,) * (DRAWS - 1) + SMALLER + (0.0,):
-        changes = zip(known.parameters, (normal @ factor.T).T, strict=True)
-        values = [within_range(given, path, change) for path, change in changes]
+        changes = dict(zip(known.parameters, (normal @ factor.T).T, strict=True))
+        values = _possible_values(given, changes)
         for k in left:
             try:
                 changed = write([float(value[k]) for value in values])
@@ -183,6 +199,22 @@ def _members(
         else:
             normal[left] *= share
     return found
+
+
+def _possible_values(document: Document, changes: Mapping[str, Vector]) -> list[Vector]:
+    """Every number after each of several changes, within what the schema allows.
+
+    Where a reference angle would leave its joint's range and its change is reversed, so is that of
+    the encoder's zero, which after a tare is the same error.
+    """
+    values = {path: within_range(document, path, change) for path, change in changes.items()}
+    for path, value in values.items():
+        zero = path.replace(".reference_angle", ".offset")
+        if zero != path and zero in changes:
+            reversed_ = (value - find_number(document, path).value) * changes[path] < 0.0
+            there = np.where(reversed_, -changes[zero], changes[zero])
+            values[zero] = within_range(document, zero, there)
+    return list(values.values())
 
 
 def _normal(members: int, causes: int, generator: np.random.Generator) -> Table:
@@ -280,10 +312,16 @@ def friction_shares(members: int, pulleys: int, generator: np.random.Generator) 
     return _paired(shares)
 
 
-def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
-    """Errors of motor and joint angles from noise and resolution [rad], (READING_ROWS, axes).
+def reading_errors(robot: Robot, zeros: Table, generator: np.random.Generator) -> Table:
+    """Errors of motor and joint angles from noise, resolution and zeros [rad], (rows, axes).
 
-    Those of joints without encoder are zero.
+    Those of joints without encoder have no noise.  Where zeros are in error, row ``r`` is one of
+    member ``r % members``.
+
+    Args:
+        robot: with the sensors.
+        zeros: errors of the members' zeros [rad], shape (members, axes).
+        generator: random generator.
     """
     sensors = [axis.sensor for axis in robot.as_read.axes]
     scale = np.array([abs(sensor.scale) for sensor in sensors])
@@ -294,7 +332,10 @@ def reading_errors(robot: Robot, generator: np.random.Generator) -> Table:
     measured = [True] * len(robot.motors) + [joint.measured for joint in robot.joints]
     errors = np.zeros((READING_ROWS, len(measured)))
     errors[:, measured] = read
-    return errors
+    if not zeros.any():
+        return errors
+    row = np.arange(READING_ROWS * len(zeros))
+    return np.asarray(errors[row % READING_ROWS] + zeros[row % len(zeros)])
 
 
 def _unseen_shares(members: int, axes: int, generator: np.random.Generator) -> Table:

@@ -5,9 +5,10 @@ is a fifth of the number, or ``TYPICAL`` if that is larger and the coordinate is
 coordinate is logarithmic for numbers that can neither be zero nor change sign, and linear for all
 others.
 
-In a fit of few numbers to few references, errors of all other numbers of the file distort the
-result.  Those of ``ALONG`` are therefore fitted too, with priors from the tolerances of
-``cdrj_ros.robot.tolerances``.
+A number whose accuracy the file does not state has a prior: the file's value, with the standard
+deviation of ``cdrj_ros.robot.tolerances``.  In a fit of few numbers to few references,
+errors of all other numbers of the file distort the result.  Those of ``ALONG`` are therefore fitted
+too.
 """
 
 from __future__ import annotations
@@ -304,6 +305,19 @@ def with_priors(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unkn
     return tuple(result)
 
 
+def without_priors(unknowns: Sequence[Unknown], names: Iterable[str]) -> tuple[Unknown, ...]:
+    """The unknowns, some of them without a prior, by path, pattern or short form.
+
+    Raises:
+        UsageError: a name is not among them.
+    """
+    result = list(unknowns)
+    for name in names:
+        for k in _chosen(result, name, f"--free {name}"):
+            result[k] = replace(result[k], prior=None)
+    return tuple(result)
+
+
 def starting_values(document: Document, texts: Iterable[str]) -> dict[str, float]:
     """Numbers by path from ``path=value`` [SI], patterns and short forms included.
 
@@ -328,6 +342,11 @@ def _addressed(
     name, _, given = text.rpartition("=")
     if not name or ":" not in given:
         raise UsageError(f"{option} must be PATH={form}, got {text!r}")
+    return _chosen(unknowns, name, f"{option} {text}"), given
+
+
+def _chosen(unknowns: Sequence[Unknown], name: str, given: str) -> list[int]:
+    """Indices of the unknowns that a path, pattern or short form selects."""
     pattern = SHORT_FORMS.get(name, name).replace("{*}", "*")
     chosen = [
         k
@@ -336,8 +355,8 @@ def _addressed(
     ]
     if not chosen:
         fitted = ", ".join(unknown.paths[0] for unknown in unknowns)
-        raise UsageError(f"{option} {text}: {name} is not among the fitted numbers ({fitted})")
-    return chosen, given
+        raise UsageError(f"{given}: {name} is not among the fitted numbers ({fitted})")
+    return chosen
 
 
 def _number_of(text: str, whole: str) -> float:
@@ -351,12 +370,54 @@ def _number_of(text: str, whole: str) -> float:
 
 
 ALONG: Final = (
-    "preload", "EA", "drum_radius", "joints.{*}.reference_angle", "pulley_bearing_torque",
+    "preload", "EA", "drum_radius", "joints.{*}.reference_angle", "joint_offset",
+    "pulley_bearing_torque",
 )  # fmt: skip
 """Numbers to fit in addition, in the notation of ``--fit``."""
 
 ALIKE: Final = 1e-9
 """Largest relative difference of numbers that are fitted as one unknown."""
+
+
+def known_before(
+    document: Document, known: Uncertainty | None, unknowns: Sequence[Unknown]
+) -> tuple[Unknown, ...]:
+    """The unknowns with their default standard deviations as priors.
+
+    Those that the file states are left out: an earlier fit to the same recordings may have found
+    them.
+
+    Args:
+        document: content of the robot file.
+        known: the robot's uncertainty.
+        unknowns: those that the user requested.
+    """
+    stddev = _default_stddev(known)
+    result = []
+    for one in unknowns:
+        own = [stddev.get(_level_of(path, stddev), 0.0) for path in one.paths]
+        values = [find_number(document, path).value for path in one.paths]
+        apart = np.std(np.multiply(values, one.signs))  # tied numbers that the file has apart
+        prior = (one.start, float(np.hypot(np.mean(own), apart)))
+        result.append(replace(one, prior=prior) if min(own) > 0.0 else one)
+    return tuple(result)
+
+
+def _default_stddev(known: Uncertainty | None) -> dict[str, float]:
+    """Default standard deviations of the numbers whose accuracy the file leaves open [SI]."""
+    if known is None:
+        return {}
+    deviations = np.sqrt(np.diag(known.covariance)).tolist()
+    return dict(zip(known.parameters[known.stated :], deviations[known.stated :], strict=True))
+
+
+def _level_of(path: str, stddev: Mapping[str, float]) -> str:
+    """The path itself, or that of the level from which the file takes its friction."""
+    while path not in stddev and ".friction." in path:
+        holder, _, key = path.rpartition(".friction.")
+        above = holder.rpartition(".nodes.")[0]
+        path = f"{above}.friction.{key}" if above else f"friction.{key}"
+    return path
 
 
 def fitted_along(
@@ -369,13 +430,10 @@ def fitted_along(
         known: the robot's uncertainty; numbers that it states or that are exact stay fixed.
         unknowns: those that the user requested.
     """
-    if known is None or len(known.parameters) == known.stated:
-        return ()
-    stddev = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+    stddev = _default_stddev(known)
     taken = {path for unknown in unknowns for path in unknown.paths}
-    taken |= set(known.parameters[: known.stated])
     along: list[Unknown] = []
-    for item in ALONG:
+    for item in ALONG if stddev else ():
         try:
             found = parse_unknowns(document, item)
         except UsageError:  # no joint, or no pulley

@@ -110,7 +110,9 @@ def _effects(model: Model, causes: Sequence[Tolerance]) -> NDArray[np.float64]:
     for k, cause in enumerate(causes):
         deviating = _deviating(model, cause)
         if deviating is not None:
-            effects[k] = _tensions(deviating, motors, joints) - before
+            shift = np.subtract(deviating.robot.offsets, robot.offsets)
+            own = motors + shift[: len(robot.motors)], joints + shift[len(robot.motors) :]
+            effects[k] = _tensions(deviating, *own) - before
     return effects
 
 

@@ -387,6 +387,11 @@ class Robot:
         return {axis.name: axis.effort_scale for axis in self.axes}
 
     @property
+    def offsets(self) -> tuple[float, ...]:
+        """Offsets of the sensors of all axes [rad]."""
+        return tuple(axis.sensor.offset for axis in self.axes)
+
+    @property
     def unmeasured(self) -> tuple[int, ...]:
         """Indices of the joints without encoder."""
         return tuple(j for j, joint in enumerate(self.joints) if not joint.measured)

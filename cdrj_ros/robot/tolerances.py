@@ -148,8 +148,9 @@ def complete_uncertainty(
 def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
     """The robot's uncertainty after reference angles and preloads were set at run time.
 
-    A tare reads the reference angles from the sensors, whose errors are drawn separately.  A
-    preload set at run time counts as measured just now.  Neither increases an uncertainty.
+    A tare reads the reference angles from the encoders: their errors become those of the encoders'
+    zeros, ``offset``, as the geometry is evaluated at the reading in every pose.  A preload set at
+    run time counts as measured just now, unless it was known better.
 
     Args:
         robot: the robot with the changed numbers.
@@ -158,14 +159,24 @@ def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
     known = robot.uncertainty
     if known is None:
         return None
-    scale = np.ones(len(known.parameters))
-    for k, path in enumerate(known.parameters):
-        if path not in changed:
-            continue
+    index = {path: k for k, path in enumerate(known.parameters)}
+    errors = np.eye(len(index))  # those of the numbers, from those before
+    stated = [k < known.stated for k in index.values()]
+    for path in changed.keys() & index.keys():
+        k, own = index[path], 0.0
         stddev = float(np.sqrt(known.covariance[k, k]))
-        wanted = SPRING_SCALE_NOW * changed[path] if path.endswith(".preload") else 0.0
-        scale[k] = min(1.0, wanted / stddev) if stddev > 0.0 else 1.0
-    return replace(known, covariance=known.covariance * np.outer(scale, scale))
+        if path.endswith(".preload") and stddev > 0.0:
+            own = min(1.0, SPRING_SCALE_NOW * changed[path] / stddev)
+        errors[k] *= own
+        zero = index.get(path.replace(".reference_angle", ".offset"), k)
+        if zero != k:
+            errors[k, zero], stated[k] = 1.0, stated[zero]
+    covariance = errors @ known.covariance @ errors.T
+    order = sorted(index.values(), key=lambda k: not stated[k])
+    return replace(
+        known, parameters=tuple(known.parameters[k] for k in order),
+        covariance=covariance[np.ix_(order, order)], stated=sum(stated),
+    )  # fmt: skip
 
 
 def within_range(document: Document, path: str, changes: Vector) -> Vector:
@@ -217,6 +228,12 @@ def _joints(document: Document) -> Iterator[Tolerance]:
             f"zero of joint {name}", "call ~/tare in the reference pose",
             {f"joints.{name}.reference_angle": stddev},
         )  # fmt: skip
+        if joint.get("measured", True):
+            yield Tolerance(
+                f"zero of the encoder of joint {name}",
+                "read it at a stop of known angle, or identify with motor efforts or a load cell",
+                {f"joints.{name}.offset": stddev},
+            )  # fmt: skip
 
 
 def _axes(document: Document) -> Iterator[Tolerance]:

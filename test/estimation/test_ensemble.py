@@ -338,7 +338,8 @@ def test_friction_histories_are_symmetric_and_within_bounds() -> None:
 
 
 def test_reading_errors_have_the_sensors_noise_and_resolution(model: Model) -> None:
-    errors = reading_errors(model.robot, np.random.default_rng(0))
+    zeros = np.zeros((MEMBERS, len(model.robot.axes)))
+    errors = reading_errors(model.robot, zeros, np.random.default_rng(0))
     counts = [axis.sensor.resolution for axis in model.robot.axes]
     assert np.all(np.abs(errors) <= 0.5 * np.array(counts))
     assert np.allclose(errors.std(axis=0), np.array(counts) / np.sqrt(12.0), rtol=0.05)

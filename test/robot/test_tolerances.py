@@ -132,12 +132,16 @@ def test_the_models_error_names_channels_of_the_robot() -> None:
         parse_robot(text.replace("effort/winch", "effort/wench"))
 
 
-def test_a_tare_makes_zeros_certain_and_a_measured_preload_narrows_it() -> None:
+def test_a_tare_leaves_the_error_of_the_encoder_and_a_measured_preload_narrows_it() -> None:
     robot = parse_robot(FRESH)
-    changed = {"joints.elbow.reference_angle": 0.1, "cables.lower.preload": 30.0}
+    zero, reference = "joints.elbow.offset", "joints.elbow.reference_angle"
+    changed = {reference: 0.1, "cables.lower.preload": 30.0}
     before, known = stddevs(robot), narrowed(robot, changed)
+    assert known is not None
+    both = [known.parameters.index(path) for path in (zero, reference)]
+    error = known.covariance[np.ix_(both, both)]
+    np.testing.assert_allclose(error, ZERO_BY_EYE**2, err_msg="the encoder's error is that of both")
     after = stddevs(replace(robot, uncertainty=known))
-    assert after["joints.elbow.reference_angle"] == 0.0
     assert after["cables.lower.preload"] == pytest.approx(min(SPRING_SCALE_NOW * 30.0, 2.626))
     assert {p: s for p, s in after.items() if p not in changed} == pytest.approx(
         {p: s for p, s in before.items() if p not in changed}

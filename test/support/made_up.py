@@ -42,9 +42,10 @@ def recording(
         values = estimates.values[:, column] + generator.normal(0.0, scale, stamps.size)
         references[channel] = (stamps, values)
     reported = stamps - round(late_s * 1e9)
+    (sensor,) = (axis.sensor for axis in model.robot.joints)
     return Recorded(
         name,
         {"winch": Series(stamps, stamps, motor)},
-        {"elbow": Series(reported, stamps, joint)},
+        {"elbow": Series(reported, stamps, (joint - sensor.offset) / sensor.scale)},
         references,
     )
