@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from cdrj_ros.commands.identify_fits import compared, cross_validated, fit, validated
-from cdrj_ros.commands.identify_model_error import model_errors
+from cdrj_ros.commands.identify_model_error import fit_errors, model_errors
 from cdrj_ros.commands.identify_options import parser
 from cdrj_ros.commands.identify_results import (
     Compared,
@@ -128,16 +128,18 @@ def _with_uncertainty(
     text: str, task: Task, found: Identification, unseen: Sequence[BagComparison]
 ) -> str:
     """The robot file's text with the block ``uncertainty``."""
-    before = dict(task.document.get("uncertainty", {}))
-    stated = dict(before)
-    if unseen:
-        stated.pop("model_error", None)
-    narrow = with_section(text, "uncertainty", uncertainty_section(found, stated, {}))
+    stated = dict(task.document.get("uncertainty", {}))
     if not unseen:
-        return narrow
+        return with_section(
+            text, "uncertainty", uncertainty_section(found, stated, fit_errors(found))
+        )
+    stated.pop("model_error", None)
+    narrow = with_section(text, "uncertainty", uncertainty_section(found, stated, {}))
     model = prepare(parse_robot(narrow, task.source))
     errors = model_errors(model, unseen, task.topics, found.channels)
-    return with_section(text, "uncertainty", uncertainty_section(found, stated, errors))
+    return with_section(
+        text, "uncertainty", uncertainty_section(found, stated, errors, unseen=True)
+    )
 
 
 def _write(arguments: argparse.Namespace, outcome: Outcome, text: str) -> None:

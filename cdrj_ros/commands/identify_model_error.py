@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.validation import validate_bag
+from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.residual_statistics import model_error
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
@@ -18,6 +19,15 @@ Vector = NDArray[np.float64]
 
 KINDS: Final = ("effort/", "tension/")
 """Channels for which a robot file can state the model's error."""
+
+
+def fit_errors(found: Identification) -> dict[str, float]:
+    """Errors of the model by channel [N] or [N m], as far as the fitted recordings show them."""
+    return {
+        name: left.error
+        for name, left in found.unexplained.items()
+        if left.error > 0.0 and name.startswith(KINDS)
+    }
 
 
 def model_errors(

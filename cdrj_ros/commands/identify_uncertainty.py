@@ -21,7 +21,11 @@ NOTICEABLE: Final = 0.02
 
 
 def uncertainty_section(
-    found: Identification, before: Mapping[str, Any], model_error: Mapping[str, float]
+    found: Identification,
+    before: Mapping[str, Any],
+    model_error: Mapping[str, float],
+    *,
+    unseen: bool = False,
 ) -> str:
     """The entry ``uncertainty`` of the robot file.
 
@@ -29,6 +33,7 @@ def uncertainty_section(
         found: the fit.
         before: the same entry before the fit; what it states about other numbers is kept.
         model_error: errors of the model by channel; if empty, those of ``before`` are kept.
+        unseen: whether they are from recordings that were not fitted.
     """
     lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
     if "others" in before:
@@ -39,7 +44,10 @@ def uncertainty_section(
         lines.append(f"  drums: {before['drums']}")
     errors = dict(model_error) or dict(before.get("model_error", {}))
     if errors:
-        lines.append("  model_error:                  # from runs that were not fitted")
+        origin = "runs that were not fitted" if unseen else "the residuals of the fit"
+        lines.append(
+            f"  model_error:                  # from {origin if model_error else 'before'}"
+        )
         lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in errors.items()]
     fitted = _of_the_fit(found)
     kept = _kept(before, fitted.paths)

@@ -1,7 +1,7 @@
 """Standard deviations that the spread of the ensemble does not contain.
 
-These are the error of the model itself, which ``identify`` finds from residuals of recordings that
-were not fitted, and the tension that a cable may have although its status is SLACK.
+These are the error of the model itself, which ``identify`` finds from residuals, and the tension
+that a cable may have although its status is SLACK.
 See docs/uncertainty.md.
 """
 
@@ -75,7 +75,8 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
     """Model error of every tension [N]: (U5), shape (elements,).
 
     The cables that act on an effort share its error.  Along a cable the error is interpolated
-    between the elements with given errors, and constant beyond them.
+    between the elements with given errors, and constant beyond them.  A cable without any has the
+    largest error of another one in proportion to its preload: it was not looked at.
     """
     parts = _parts(robot)
     sources: list[dict[int, float]] = [{} for _ in parts]
@@ -94,10 +95,15 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
         for element, name in enumerate(cable.element_names):
             if f"tension/{name}" in given:
                 sources[c][element] = given[f"tension/{name}"]
+    worst = max(
+        (max(own.values()) / cable.preload for (cable, _), own in zip(parts, sources, strict=True)
+         if own and cable.preload > 0.0),
+        default=0.0,
+    )  # fmt: skip
     errors = [
         np.interp(np.arange(len(cable.element_names)), sorted(own), [own[k] for k in sorted(own)])
         if own
-        else np.zeros(len(cable.element_names))
+        else np.full(len(cable.element_names), worst * cable.preload)
         for (cable, _), own in zip(parts, sources, strict=True)
     ]
     return np.concatenate(errors)

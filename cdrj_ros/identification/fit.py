@@ -10,8 +10,8 @@ See docs/identification.md.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
@@ -39,7 +39,11 @@ from cdrj_ros.identification.problem import (
     residuals_together,
     sample_count,
 )
-from cdrj_ros.identification.residual_statistics import effective_variance
+from cdrj_ros.identification.residual_statistics import (
+    Unexplained,
+    effective_variance,
+    unexplained,
+)
 from cdrj_ros.identification.solver import (
     difference_points,
     jacobian,
@@ -57,6 +61,7 @@ from cdrj_ros.identification.standard_errors import (
     remaining_step,
 )
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.channels import EFFORT
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.reader import build_robot
@@ -102,6 +107,8 @@ class Identification:
     """Numbers that were not fitted, and how the errors of the fitted ones go with theirs."""
     drums: DrumFinding | None = None
     """What the recordings show of the cable on the drums; None if it was not judged."""
+    unexplained: Mapping[str, Unexplained] = field(default_factory=dict)
+    """What is left of every reference."""
 
     @property
     def by_path(self) -> dict[str, float]:
@@ -178,6 +185,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     known = accuracy(rough, coordinates, here, slopes, weights)
     coordinates = np.where(known.silent, 0.0, coordinates)
     residuals = last.residuals(coordinates)
+    left = unexplained(last, residuals)
     drums = None
     if settings.compares_drums and drums_in_doubt(rounds.model.robot):
         drums = compare_drums(rough, coordinates, weights, loss, say)
@@ -186,7 +194,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         last.values(coordinates),
         np.where(known.silent, _stddev_before(rounds, known.stddev), known.stddev),
         known.correlation,
-        known.findings + unsettled + starts + ((drums.sentence,) if drums else ()),
+        (*_lacking(left), *known.findings, *unsettled, *starts, *_sentence(drums)),
         channels,
         sample_count(last),
         residuals.size,
@@ -195,7 +203,27 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         tuple(known.silent.tolist()),
         known.others,
         drums,
+        left,
     )
+
+
+LACKING: Final = 3.0
+"""A residual that is this many times the noise of its sensor is reported."""
+
+
+def _lacking(left: Mapping[str, Unexplained]) -> tuple[str, ...]:
+    """A message about the reference that is furthest from what its sensor's noise explains."""
+    name, worst = max(left.items(), key=lambda item: item[1].rms / item[1].noise)
+    if worst.rms < LACKING * worst.noise:
+        return ()
+    unit = "N" if not name.startswith(EFFORT) else "N m"
+    size = f"{worst.rms:.2g} {unit}, {worst.rms / worst.noise:.2g} times the noise of its sensor"
+    why = "the file lacks something, or a wrong number was not fitted"
+    return (f"The residual of {name} is {size}: {why}.",)
+
+
+def _sentence(drums: DrumFinding | None) -> tuple[str, ...]:
+    return (drums.sentence,) if drums else ()
 
 
 def _stddev_before(rounds: Rounds, found: Vector) -> Vector:

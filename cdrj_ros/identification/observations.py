@@ -249,7 +249,7 @@ def residual_scales(
         for name in channels
     }
     if rule == "noise":
-        return {name: max(map(_noise, listed)) for name, listed in values.items()}
+        return {name: max(map(noise_of, listed)) for name, listed in values.items()}
     kinds: dict[str, list[str]] = {}
     for name in channels:  # each motor and joint is its own kind: lever arms differ
         kind = name.split("/", 1)[0]
@@ -261,7 +261,7 @@ def residual_scales(
     return result
 
 
-def _noise(values: Vector) -> float:
+def noise_of(values: Vector) -> float:
     """Standard deviation of white noise on a smooth signal, at least that of the quantisation."""
     steps = np.abs(np.diff(values))
     count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0

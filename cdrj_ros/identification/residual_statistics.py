@@ -9,13 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.identification.observations import Observations, samples_of, thinned
+from cdrj_ros.identification.observations import (
+    Observations,
+    noise_of,
+    samples_of,
+    thinned,
+)
 from cdrj_ros.identification.problem import Problem
 
 Vector = NDArray[np.float64]
@@ -292,3 +297,44 @@ def _covered(residuals: Sequence[Vector], stddevs: Sequence[Vector], error: floa
     ]
     overall = np.average(inside, weights=[r.size for r in residuals])
     return bool(overall >= ENOUGH and min(inside) >= ENOUGH_OF_A_RUN)
+
+
+class Unexplained(NamedTuple):
+    """What a fit leaves of a reference."""
+
+    rms: float
+    """Root mean square residual [N] or [N m]."""
+    noise: float
+    """Standard deviation of the sensor's noise."""
+    error: float
+    """(I5) with the noise in place of the numbers' spread; 0 if it explains the residuals."""
+
+
+def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
+    """What the fitted recordings show beyond the noise of their sensors, by channel.
+
+    The fit has absorbed part of the model's error, so this is the least that is left of it.
+
+    Args:
+        problem: the fit.
+        residuals: at its solution, shape (n,).
+    """
+    parts: dict[str, list[Vector]] = {}
+    noise: dict[str, float] = {}
+    at = 0
+    for observed in problem.observations:
+        for channel in observed.channels:
+            own = residuals[at : at + channel.reference.size] * channel.sigma
+            at += own.size
+            parts.setdefault(channel.name, []).append(own)
+            values = observed.recorded.references[channel.name][1]
+            finite = values[np.isfinite(values)]
+            noise[channel.name] = max(noise.get(channel.name, 0.0), noise_of(finite))
+    return {
+        name: Unexplained(
+            float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
+            noise[name],
+            model_error(own, [np.full(one.size, noise[name]) for one in own]),
+        )
+        for name, own in parts.items()
+    }

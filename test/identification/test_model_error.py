@@ -3,16 +3,35 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.made_up import recording
 
+from cdrj_ros.estimation.model_error import unmodelled
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.fit import identify
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.residual_statistics import model_error
-from cdrj_ros.identification.unknowns import fitted_along, parse_unknowns
+from cdrj_ros.identification.unknowns import (
+    fitted_along,
+    known_before,
+    parse_unknowns,
+    without_priors,
+)
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
-from cdrj_ros.robot.tolerances import CATALOGUE_STIFFNESS, SPRING_SCALE, ZERO_BY_EYE
+from cdrj_ros.robot.tolerances import (
+    BLEND,
+    CATALOGUE_STIFFNESS,
+    HANDBOOK_FRICTION,
+    SPRING_SCALE,
+    ZERO_BY_EYE,
+)
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
@@ -46,6 +65,42 @@ def test_what_is_fitted_or_stated_or_exact_is_not_fitted_along(document: Documen
     assert "cables.upper.axial_stiffness" not in priors
     assert "cables.lower.axial_stiffness" in priors
     assert not along({**document, "uncertainty": {"others": "exact"}}, "friction.rho")
+
+
+def priors(document: Document, fit: str) -> dict[str, tuple[float, float] | None]:
+    known = build_robot(document, "test").uncertainty
+    return {u.name: u.prior for u in known_before(document, known, parse_unknowns(document, fit))}
+
+
+def test_a_named_number_keeps_what_the_file_knows_of_it(document: Document) -> None:
+    found = priors(document, "preload,rho,cables.upper.nodes.3.friction.mu_c,joints.elbow.scale")
+    assert found["cables.upper.preload"] == pytest.approx((36.85, SPRING_SCALE * 36.85))
+    assert found["cables.lower.friction.rho"] == pytest.approx((0.2, BLEND)), "the whole robot's"
+    mu_c = found["cables.upper.nodes.3.friction.mu_c"]
+    assert mu_c == pytest.approx((0.15, HANDBOOK_FRICTION * 0.15))
+    assert found["joints.elbow.scale"] is None, "nothing is known of it"
+    assert priors(document, "cables.*.preload")["cables.upper.preload (+1)"] == pytest.approx(
+        (31.555, np.hypot(SPRING_SCALE * 31.555, 5.295))
+    )
+    assert priors({**document, "uncertainty": {"others": "exact"}}, "rho") == {
+        "cables.upper.friction.rho": None, "cables.lower.friction.rho": None,
+    }  # fmt: skip
+
+
+def test_what_the_file_states_is_no_prior_as_a_fit_may_have_found_it(document: Document) -> None:
+    stated = {"parameters": ["cables.upper.preload"], "stddev": [0.4]}
+    again = priors({**document, "uncertainty": stated}, "preload")
+    assert again["cables.upper.preload"] is None
+    assert again["cables.lower.preload"] is not None
+
+
+def test_a_prior_is_dropped_on_purpose_alone(document: Document) -> None:
+    known = build_robot(document, "test").uncertainty
+    named = known_before(document, known, parse_unknowns(document, "preload,rho"))
+    left = {u.name for u in without_priors(named, ["cables.upper.preload", "rho"]) if u.prior}
+    assert left == {"cables.lower.preload"}
+    with pytest.raises(UsageError, match=r"--free EA.*not among the fitted"):
+        without_priors(named, ["EA"])
 
 
 def runs(error: float, count: int = 8, bias: float = 0.0) -> list[np.ndarray]:
@@ -96,6 +151,32 @@ def test_two_runs_are_covered_by_what_eight_others_say() -> None:
     error = model_error(residuals[:8], [np.full(2000, 0.02)] * 8)
     inside = [np.mean(np.abs(one) <= 2.0 * np.hypot(error, 0.02)) for one in residuals[8:]]
     assert np.mean(inside) >= 0.9
+
+
+def test_what_a_fit_leaves_above_the_sensors_noise_is_the_models_error_and_its_first_note(
+    document: Document,
+) -> None:
+    exact = {**document, "uncertainty": {"others": "exact"}}
+    rough = with_numbers(exact, {"friction.mu_c": 0.19})  # the truth, which the file gets wrong
+    channels = Settings(channels=("tension/*/8",), coarse=True)
+    wrong, right = (
+        identify(exact, "test", parse_unknowns(exact, "preload"), [recorded], channels)
+        for recorded in (recording(rough, 10.0), recording(exact, 10.0))
+    )
+    for left in wrong.unexplained.values():
+        assert left.noise == pytest.approx(0.02, rel=0.2)
+        assert left.error == pytest.approx(left.rms, rel=0.5)
+        assert left.error > 0.1
+    assert re.match(r"The residual of tension/\w+/8 is .* times the noise", wrong.findings[0])
+    assert all(left.error < 0.005 for left in right.unexplained.values())
+    assert not any("residual" in sentence for sentence in right.findings)
+
+
+def test_a_cable_that_was_not_looked_at_has_an_error_of_the_model_too(document: Document) -> None:
+    stated = {"others": "exact", "model_error": {"tension/upper/8": 0.5}}
+    variance = unmodelled(prepare(build_robot({**document, "uncertainty": stated}, "test")))[0]
+    assert variance[:8] == pytest.approx(0.5**2)
+    assert variance[8:16] == pytest.approx((0.5 * 26.26 / 36.85) ** 2)
 
 
 def test_a_wrong_stiffness_does_not_spoil_the_fit_of_friction_and_preload() -> None:
