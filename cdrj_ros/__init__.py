@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from cdrj_ros.api import Estimator, estimate, identify, load, validate
+    from cdrj_ros.api import Estimator, draw, estimate, identify, load, validate
     from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, step
     from cdrj_ros.estimation.samples import Sample
     from cdrj_ros.estimation.session import Options
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cdrj_ros.identification.fit import Identification
     from cdrj_ros.inspection.checks import Inspection
     from cdrj_ros.inspection.ranges import inspect_robot
-    from cdrj_ros.model.prepared import Layout, Model
+    from cdrj_ros.model.prepared import Layout, Model, Shape, shape_at
     from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, STALE, UNSURE
     from cdrj_ros.recordings import Recording, Series, Topics, read_recording
     from cdrj_ros.robot.description import Robot
@@ -58,11 +58,13 @@ __all__ = [
     "RobotFileError",
     "Sample",
     "Series",
+    "Shape",
     "State",
     "Topics",
     "Truth",
     "UsageError",
     "__version__",
+    "draw",
     "estimate",
     "follow_joints",
     "identify",
@@ -72,6 +74,7 @@ __all__ = [
     "load",
     "make_load",
     "read_recording",
+    "shape_at",
     "simulate",
     "step",
     "usual_load",
@@ -79,7 +82,7 @@ __all__ = [
 ]
 
 _HOMES: Final = {
-    "api": ("Estimator", "estimate", "identify", "load", "validate"),
+    "api": ("Estimator", "draw", "estimate", "identify", "load", "validate"),
     "estimation.estimator": ("Estimate", "Estimates", "State", "initial_state", "step"),
     "estimation.samples": ("Sample",),
     "estimation.session": ("Options",),
@@ -88,7 +91,7 @@ _HOMES: Final = {
     "identification.fit": ("Identification",),
     "inspection.checks": ("Inspection",),
     "inspection.ranges": ("inspect_robot",),
-    "model.prepared": ("Layout", "Model"),
+    "model.prepared": ("Layout", "Model", "Shape", "shape_at"),
     "model.status": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE"),
     "recordings": ("Recording", "Series", "Topics", "read_recording"),
     "robot.description": ("Robot",),

@@ -252,6 +252,24 @@ def validate(
     return errors_of([validate_bag(model, str(bag), given, spread=uncertainty) for bag in paths])
 
 
+def draw(model: Model | str | Path, path: str | Path) -> None:
+    """Draw the cables of a robot, in space in four views, and write the picture.
+
+    Args:
+        model: from ``load``, or what ``load`` takes.
+        path: PNG file to write.
+
+    Raises:
+        RobotFileError: as ``load``.
+        OSError: the file cannot be written; an existing one is then kept.
+    """
+    from cdrj_ros.inspection.ranges import inspect_robot
+    from cdrj_ros.report.drawing import draw_robot, write_png
+
+    model = model if isinstance(model, Model) else load(model)
+    write_png(draw_robot(inspect_robot(model)), str(path))
+
+
 def identify(
     model: Model | str | Path,
     bags: str | Path | Iterable[str | Path],

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
-from cdrj_ros.commands.check_robot_shares import shares_document
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion
 from cdrj_ros.inspection.shares import Shares
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Cable
 
 
@@ -18,7 +18,7 @@ def json_text(
 ) -> str:
     """The results as a JSON document."""
     document = _document(inspection, suspicions)
-    document["uncertainty"] = shares_document(inspection.model, shares)
+    document["uncertainty"] = _shares_document(inspection.model, shares)
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -98,4 +98,22 @@ def _extent(names: Sequence[str], values: Extent) -> dict[str, Any]:
         "high": values.high,
         "low_at": dict(zip(names, values.low_at, strict=True)),
         "high_at": dict(zip(names, values.high_at, strict=True)),
+    }
+
+
+def _shares_document(model: Model, shares: Shares | None) -> dict[str, Any] | None:
+    """All shares as plain values for JSON, without omissions."""
+    if shares is None:
+        return None
+    names = model.layout.elements
+    return {
+        "stddev": dict(zip(names, shares.stddev.tolist(), strict=True)),
+        "causes": [
+            {
+                "what": cause.what,
+                "measure": cause.measure,
+                "share": dict(zip(names, cause.share.tolist(), strict=True)),
+            }
+            for cause in shares.causes
+        ],
     }

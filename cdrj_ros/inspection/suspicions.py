@@ -8,7 +8,7 @@ from typing import Final
 
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.contact_suspicions import contact_suspicions
-from cdrj_ros.inspection.motor_alone import determined_joints
+from cdrj_ros.inspection.observability import determined_joints
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
 

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages: the report of a comparison, and what check_robot tells of a robot.
+"""The report of a comparison, as one self-contained HTML page.
 
 ``assets/`` holds Jinja templates, which escape all text; this module provides their values.
 """
@@ -33,11 +33,10 @@ from cdrj_ros.evaluation.metrics import (
 from cdrj_ros.evaluation.pulley_friction import PulleyFriction
 from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.text import counted, printable
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.foundation.yaml import yaml_text
-from cdrj_ros.inspection.checks import Inspection, Suspicion
+from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
-from cdrj_ros.report.parameters import cable_tables, headline
 from cdrj_ros.report.table import (
     HEADINGS,
     OUTSIDE_HEADINGS,
@@ -108,35 +107,6 @@ def write_report(
     write_text(path, page + "\n")
 
 
-def write_robot_page(
-    path: str | os.PathLike[str], inspection: Inspection, suspicions: Sequence[Suspicion]
-) -> None:
-    """Write what check_robot tells of a robot as one page, whole or not at all.
-
-    Args:
-        path: the file, replaced if it exists.
-        inspection: of ``cdrj_ros.inspection.ranges``.
-        suspicions: of ``cdrj_ros.inspection.suspicions``.
-
-    Raises:
-        OSError: the file cannot be written; an existing file is then kept.
-    """
-    robot = inspection.model.robot
-    grave = [entry for entry in suspicions if entry.grave]
-    page = _template("robot.html").render(
-        title=robot.name,
-        style=style(),
-        headline=headline(inspection),
-        verdict=f"{counted(len(grave), 'suspicious value')}" if grave else "nothing suspicious",
-        grave=[(entry.where, entry.text) for entry in grave],
-        remarks=[(entry.where, entry.text) for entry in suspicions if not entry.grave],
-        drawing=_drawing(inspection),
-        cables=cable_tables(inspection),
-        parameters=_robot_file(robot),
-    )
-    write_text(path, page + "\n")
-
-
 def _template(name: str) -> Any:
     """A template of ``assets/``, which may import others from there."""
     environment = Environment(
@@ -151,7 +121,7 @@ def _template(name: str) -> Any:
 
 
 def style() -> str:
-    """The style sheet of all pages."""
+    """The style sheet of the page."""
     return _asset("report.css").strip()
 
 

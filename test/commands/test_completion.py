@@ -15,7 +15,7 @@ import pytest
     [
         ("validate --ht", {"--html"}),
         ("identify --st", {"--start", "--starts"}),
-        ("check_robot --geometry", {"--geometry-csv"}),
+        ("check_robot --js", {"--json"}),
     ],
 )
 def test_options_are_completed(line: str, expected: set[str], tmp_path: Path) -> None:

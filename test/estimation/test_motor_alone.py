@@ -29,7 +29,7 @@ from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.inspection.motor_alone import determined_joints, effort_slopes
+from cdrj_ros.inspection.observability import determined_joints, effort_slopes
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import asin, atan2, cos, pi, radians, sin, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from scipy.interpolate import PchipInterpolator
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
 from cdrj_ros.robot.description import MovingEnd, Node, Pulley, Robot
-from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
+
+ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 
 Circle = tuple[float, float, float]
 
@@ -512,3 +515,19 @@ def test_a_span_that_shrinks_to_nothing_is_refused() -> None:
     message = refusal(tabled, "{joint: q, offset: -0.5, slope: 0.1}")
     assert "element c/2 has the length" in message
     assert "reference pose" in message
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in ROBOTS.glob("*.yaml")))
+def test_the_arms_of_a_shipped_robot_are_the_derivatives_of_its_cables_lengths(name: str) -> None:
+    model = prepare(load_robot(ROBOTS / f"{name}.yaml"))
+    first = np.cumsum([0] + [len(cable.nodes) - 1 for cable in model.robot.cables])[:-1]
+    lower = np.array([joint.lower for joint in model.robot.joints])
+    upper = np.array([joint.upper for joint in model.robot.joints])
+    step = 1e-6
+    shares = np.random.default_rng(0).uniform(0.3, 0.7, (4, lower.size))
+    for pose in lower + shares * (upper - lower):
+        arms = np.add.reduceat(shape_at(model, pose).lever_arm, first)
+        for joint, one in enumerate(step * np.eye(lower.size)):
+            ends = [shape_at(model, pose + sign * one).length for sign in (1.0, -1.0)]
+            longer, shorter = (np.add.reduceat(length, first) for length in ends)
+            assert arms[:, joint] == pytest.approx((longer - shorter) / (2.0 * step), abs=1e-8)
