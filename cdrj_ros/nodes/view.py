@@ -34,10 +34,10 @@ from cdrj_ros.nodes.spinning import (
     starting,
 )
 from cdrj_ros.nodes.view_inputs import Inputs
-from cdrj_ros.nodes.view_words import Heard, words_of
+from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
 from cdrj_ros.view.history import History
 from cdrj_ros.view.page import PICTURE_HZ, Page, PageSettings
-from cdrj_ros.view.panels import TimeAxis
+from cdrj_ros.view.panels import Controls, TimeAxis
 from cdrj_ros.view.server import load_viser
 
 AXIS: Final = TimeAxis("s before now", -60.0, 0.0)
@@ -67,14 +67,27 @@ class ViewNode(Node):
         estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
         references = declare_names(self, "references", "Topics of true or measured tensions")
         self.page = Page(self.model, settings, f"cdrj_ros · {self.model.robot.name}", AXIS)
+        self.link = EstimatorLink(self, estimator, self.model)
+        self._add_controls()
         self.history = History(self.model.layout)
         self.inputs = Inputs(self, self.model, references or REFERENCES)
         self._diagnostics: Any = None
-        name = self.resolve_service_name(estimator)
-        self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), name)
+        self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / rate, self._on_timer, clock=steady)
         self.get_logger().info(f"open {self.page.address} in a browser")
+
+    def _add_controls(self) -> None:
+        """Fill the folder of the estimator."""
+        link, gui = self.link, self.page.gui
+        with self.page.below:
+            self.link.controls = Controls(
+                gui,
+                slider_ranges(self.model),
+                link.change,
+                {name: (hint, link.press(name)) for name, hint in TRIGGERS.items()},
+            )
+        self.page.below.visible = True
 
     def listen(self, wanted: bool) -> bool:
         """Subscribe while a browser shows the page; returns ``wanted``."""
@@ -90,12 +103,13 @@ class ViewNode(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if "/" + status.name.lstrip("/") == self.heard.node:
+            if "/" + status.name.lstrip("/") == self.link.name:
                 self.heard.diagnose(status)
 
     def _on_timer(self) -> None:
         if not self.listen(self.page.watched):
             return
+        there = self.link.poll()
         try:
             shown, heard = self.inputs.snapshot(), self.heard
             heard.last_s = self.inputs.heard_s.get(topics.TENSIONS, heard.last_s)
@@ -105,7 +119,7 @@ class ViewNode(Node):
             if heard.fresh:
                 self.history.add(shown)
             publishers = self.count_publishers(heard.topic)
-            words = words_of(heard, publishers, self.get_clock().now().nanoseconds)
+            words = words_of(heard, there, publishers, self.get_clock().now().nanoseconds)
             self.page.show(shown, self.history.table(), words)
         except CdrjError as error:
             self.get_logger().warning(f"nothing drawn: {error}", throttle_duration_sec=5.0)
@@ -122,8 +136,8 @@ def _body(argv: Sequence[str]) -> int:
         prog="view",
         usage="view [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...\n"
         "       view BAG --robot FILE [--help]",
-        description="The robot in a browser: cables coloured by tension, curves over time. "
-        "Topics in the namespace /cdrj: tensions, nodal_forces, "
+        description="The robot in a browser: cables coloured by tension, curves over time, sliders "
+        "for friction and preload. Topics in the namespace /cdrj: tensions, nodal_forces, "
         "joint_states, truth/tensions; and /diagnostics. Parameters: robot, host, port, dark, "
         "rate, estimator, references. With a BAG: the estimates of a recording.",
     )

@@ -230,6 +230,8 @@ class Page:
         self.above.visible = False
         with gui.add_folder("Tensions"):
             self._table = gui.add_html("")
+        self.below = gui.add_folder("Estimator")
+        self.below.visible = False
         with gui.add_folder("Picture", expand_by_default=False):
             self._dark = gui.add_checkbox("dark", dark)
             self._forces = gui.add_checkbox("forces on pulleys", True)

@@ -1,14 +1,17 @@
-"""Curves over time on the page."""
+"""Panels of the page: curves over time, and controls of a running estimator."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from time import monotonic
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.report.live_table import SIGMAS
 from cdrj_ros.view.history import Curves
 from cdrj_ros.view.html import filled, paragraphs
@@ -175,3 +178,100 @@ def _point(values: NDArray[np.float64], at: int | None) -> NDArray[np.float64]:
     if at is not None:
         point[at] = values[at]
     return point
+
+
+HELD_S: Final = 1.5
+"""Time after a change by hand during which a slider does not follow the value in force [s]."""
+
+STEPS: Final = 200
+"""Number of positions of a slider."""
+
+
+@dataclass(frozen=True)
+class SliderRange:
+    """A number that a slider sets."""
+
+    name: str
+    """Of the parameter."""
+    label: str
+    description: str
+    unit: str
+    low: float
+    high: float
+    start: float
+
+
+class Controls:
+    """Sliders and buttons in a folder of the page."""
+
+    def __init__(
+        self,
+        gui: Any,
+        ranges: Sequence[SliderRange],
+        on_change: Callable[[str, float], None],
+        buttons: Mapping[str, tuple[str, Callable[[], None]]],
+    ) -> None:
+        """Add the controls where ``gui`` stands.
+
+        Args:
+            gui: of a viser server.
+            ranges: what the sliders set.
+            on_change: called with a slider's name and value, in a thread of the server.
+            buttons: label, and explanation and function of every button.
+        """
+        self._on_change = on_change
+        self._ranges = {limits.name: limits for limits in ranges}
+        self._touched = dict.fromkeys(self._ranges, -HELD_S)
+        self._setting = False
+        self._buttons = []
+        for label, (hint, press) in buttons.items():
+            button = gui.add_button(label, hint=hint)
+            button.on_click(lambda _, press=press: press())
+            self._buttons.append(button)
+        self._answer = gui.add_html("")
+        self._sliders = {limits.name: self._slider(gui, limits) for limits in ranges}
+        self.enable(False)
+
+    def _slider(self, gui: Any, limits: SliderRange) -> Any:
+        step = (limits.high - limits.low) / STEPS
+        slider = gui.add_slider(
+            printable(limits.label),
+            limits.low,
+            limits.high,
+            step,
+            limits.start,
+            hint=limits.description,
+        )
+
+        @slider.on_update  # type: ignore[untyped-decorator]
+        def _(event: Any) -> None:
+            if event.client is not None:  # not set by this program
+                self._touched[limits.name] = monotonic()
+                self._on_change(limits.name, float(slider.value))
+
+        return slider
+
+    def enable(self, able: bool) -> None:
+        """Enable or disable everything."""
+        for one in (*self._buttons, *self._sliders.values()):
+            one.disabled = not able
+
+    def answer(self, words: str) -> None:
+        """Show the estimator's answer, see ``markup.plain``."""
+        self._answer.content = paragraphs([words] if words else [])
+
+    def release(self, name: str) -> None:
+        """Let a slider return to the value in force, because a change was refused."""
+        self._touched[name] = -HELD_S
+
+    def in_force(self, values: Mapping[str, float]) -> None:
+        """Show the values in force."""
+        for name, value in values.items():
+            limits, slider = self._ranges[name], self._sliders[name]
+            slider.label = (
+                f"{printable(limits.label)} = {value:.4g}{limits.unit and ' ' + limits.unit}"
+            )
+            if monotonic() - self._touched[name] > HELD_S:
+                shown = min(max(value, limits.low), limits.high)
+                if abs(shown - slider.value) > 1e-9 * max(abs(shown), 1.0):
+                    slider.value = shown

@@ -1,12 +1,15 @@
-"""``view`` in a headless Chromium: colours, camera, curves, and lost tensions."""
+"""``view`` in a headless Chromium: colours, curves, sliders, buttons, and a lost estimator."""
 
 from __future__ import annotations
 
 import io
+import signal
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import cycle
+from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
@@ -20,6 +23,18 @@ from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
 PATIENCE_S = 60.0
 
 
+FIELD = """
+for (const label of document.querySelectorAll("label")) {
+    if (label.textContent === arguments[0]) {
+        let around = label;
+        while (!around.querySelector("input[type=text]")) around = around.parentElement;
+        return around.querySelector("input[type=text]");
+    }
+}
+"""
+"""Finds the number beside the slider with a label."""
+
+
 def wait_for(condition: Callable[[], Any], what: str) -> Any:
     deadline = monotonic() + PATIENCE_S
     while not (found := condition()):
@@ -29,16 +44,17 @@ def wait_for(condition: Callable[[], Any], what: str) -> Any:
 
 
 class Scene:
-    """A view of the finger, a publisher of its tensions, and a browser."""
+    """A view of the finger, a publisher of its tensions, an estimator, and a browser."""
 
-    def __init__(self, view: Any, user: Any, browser: Any) -> None:
+    def __init__(self, view: Any, user: Any, browser: Any, program: Path) -> None:
         from cdrj_msgs.msg import CableTensions
 
-        self.view, self.user, self.browser = view, user, browser
+        self.view, self.user, self.browser, self._program = view, user, browser, program
         self.names = list(view.model.layout.elements)
         self.tension, self.status, self.publishing = 18.0, 0, True
         self._publisher = user.create_publisher(CableTensions, "/cdrj/tensions", 10)
         user.create_timer(0.03, self._publish)
+        self.process: subprocess.Popen[bytes] | None = None
 
     def _publish(self) -> None:
         from cdrj_msgs.msg import CableTensions
@@ -51,6 +67,17 @@ class Scene:
         )
         message.header.stamp = self.user.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def start_estimator(self) -> None:
+        self.process = subprocess.Popen(
+            [self._program, "--ros-args", "-p", "robot:=finger"], stderr=subprocess.DEVNULL
+        )
+
+    def stop_estimator(self) -> None:
+        if self.process is not None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.wait(PATIENCE_S)
+            self.process = None
 
     def text(self) -> str:
         return str(self.browser.execute_script("return document.body.innerText"))
@@ -83,7 +110,7 @@ class Scene:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterator[Scene]:
     pytest.importorskip("viser")
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
@@ -100,7 +127,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         executor = SingleThreadedExecutor()
         for node in (view, user):
             executor.add_node(node)
-        whole = Scene(view, user, browser)
+        whole = Scene(view, user, browser, executables / "estimator")
         stop = threading.Event()
 
         def spin() -> None:
@@ -112,6 +139,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         try:
             yield whole
         finally:
+            whole.stop_estimator()
             stop.set()
             thread.join()
             view.page.close()
@@ -123,7 +151,8 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 @pytest.fixture(scope="module")
 def page(scene: Scene) -> Scene:
-    """The scene with the page open."""
+    """The scene with the page open and the estimator running."""
+    scene.start_estimator()
     scene.browser.get(scene.view.page.address)
     wait_for(lambda: scene.view.page.watched, "the browser")
     wait_for(lambda: scene.view.history.table().stamp_ns.size > 2, "tensions")
@@ -258,6 +287,31 @@ def test_every_plot_shows_the_last_minute_with_an_axis(page: Scene) -> None:
     wait_for(lambda: page.browser.execute_script(script) == wanted, "plots with axes")
 
 
+def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
+    from rcl_interfaces.srv import GetParameters
+    from selenium.webdriver import Keys
+
+    client = page.user.create_client(GetParameters, "/cdrj/estimator/get_parameters")
+    client.wait_for_service(PATIENCE_S)
+    field = wait_for(lambda: page.browser.execute_script(FIELD, "mu c = 0.12"), "the slider")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys("0.3", Keys.ENTER)
+
+    def value() -> float:
+        future = client.call_async(GetParameters.Request(names=["friction.mu_c"]))
+        wait_for(future.done, "the parameter")
+        return float(future.result().values[0].double_value)
+
+    wait_for(lambda: value() == pytest.approx(0.3, abs=0.003), "the change")
+    wait_for(lambda: "mu c = 0.3" in page.text(), "the value in force")
+
+
+def test_a_refusal_is_shown_in_words(page: Scene) -> None:
+    button = page.browser.find_element("xpath", "//button[.//*[text()='tare'] or text()='tare']")
+    page.browser.execute_script("arguments[0].scrollIntoView(); arguments[0].click();", button)
+    wait_for(lambda: "refused: nothing changed: no angles yet" in page.text(), "the refusal")
+
+
 def test_no_request_leaves_this_machine(page: Scene) -> None:
     own = page.view.page.address.removeprefix("http://")
     asked = addresses(page.browser)
@@ -266,11 +320,19 @@ def test_no_request_leaves_this_machine(page: Scene) -> None:
     assert [one for one in asked if not one.startswith(local)] == []
 
 
-def test_the_page_says_that_tensions_are_gone(page: Scene) -> None:
+def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page: Scene) -> None:
+    def slider_is_disabled() -> bool:
+        return bool(page.view.link.controls._sliders["friction.mu_c"].disabled)
+
     page.publishing = False
     wait_for(lambda: "No tensions on /cdrj/tensions for" in page.text(), "the silence")
     page.user.destroy_publisher(page._publisher)
+    page.stop_estimator()
     wait_for(lambda: "/cdrj/estimator is gone" in page.text(), "the loss")
+    assert slider_is_disabled()
+    page.start_estimator()
+    wait_for(lambda: not slider_is_disabled(), "the return")
+    wait_for(lambda: "mu c = 0.12" in page.text(), "the value of the new estimator")
 
 
 def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:

@@ -18,7 +18,7 @@ from cdrj_ros.view import page as pages
 from cdrj_ros.view.history import Curves, History, nothing_known
 from cdrj_ros.view.html import table_of
 from cdrj_ros.view.page import Page, PageSettings
-from cdrj_ros.view.panels import Plots, TimeAxis
+from cdrj_ros.view.panels import Controls, Plots, TimeAxis
 from cdrj_ros.view.picture import picture_of
 from cdrj_ros.view.recorded import Player
 from cdrj_ros.view.server import open_server
@@ -132,6 +132,9 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, pa
         page.show(nothing, history, texts)
         assert_plain(page.gui.read(), payload)
     gui = Gui(page.server._real.gui)
+    Controls(gui, (), lambda *_: None, {}).answer(payload)
+    assert_plain(gui.read(), payload)
+    gui = Gui(page.server._real.gui)
     column = np.zeros(3)
     Plots(gui, TimeAxis("t", 0.0, 1.0)).show(
         Curves(payload, payload, np.arange(3.0), *[column] * 5), None
@@ -144,15 +147,42 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, pa
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
-def test_diagnostics_are_plain_text(page: Page, payload: str) -> None:
+def test_diagnostics_and_answers_are_plain_text(page: Page, payload: str) -> None:
     pytest.importorskip("rclpy")
-    from cdrj_ros.nodes.view_words import Heard, words_of
+    from cdrj_ros.nodes import view_link
 
-    heard = Heard(payload, payload, count=1)
+    heard = view_link.Heard(payload, payload, count=1)
     value = MagicMock(key="slack elements", value=payload)
     heard.diagnose(MagicMock(level=b"\x01", message=payload, values=[value]))
-    for publishers, heard.fresh in ((0, False), (1, False), (1, True)):
-        texts = words_of(heard, publishers, 0)
+    states: list[tuple[str, ...]] = []
+    for there, publishers, fresh in ((False, 0, False), (True, 0, False), (True, 1, True)):
+        heard.fresh = fresh
+        states.append(view_link.words_of(heard, there, publishers, 0))
+
+    def call(request: Any) -> Any:
+        refusal = MagicMock(successful=False, reason=payload)
+        values = [MagicMock(double_array_value=[1.0], double_value=0.1)] * (
+            1 + len(view_link.FRICTION)
+        )
+        accepted = "success" not in refused
+        reply = MagicMock(results=[refusal], values=values, message=payload, success=accepted)
+        future = MagicMock()
+        future.result.return_value = reply
+        future.add_done_callback.side_effect = lambda then: then(future)
+        return future
+
+    refused: set[str] = set()
+    node = MagicMock()
+    node.create_client.return_value.call_async.side_effect = call
+    link = view_link.EstimatorLink(node, "estimator", page.model)
+    link.controls = MagicMock()
+    for ask in (link.press("tare"), link.press("reset"), lambda: link.change("friction.mu_c", 0.1)):
+        ask()
+        link.poll()
+        states.append((link.controls.answer.call_args.args[0],))
+        refused.add("success")
+    assert len(states) == 6
+    for texts in states:
         page.show(nothing_known(page.model), History(page.model.layout, 1).table(), texts)
         assert_plain(page.gui.read(), payload)
 
