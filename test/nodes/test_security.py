@@ -228,7 +228,7 @@ EVENTS = (
     "MappingEnd",
     "Alias",
 )
-SAFE_OF_YAML = {"safe_dump", 
+SAFE_OF_YAML = {"safe_dump",
     "YAMLError", "MarkedYAMLError", "CSafeLoader", "SafeLoader", "parse", "compose",
     *(f"{kind}Event" for kind in EVENTS),
 }  # fmt: skip
