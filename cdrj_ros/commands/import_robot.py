@@ -14,20 +14,18 @@ from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.robot.imported import import_mjcf
 from cdrj_ros.robot.reader import load_robot
-from cdrj_ros.robot.urdf import read_urdf
+from cdrj_ros.robot.urdf_import import import_urdf
 
 DESCRIPTION: Final = (
     "Turn the spatial tendons of a MuJoCo model into the cables of a robot file. Its stiffness, "
-    "preload, friction and drums are assumptions, marked as such: replace them."
+    "preload, friction and drums are assumptions, marked as such: replace them. From a URDF, begin "
+    "a robot file with the names, gears and limits of its ros2_control; the cables are to be added."
 )
-
-MOST_NAMES: Final = 8
-"""Number of links or joints that a message names."""
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = CommandParser(prog="import_robot", description=DESCRIPTION)
-    parser.add_argument("model", metavar="MODEL", help="MuJoCo model (MJCF, .xml)")
+    parser.add_argument("model", metavar="MODEL", help="MuJoCo model (MJCF, .xml) or URDF (.urdf)")
     parser.add_argument(
         "--tendons", metavar="NAME,NAME,...", help="tendons to import (default: all spatial ones)"
     )
@@ -42,7 +40,7 @@ def _body(argv: Sequence[str]) -> int:
     if not path.exists():
         raise UsageError(f"there is no model {printable(arguments.model)}")
     if path.suffix == ".urdf":
-        raise UsageError(_without_cables(path))
+        return _begun(path, arguments)
     if path.suffix != ".xml":
         raise UsageError(
             f"MODEL must be an MJCF file named .xml, or a URDF named .urdf, got "
@@ -61,21 +59,14 @@ def _body(argv: Sequence[str]) -> int:
     return DONE
 
 
-def _without_cables(path: Path) -> str:
-    """How to begin a robot file from a URDF, which has no cables."""
-    joints = read_urdf(path, str(path))
-    moving = [joint.name for joint in joints if joint.motion != "fixed" and not joint.mimic]
-    links = [joint.child for joint in joints]
-    return printable(
-        f"{path.name} has no cables; write a robot file with frames: {{urdf: {path.name}}}, whose "
-        f"nodes are on its links ({_few(links)}); its joints ({_few(moving)}) come from there; "
-        "docs/tutorial.md has an example"
-    )
-
-
-def _few(names: Sequence[str]) -> str:
-    """Some names in a row."""
-    return ", ".join(names[:MOST_NAMES]) + (", ..." if len(names) > MOST_NAMES else "")
+def _begun(path: Path, arguments: argparse.Namespace) -> int:
+    """Begin a robot file from a URDF."""
+    if arguments.tendons:
+        raise UsageError(f"--tendons: {printable(path.name)} is a URDF, which has no tendons")
+    for remark in import_urdf(path, arguments.out):
+        print(printable(f"note: {remark}"))
+    print(f"{printable(arguments.out)} is begun; add its cables, then run check_robot")
+    return DONE
 
 
 def main(argv: Sequence[str] | None = None) -> int:

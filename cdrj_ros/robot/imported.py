@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +14,9 @@ from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
 
 Document = dict[str, Any]
+
+_PLAIN: Final = re.compile(r"(?i)^(?!(y|n|yes|no|on|off|true|false|null)$)[a-z_][a-z0-9_./-]*$")
+"""Texts that YAML takes as they are."""
 
 ASSUMED: Final = {
     "axial_stiffness": "assumed: EA [N], measure it by hanging a weight on the cable",
@@ -61,11 +66,11 @@ def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
     lines += ["# the names of the motors; a cable leaves its drum at the tendon's first site."]
     lines += [f"# - {printable(remark)}" for remark in remarks]
     lines += [f"name: {document['name']}", "", "motors:"]
-    lines += [f"  - {_flow(motor)}" for motor in document["motors"]]
+    lines += [f"  - {flow(motor)}" for motor in document["motors"]]
     lines += ["", "joints:" if document["joints"] else "joints: []"]
-    lines += [f"  - {_flow(joint)}" for joint in document["joints"]]
+    lines += [f"  - {flow(joint)}" for joint in document["joints"]]
     lines += ["", "frames:" if document["frames"] else "frames: []"]
-    lines += [f"  - {_flow(frame)}" for frame in document["frames"]]
+    lines += [f"  - {flow(frame)}" for frame in document["frames"]]
     lines += ["", "friction:"]
     lines += [_assumed(key, value, "  ") for key, value in document["friction"].items()]
     lines += ["", "cables:"]
@@ -73,24 +78,26 @@ def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
         lines += [f"  - name: {cable['name']}"]
         lines += [_assumed(key, cable[key], "    ") for key in ("axial_stiffness", "preload")]
         lines += ["    nodes:"]
-        lines += [f"      - {_flow(node)}" for node in cable["nodes"]]
+        lines += [f"      - {flow(node)}" for node in cable["nodes"]]
     return "\n".join(lines) + "\n"
 
 
 def _assumed(key: str, value: float, indent: str) -> str:
-    return f"{indent}{key}: {_flow(value)}  # {ASSUMED[key]}"
+    return f"{indent}{key}: {flow(value)}  # {ASSUMED[key]}"
 
 
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
     """A value in YAML's flow style; floats have a decimal point, which YAML 1.1 requires."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {flow(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
+        return "[" + ", ".join(map(flow, value)) + "]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
         text = repr(value)
         mantissa, exponent, power = text.partition("e")
         return mantissa + (".0" if exponent and "." not in mantissa else "") + exponent + power
+    if isinstance(value, str) and not _PLAIN.match(value):
+        return json.dumps(value)
     return str(value)

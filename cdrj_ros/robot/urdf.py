@@ -169,15 +169,32 @@ def read_urdf(path: Path, source: str) -> list[UrdfJoint]:
     Raises:
         RobotFileError: the URDF cannot be read, or cannot be represented.
     """
+    return joints_of(urdf_element(path, source), path)
+
+
+def urdf_element(path: Path, source: str) -> Xml.Element:
+    """The element ``robot`` of a URDF.
+
+    Args:
+        path: the file.
+        source: path of the robot file, for messages.
+
+    Raises:
+        RobotFileError: the URDF cannot be read.
+    """
     try:
         data = read_regular(path, MAXIMUM_BYTES)
     except InputError as error:
         raise RobotFileError(f"frames.urdf: cannot read {path}: {error} ({source})") from error
-    return parse_urdf(data, path)
+    return _parsed(data, path)
 
 
 def parse_urdf(data: bytes, path: Path) -> list[UrdfJoint]:
     """As ``read_urdf``, from the text of a URDF; ``path`` names it in messages."""
+    return joints_of(_parsed(data, path), path)
+
+
+def _parsed(data: bytes, path: Path) -> Xml.Element:
     if len(data) > MAXIMUM_BYTES:
         raise RobotFileError(f"{path} has {len(data)} bytes; a URDF has at most {MAXIMUM_BYTES}")
     try:
@@ -188,6 +205,11 @@ def parse_urdf(data: bytes, path: Path) -> list[UrdfJoint]:
         raise RobotFileError(f"{path} is no URDF: its first element is {root.tag[:40]!r}")
     if any("xacro" in element.tag for element in root.iter()):
         raise RobotFileError(f"{path} is a xacro file; turn it into a URDF by xacro first")
+    return root
+
+
+def joints_of(root: Xml.Element, path: Path) -> list[UrdfJoint]:
+    """As ``read_urdf``, from the element ``robot``."""
     links = [link.get("name", "") for link in root.findall("link")]
     joints = [_joint(element, path) for element in root.findall("joint")]
     return _ordered(links, joints, path)

@@ -185,16 +185,9 @@ def test_what_cannot_be_represented_is_named(
     assert "tossed is left out" in written
 
 
-URDF = """
-<robot name="arm"> <link name="base_link"/> <link name="upper"/>
-<joint name="shoulder" type="continuous"><parent link="base_link"/><child link="upper"/></joint>
-</robot>
-"""
-
 MISTAKES = {
     "absent.xml": (None, "there is no model"),
     "model.txt": ("x", "MODEL must be an MJCF file named .xml, or a URDF named .urdf"),
-    "arm.urdf": (URDF, "arm.urdf has no cables; write a robot file with frames: {urdf: arm.urdf}"),
     "loop.urdf": ("<robot/>", "must have one root link"),
     "broken.xml": ("<mujoco", "cannot read"),
     "empty.xml": ("<mujoco/>", "has no spatial tendon that can become a cable"),

@@ -1,0 +1,86 @@
+"""docs/ros2_control.md: its numbers, its robot file, its messages and its C++ program."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from math import radians, tau
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.nodes import inputs as said_by_inputs
+from cdrj_ros.robot.reader import parse_robot
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "ros2_control.md").read_text("utf-8")
+CABLE = """
+name: arm
+cables:
+  - name: c
+    axial_stiffness: 1e4
+    preload: 10
+    nodes: [{type: winch, motor: winch, winding: 1, radius_mm: 15}, {type: anchor}]
+    spans: [0.1]
+"""
+
+
+def test_the_conversions_of_the_table_are_right() -> None:
+    """A turn of the motor before a gear of 50 is a fiftieth of a turn, in every unit."""
+    for published, key in (
+        (tau, "scale: 0.02"),
+        (1.0, "scale_deg: 7.2"),
+        (360.0, "scale_deg: 0.02"),
+        (4096.0, "scale_deg: 0.0017578125"),
+    ):
+        assert f"`{key}`" in TEXT
+        name, _, value = key.partition(": ")
+        scale = radians(float(value)) if name.endswith("_deg") else float(value)
+        assert scale * published == pytest.approx(tau / 50)
+    of_rope, of_current = 0.0666667 * 15.0, 0.06 * 50 * 0.9
+    assert (of_rope, of_current) == pytest.approx((1.0, 2.7))
+
+
+def test_the_robot_file_of_the_page_names_what_is_published() -> None:
+    (example,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+    robot = parse_robot(example + CABLE)
+    assert [motor.name for motor in robot.motors] == ["arm1_winch"]
+    assert [joint.name for joint in robot.joints] == ["arm1_left/elbow"]
+    assert robot.motors[0].effort_scale == 2.7
+
+
+def test_the_messages_of_the_page_are_those_of_the_node() -> None:
+    sources = "".join(
+        path.read_text("utf-8")
+        for folder in ("nodes", "inspection", "estimation")
+        for path in (ROOT / "cdrj_ros" / folder).glob("*.py")
+    )
+    assert said_by_inputs.__doc__
+    for words in (
+        "would fit", "times as far as its cables allow", "gear ratio, unit or sign?", "there is ",
+        "in degrees? scale_deg: 1", "mends it", "subscribed best-effort as well",
+    ):  # fmt: skip
+        assert words in TEXT, words
+        assert words in sources, words
+
+
+def test_the_program_in_c_plus_plus_compiles(tmp_path: Path) -> None:
+    prefixes = [Path(one) for one in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if one]
+    includes = [one / "include" for one in prefixes if (one / "include").is_dir()]
+    compiler = shutil.which("c++") or shutil.which("g++")
+    if compiler is None or not any((one / "rclcpp").is_dir() for one in includes):
+        pytest.skip("rclcpp is not installed")
+    (program,) = re.findall(r"```cpp\n(.*?)```", TEXT, re.DOTALL)
+    assert len(program.splitlines()) < 45
+    (tmp_path / "guard.cpp").write_text(program)
+    folders = [
+        place for one in includes for place in (one, *(p for p in one.iterdir() if p.is_dir()))
+    ]
+    done = subprocess.run(
+        [compiler, "-std=c++17", "-fsyntax-only", "-Wall", "-Werror",
+         *(f"-isystem{one}" for one in folders), str(tmp_path / "guard.cpp")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

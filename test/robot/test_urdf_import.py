@@ -1,0 +1,126 @@
+"""A robot file begun from a URDF with ros2_control: names, gears, limits, and what is open."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.commands import import_robot
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
+
+STATE = '<state_interface name="position"/><state_interface name="velocity"/>'
+COMMAND = '<command_interface name="effort"/>'
+
+
+def link(name: str, parent: str, joint: str, kind: str, limit: str = "") -> str:
+    return (
+        f'<link name="{name}"/><joint name="{joint}" type="{kind}"><parent link="{parent}"/>'
+        f'<child link="{name}"/><axis xyz="0 0 1"/>{limit}</joint>'
+    )
+
+
+URDF = f"""<robot name="2-joint arm"><link name="base_link"/>
+{link("drum", "base_link", "winch/1", "continuous", '<limit effort="2" velocity="30"/>')}
+{
+    link(
+        "upper",
+        "base_link",
+        "shoulder",
+        "revolute",
+        '<limit lower="-0.5" upper="0.9" effort="1" velocity="4"/>',
+    )
+}
+{link("lower", "upper", "el-bow", "continuous")}
+{link("gripper", "lower", "claw", "revolute", '<limit lower="0" upper="1"/>')}
+<ros2_control name="arm" type="system">
+  <hardware><plugin>arm_hardware/System</plugin></hardware>
+  <joint name="winch/1">{COMMAND}{STATE}</joint>
+  <joint name="m2">{COMMAND}{STATE}</joint>
+  <joint name="shoulder">{STATE}</joint> <joint name="el-bow">{STATE}</joint>
+  <transmission name="t1"><plugin>transmission_interface/SimpleTransmission</plugin>
+    <actuator name="m1" role="actuator1"/>
+    <joint name="winch/1" role="joint1"><mechanical_reduction>50</mechanical_reduction></joint>
+  </transmission>
+  <transmission name="t2"><plugin>transmission_interface/SimpleTransmission</plugin>
+    <actuator name="m2" role="actuator1"/>
+    <joint name="drum_2" role="joint1"><mechanical_reduction>-20</mechanical_reduction>
+      <offset>0.4</offset></joint>
+  </transmission>
+</ros2_control></robot>"""
+
+
+def begun(folder: Path, urdf: str = URDF) -> str:
+    (folder / "description").mkdir()
+    (folder / "description" / "arm.urdf").write_text(urdf)
+    out = folder / "arm.yaml"
+    assert import_robot.main([str(folder / "description" / "arm.urdf"), "--out", str(out)]) == 0
+    return out.read_text()
+
+
+def with_the_example(text: str) -> str:
+    """The file with the cable that its comments show."""
+    head, _, rest = text.partition("cables: []\n")
+    lines = [line[1:] for line in rest.splitlines() if re.match(r"#  +(- |\w+:)", line)]
+    return head + "cables:\n" + "\n".join(lines)
+
+
+def test_names_gears_and_limits_are_those_of_the_urdf(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = begun(tmp_path)
+    said = capsys.readouterr().out
+    (tmp_path / "arm.yaml").write_text(with_the_example(text))
+    robot: Robot = load_robot(tmp_path / "arm.yaml")
+    assert robot.name == "robot_2_joint_arm"
+    assert robot.base_link == "base_link"
+    first, second = robot.motors
+    assert (first.name, first.sensor.scale, first.effort_scale) == ("winch/1", 1.0, 1.0)
+    assert first.max_speed == 60.0
+    assert (second.name, second.sensor.scale, second.sensor.offset) == ("m2", -0.05, 0.4)
+    assert second.effort_scale == -20.0
+    ranges = {joint.name: (joint.lower, joint.upper) for joint in robot.joints}
+    assert ranges["shoulder"] == (-0.5, 0.9)
+    assert ranges["el-bow"] == pytest.approx((-3.14159265, 3.14159265))
+    assert {joint.name: joint.max_speed for joint in robot.joints}["shoulder"] == 8.0
+    assert "winch/1 is published behind its transmission of 50" in said
+    assert "if the hardware publishes m1 itself, scale: 0.02 and effort_scale: 50" in said
+    assert "claw is not in ros2_control: it stands at 0" in said
+    assert "el-bow has no limits: a range of one turn is assumed" in said
+    assert "is begun; add its cables" in said
+
+
+def test_the_file_is_refused_until_it_has_a_cable(tmp_path: Path) -> None:
+    text = begun(tmp_path)
+    with pytest.raises(RobotFileError, match="cables needs at least 1 entries, got 0"):
+        parse_robot(text, str(tmp_path / "arm.yaml"))
+
+
+def test_transmissions_alone_name_the_motors(tmp_path: Path) -> None:
+    old = URDF.replace("<ros2_control", "<gazebo").replace("</ros2_control", "</gazebo")
+    (tmp_path / "arm.yaml").write_text(with_the_example(begun(tmp_path, old)))
+    robot = load_robot(tmp_path / "arm.yaml")
+    assert [motor.name for motor in robot.motors] == ["winch/1", "drum_2"]
+    assert {joint.name for joint in robot.joints} == {"shoulder", "el-bow", "claw"}
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        (">50<", ">fifty<", "must be a number, got 'fifty'"),
+        ('<child link="upper"/>', '<child link="up"/>', "names no link: 'up'"),
+    ],
+)
+def test_a_urdf_that_cannot_be_read_is_one_clear_line(
+    right: str, wrong: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF.replace(right, wrong, 1))
+    assert import_robot.main([str(path), "--out", str(tmp_path / "arm.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "arm.yaml").exists()
