@@ -167,7 +167,8 @@ def _parameters(declared):
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         limits = f"{ranges[0].from_value:g} to {ranges[0].to_value:g}" if ranges else ""
         kind = default.name.lower() if isinstance(default, Parameter.Type) else ""
-        shown = kind.replace("_", " ") or repr(default).replace("'", "").lower() or "empty"
+        words = ", ".join(default) if isinstance(default, tuple) else repr(default)
+        shown = kind.replace("_", " ") or words.replace("'", "").lower() or "empty"
         when = "" if descriptor.read_only else "yes"
         rows.append((f"`{name}`", shown, limits, when, descriptor.description))
     return rows
@@ -175,8 +176,10 @@ def _parameters(declared):
 
 def page():
     """Return the page."""
+    from cdrj_ros.nodes import markers, view
     from cdrj_ros.nodes.parameters import settings
 
+    tables = {"estimator": settings(), "markers": markers.SETTINGS, "view": view.SETTINGS}
     declared, parts, started = Declared(), [HEAD], []
 
     def declare(node, name, *more, **options):
@@ -193,8 +196,8 @@ def page():
                 if services := _services(node):
                     parts.append(_table(("service", "type"), services))
                 rows = declared.by_node.get(name, ())
-                if name == "estimator":  # the managed one declares none of them read-only
-                    rows = [(one.name, one.default, one.descriptor()) for one in settings()]
+                if name in tables:
+                    rows = [(one.name, one.default, one.descriptor()) for one in tables[name]]
                 if parameters := _parameters(rows):
                     head = ("parameter", "default", "range", "changeable", "")
                     parts.append(_table(head, parameters))

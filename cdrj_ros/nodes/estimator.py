@@ -13,7 +13,8 @@ from rclpy.utilities import remove_ros_args
 from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
-from cdrj_ros.nodes.parameters import parameter_file
+from cdrj_ros.nodes.parameters import estimator_file
+from cdrj_ros.nodes.settings import add_parameters_option
 from cdrj_ros.nodes.spinning import (
     CheckedClock,
     OneLineParser,
@@ -63,10 +64,7 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
         "--state-file", type=Path, metavar="FILE",
         help="file to which the state is written every second; the next start continues from it",
     )  # fmt: skip
-    parser.add_argument(
-        "--print-parameters", action="store_true",
-        help="print a parameter file with every parameter, its default, unit and range, and exit",
-    )  # fmt: skip
+    add_parameters_option(parser)
     add_supervised_option(parser)
     return parser.parse_args(arguments)
 
@@ -76,7 +74,7 @@ def _body(argv: Sequence[str]) -> int:
     with starting():
         own = _arguments(remove_ros_args(arguments)[1:])
     if own.print_parameters:
-        print(parameter_file(), end="")
+        print(estimator_file(), end="")
         return DONE
     with ros_context(arguments) as stop:
         if own.managed:

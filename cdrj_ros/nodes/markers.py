@@ -15,10 +15,16 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.nodes.rig_declaring import declare_flag, declare_number, declare_text
-from cdrj_ros.nodes.robot_description import declared_model
+from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
+from cdrj_ros.nodes.settings import (
+    Setting,
+    add_parameters_option,
+    declare,
+    parameter_file,
+    values_of,
+)
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -35,6 +41,20 @@ Namespace = Literal["cables", "bodies", "links", "forces", "labels"]
 BODY: Final = 0.5
 """Opacity of bodies and links."""
 
+SETTINGS: Final = (
+    *ROBOT_SETTINGS,
+    Setting(
+        "frame_id", "",
+        "Frame of the markers; empty: base_link of the robot file, the root link of its URDF, or "
+        "base",
+    ),
+    Setting("labels", False, "Whether to label the elements"),
+    Setting("forces", True, "Whether to draw forces on pulleys"),
+    Setting("force_scale", 0.0005, "Length of the arrow of a force", "m/N", 0.0, 1.0),
+    Setting("rate", 30.0, "Rate of the pictures", "Hz", 0.1, 30.0),
+)  # fmt: skip
+"""The node's parameters."""
+
 
 class MarkersNode(Node):
     """Draws the last messages at a fixed rate, and hears them, only while anybody subscribes."""
@@ -46,19 +66,12 @@ class MarkersNode(Node):
             CdrjError: the robot file or a parameter is invalid.
         """
         super().__init__("markers", namespace="cdrj", **options)
-        self.model = declared_model(self)
-        frame = declare_text(
-            self, "frame_id", "",
-            "Frame of the markers; empty: base_link of the robot file, the root link of its URDF, "
-            "or base",
-        )  # fmt: skip
-        self._frame = self.model.layout.in_frame(frame).base_link
-        self._labels = declare_flag(self, "labels", False, "Whether to label the elements")
-        self._forces = declare_flag(self, "forces", True, "Whether to draw forces on pulleys")
-        self._force_scale = declare_number(
-            self, "force_scale", 0.0005, 0.0, 1.0, "Length of the arrow of a force [m/N]"
-        )
-        rate = declare_number(self, "rate", 30.0, 0.1, 30.0, "Rate of the pictures [Hz]")
+        declare(self, SETTINGS)
+        values = values_of(self, SETTINGS)
+        self.model = given_model(self, values["robot"])
+        self._frame = self.model.layout.in_frame(values["frame_id"]).base_link
+        self._labels, self._forces = values["labels"], values["forces"]
+        self._force_scale, rate = values["force_scale"], values["rate"]
         self.inputs = Inputs(self, self.model)
         self.drawn = 0
         """Number of pictures drawn."""
@@ -169,11 +182,15 @@ def _body(argv: Sequence[str]) -> int:
         usage="markers [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...",
         description="The robot as markers for RViz. Topics in the namespace /cdrj: in tensions, "
         "nodal_forces, joint_states; out markers (visualization_msgs/MarkerArray), while anybody "
-        "subscribes. Parameters: robot, frame_id, rate, labels, forces, force_scale.",
+        f"subscribes. Parameters: {', '.join(one.name for one in SETTINGS)}.",
     )
+    add_parameters_option(parser)
     add_supervised_option(parser)
     with starting():
         own = parser.parse_args(remove_ros_args(arguments)[1:])
+    if own.print_parameters:
+        print(parameter_file("markers", SETTINGS), end="")
+        return DONE
     with ros_context(arguments) as stop:
         with starting():
             node = MarkersNode()

@@ -14,7 +14,7 @@ from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
-from cdrj_ros.nodes.settings import Setting, as_double, parameter_lines, values_of
+from cdrj_ros.nodes.settings import Setting, as_double, parameter_file, values_of
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.parameters import allowed_range, number_at
@@ -110,24 +110,19 @@ _SETTINGS: Final = (
     ),
 )  # fmt: skip
 
-_HEADER: Final = """\
-# Parameters of the estimator at their defaults. Copy this file, edit the copy and start with
-#
-#   ros2 run cdrj_ros estimator --ros-args --params-file my.params.yaml
-#   ros2 launch cdrj_ros estimator.launch.py robot:=my_robot.yaml params_file:=my.params.yaml
-#
-# Written by `ros2 run cdrj_ros estimator --print-parameters`. The quality of service of every topic
+
+def estimator_file() -> str:
+    """Every parameter at its default, with its description, unit and range as comments (YAML)."""
+    return parameter_file(
+        "estimator",
+        settings(),
+        usage="#   ros2 launch cdrj_ros estimator.launch.py robot:=my_robot.yaml "
+        "params_file:=my.params.yaml\n",
+        remarks=""" The quality of service of every topic
 # can be overridden too, for example of an output:
 #
-#   qos_overrides: {/cdrj/tensions: {publisher: {reliability: best_effort, depth: 10}}}
-/**/estimator:
-  ros__parameters:
-"""
-
-
-def parameter_file() -> str:
-    """Every parameter at its default, with its description, unit and range as comments (YAML)."""
-    return _HEADER + parameter_lines(settings())
+#   qos_overrides: {/cdrj/tensions: {publisher: {reliability: best_effort, depth: 10}}}""",
+    )
 
 
 # --- at the start -----------------------------------------------------------------------------

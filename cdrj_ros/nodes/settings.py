@@ -6,12 +6,13 @@ docs/ros_reference.md.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any, Final
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -27,7 +28,7 @@ class Setting:
     """One parameter."""
 
     name: str
-    default: bool | float | str | Parameter.Type
+    default: bool | int | float | str | tuple[str, ...] | Parameter.Type
     """The default, which also gives the type; or the type of a parameter without default."""
     description: str
     unit: str = ""
@@ -42,7 +43,7 @@ class Setting:
     @property
     def bounded(self) -> bool:
         """Whether the parameter is a number with a range."""
-        return isinstance(self.default, float)
+        return isinstance(self.default, int | float) and not isinstance(self.default, bool)
 
     @property
     def text(self) -> str:
@@ -53,12 +54,16 @@ class Setting:
 
     def descriptor(self, *, fixed: bool = True) -> ParameterDescriptor:
         """What ROS is told; ``fixed``: a parameter that is not changeable is read-only."""
-        limits = [FloatingPointRange(from_value=self.low, to_value=self.high)]
-        return ParameterDescriptor(
-            description=self.text,
-            read_only=fixed and not self.changeable,
-            floating_point_range=limits if self.bounded else [],
+        descriptor = ParameterDescriptor(
+            description=self.text, read_only=fixed and not self.changeable
         )
+        if isinstance(self.default, float):
+            limits = FloatingPointRange(from_value=self.low, to_value=self.high)
+            descriptor.floating_point_range = [limits]
+        elif self.bounded:
+            whole = IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)
+            descriptor.integer_range = [whole]
+        return descriptor
 
 
 def declare(node: Node, settings: Sequence[Setting], *, fixed: bool = True) -> None:
@@ -73,7 +78,8 @@ def declare(node: Node, settings: Sequence[Setting], *, fixed: bool = True) -> N
         ParameterException: a given value has another type, or is out of range.
     """
     for one in settings:
-        declare_with_integers(node, one.name, one.default, one.descriptor(fixed=fixed))
+        default = list(one.default) if isinstance(one.default, tuple) else one.default
+        declare_with_integers(node, one.name, default, one.descriptor(fixed=fixed))
 
 
 def values_of(node: Node, settings: Sequence[Setting]) -> dict[str, Any]:
@@ -131,8 +137,36 @@ def as_double(given: Parameter, kind: Any) -> Parameter:
     return given
 
 
-def parameter_lines(settings: Sequence[Setting]) -> str:
-    """A table as the inner lines of a parameter file (YAML), at the defaults, with comments."""
+_HEADER: Final = """\
+# Parameters of the node {name} at their defaults. Copy this file, edit the copy and start with
+#
+#   ros2 run cdrj_ros {name} --ros-args --params-file my.params.yaml
+{usage}#
+# Written by `ros2 run cdrj_ros {name} --print-parameters`.{remarks}
+/**/{name}:
+  ros__parameters:
+"""
+
+
+def add_parameters_option(parser: argparse.ArgumentParser) -> None:
+    """``--print-parameters``."""
+    parser.add_argument(
+        "--print-parameters", action="store_true",
+        help="print a parameter file with every parameter, its default, unit and range, and exit",
+    )  # fmt: skip
+
+
+def parameter_file(
+    name: str, settings: Sequence[Setting], *, usage: str = "", remarks: str = ""
+) -> str:
+    """Every parameter of a node at its default, with description, unit and range (YAML).
+
+    Args:
+        name: of the node.
+        settings: its table.
+        usage: further lines that start the node, as comments.
+        remarks: further comments.
+    """
     lines = []
     inside = ""
     for one in settings:
@@ -149,10 +183,13 @@ def parameter_lines(settings: Sequence[Setting]) -> str:
             lines.append(f"{indent}# {key}: []")
         else:
             lines.append(f"{indent}{key}: {_yaml(one.default)}")
-    return "\n".join(lines) + "\n"
+    header = _HEADER.format(name=name, usage=usage, remarks=remarks)
+    return header + "\n".join(lines) + "\n"
 
 
-def _yaml(value: bool | float | str) -> str:
+def _yaml(value: bool | int | float | str | tuple[str, ...]) -> str:
     if isinstance(value, bool):
         return str(value).lower()
-    return repr(value) if isinstance(value, float) else f'"{value}"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_yaml, value))}]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -12,19 +12,19 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
 from cdrj_ros.model.status import STALE
-from cdrj_ros.nodes.rig_declaring import (
-    declare_count,
-    declare_flag,
-    declare_names,
-    declare_number,
-    declare_text,
+from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
+from cdrj_ros.nodes.settings import (
+    Setting,
+    add_parameters_option,
+    declare,
+    parameter_file,
+    values_of,
 )
-from cdrj_ros.nodes.robot_description import declared_model
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -43,8 +43,20 @@ from cdrj_ros.view.server import load_viser
 AXIS: Final = TimeAxis("s before now", -60.0, 0.0)
 """Of the curves; as long as the history at the highest rate of pictures."""
 
-REFERENCES: Final = (f"truth/{topics.TENSIONS}", "reference/tensions", "/reference/tensions")
-"""Topics of true or measured tensions, by default."""
+SETTINGS: Final = (
+    *ROBOT_SETTINGS,
+    Setting("host", "localhost", "Address to listen on; 0.0.0.0: the network"),
+    Setting("port", 8080, "TCP port, or the next free one; 0: any", "", 0, 65535),
+    Setting("dark", False, "Whether the page is dark at first"),
+    Setting("rate", PICTURE_HZ, "Rate of pictures", "Hz", 0.1, PICTURE_HZ),
+    Setting("estimator", "estimator", "Name of the estimator's node"),
+    Setting(
+        "references",
+        (f"truth/{topics.TENSIONS}", "reference/tensions", "/reference/tensions"),
+        "Topics of true or measured tensions; the first that has an element counts",
+    ),
+)
+"""The node's parameters."""
 
 
 class ViewNode(Node):
@@ -57,24 +69,19 @@ class ViewNode(Node):
             CdrjError: the robot file or a parameter is invalid, or viser is not installed.
         """
         super().__init__("view", namespace=topics.NAMESPACE, **options)
-        self.model = declared_model(self)
-        settings = PageSettings(
-            declare_text(self, "host", "localhost", "Address to listen on; 0.0.0.0: the network"),
-            declare_count(self, "port", 8080, 0, 65535, "TCP port, or the next free one; 0: any"),
-            declare_flag(self, "dark", False, "Whether the page is dark at first"),
-        )
-        rate = declare_number(self, "rate", PICTURE_HZ, 0.1, PICTURE_HZ, "Rate of pictures [Hz]")
-        estimator = declare_text(self, "estimator", "estimator", "Name of the estimator's node")
-        references = declare_names(self, "references", "Topics of true or measured tensions")
+        declare(self, SETTINGS)
+        values = values_of(self, SETTINGS)
+        self.model = given_model(self, values["robot"])
+        settings = PageSettings(values["host"], values["port"], values["dark"])
         self.page = Page(self.model, settings, f"cdrj_ros · {self.model.robot.name}", AXIS)
-        self.link = EstimatorLink(self, estimator, self.model)
+        self.link = EstimatorLink(self, values["estimator"], self.model)
         self._add_controls()
         self.history = History(self.model.layout)
-        self.inputs = Inputs(self, self.model, references or REFERENCES)
+        self.inputs = Inputs(self, self.model, values["references"])
         self._diagnostics: Any = None
         self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / rate, self._on_timer, clock=steady)
+        self.create_timer(1.0 / values["rate"], self._on_timer, clock=steady)
         self.get_logger().info(f"open {self.page.address} in a browser")
 
     def _add_controls(self) -> None:
@@ -138,12 +145,16 @@ def _body(argv: Sequence[str]) -> int:
         "       view BAG --robot FILE [--help]",
         description="The robot in a browser: cables coloured by tension, curves over time, sliders "
         "for friction and preload. Topics in the namespace /cdrj: tensions, nodal_forces, "
-        "joint_states, truth/tensions; and /diagnostics. Parameters: robot, host, port, dark, "
-        "rate, estimator, references. With a BAG: the estimates of a recording.",
+        "joint_states, truth/tensions; and /diagnostics. Parameters: "
+        f"{', '.join(one.name for one in SETTINGS)}. With a BAG: the estimates of a recording.",
     )
+    add_parameters_option(parser)
     add_supervised_option(parser)
     with starting():
         given = parser.parse_args(own)
+    if given.print_parameters:
+        print(parameter_file("view", SETTINGS), end="")
+        return DONE
     load_viser()
     with ros_context(arguments) as stop:
         with starting():
