@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cdrj_ros.estimation.conditioner import MODES, Mode
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.estimation.whole_recording import Conditioned
-from cdrj_ros.evaluation.answers import STALLED_S, Answers, Floats, Stamps, Tally, channels_of
+from cdrj_ros.evaluation.answers import Answers, Floats, Tally, channels_of
 from cdrj_ros.evaluation.channels import FORCE_VECTOR, BagComparison
 from cdrj_ros.evaluation.inputs import counters_of
 from cdrj_ros.evaluation.validation import ByChannel, compare_with_references
@@ -76,36 +73,13 @@ def preload_difference(model: Model, settings: NodeSettings) -> str:
     )
     return (
         f"preloads differ: {text}. The estimates are those of the estimator; start it with "
-        f"-p preload:=[{','.join(f'{own:g}' for own in ours)}], call its ~/set_preload, or give "
-        "--use-node-preload"
-    )
-
-
-def slow_playback(rate: float | None, *, clock: bool) -> str:
-    """What a slow playback does to the estimator's statuses, with remedies.
-
-    Args:
-        rate: multiple of real time; None: as fast as possible.
-        clock: whether the playback publishes /clock.
-
-    Returns:
-        One line; empty if stamps do not fall behind the estimator's clock.
-    """
-    if clock or rate is None or rate >= 1.0:
-        return ""
-    return (
-        "the recording is played slower than it was made: the estimator marks its estimates "
-        "STALE, unless it follows the playback (--clock here, use_sim_time:=true there) or has "
-        "same_clock_within:=0"
+        f"-p preload:=[{','.join(f'{own:g}' for own in ours)}] or call its ~/set_preload"
     )
 
 
 @dataclass(eq=False)
 class Outcome:
-    """All answers to one recording, over all passes.
-
-    If two passes have an answer with the same stamp, the later one is used.
-    """
+    """All passes over one recording; the answers of the last whole one are compared."""
 
     model: Model
     tally: Tally = field(default_factory=Tally)
@@ -123,51 +97,28 @@ class Outcome:
     """Description of how the last pass ended."""
     difference: float = 0.0
     """Maximum difference between whole passes, over all channels [unit of the channel]."""
-    refused: Counter[str] = field(default_factory=Counter)
-    accepted: int = 0
-    clock_jumps: int = 0
-    gaps: int = 0
-    steps: int = 0
+    answers: Answers | None = None
+    """Of the last whole pass, or of the last one if none was whole."""
     latency_s: Floats = field(default_factory=lambda: np.empty(0))
-    stamp_ns: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
-    """Unique stamps of all answers in increasing order [ns], shape (n,)."""
-
-    def __post_init__(self) -> None:
-        layout = self.model.layout
-        channels = len(channels_of(layout))
-        self.value: Floats = np.empty((0, channels))
-        self.force: Floats = np.empty((0, 3, len(layout.pulleys)))
-        self.stddev: Floats = np.empty((0, channels))
-        self.angle: Floats = np.empty((0, len(layout.motors) + len(layout.joints)))
 
     def add(self, answers: Answers, *, whole: bool) -> None:
         """Add one pass; ``whole`` if it was played to the end."""
         self.passes += 1
         self.tally += answers.tally
-        self.refused.update(answers.refused)
-        self.accepted += answers.accepted
-        self.clock_jumps += answers.clock_jumps
-        self.gaps += answers.gaps
-        self.steps += answers.steps
         self.latency_s = np.concatenate((self.latency_s, answers.latency_s))[-KEPT:]
-        if whole and self.whole_passes:
-            _, mine, new = np.intersect1d(self.stamp_ns, answers.stamp_ns, return_indices=True)
-            for ours, theirs in ((self.value, answers.value), (self.force, answers.force)):
-                gap = np.abs(ours[mine] - theirs[new])
-                self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
-        self.whole_passes += whole
-        # use the later answer, also after a clock jump within a run
-        stamps = np.concatenate((answers.stamp_ns[::-1], self.stamp_ns))
-        self.stamp_ns, first = np.unique(stamps, return_index=True)
-        self.value, self.force, self.stddev, self.angle = (
-            np.concatenate((new[::-1], old))[first]
-            for new, old in (
-                (answers.value, self.value),
-                (answers.force, self.force),
-                (answers.stddev, self.stddev),
-                (answers.angle, self.angle),
+        if whole and self.whole_passes and self.answers:
+            _, mine, new = np.intersect1d(
+                self.answers.stamp_ns, answers.stamp_ns, return_indices=True
             )
-        )
+            for before, after in (
+                (self.answers.value, answers.value),
+                (self.answers.force, answers.force),
+            ):
+                gap = np.abs(before[mine] - after[new])
+                self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
+        if whole or not self.whole_passes:
+            self.answers = answers
+        self.whole_passes += whole
 
     @property
     def complete(self) -> bool:
@@ -187,7 +138,6 @@ class Outcome:
             "estimates expected": f"{tally.expected}",
             "estimates received": f"{tally.received}",
             "estimates lost": f"{tally.lost}",
-            "estimates late": f"{tally.late} (given up after {STALLED_S:g} s, or overtaken)",
             "rate achieved": f"{self.span_s / wall_s:.2f} x real time, "
             f"{tally.sent / wall_s:.0f} inputs/s",
         }
@@ -213,10 +163,10 @@ class Outcome:
                 f"{tally.strange} answers belong to no input: another estimator or replay may be "
                 "in the same ROS domain."
             )
-        if self.clock_jumps:
+        if self.answers and (jumps := self.answers.conditioned.clock_jumps):
             found.append(
-                f"The clock of the recording went back {self.clock_jumps} times; where stamps "
-                "repeat, the later estimate counts."
+                f"The clock of the recording went back {jumps} times; where stamps repeat, the "
+                "later estimate counts."
             )
         if self.whole_passes > 1 and self.difference > 0:
             found.append(f"Passes differ by up to {self.difference:.3g}; they should be identical.")
@@ -224,30 +174,24 @@ class Outcome:
 
     def comparison(self, path: str, recording: Recording) -> BagComparison:
         """Compare with the references in the bag; the result has no channels if there are none."""
-        layout = self.model.layout
-        motors = len(layout.motors)
-        samples = Samples(self.stamp_ns, self.angle[:, :motors], self.angle[:, motors:])
-        conditioned = Conditioned(
-            (samples,), dict(self.refused), self.accepted, self.clock_jumps, self.gaps, self.steps
-        )
         duration_s = (recording.end_ns - recording.start_ns) * 1e-9
-        facts = self.facts(duration_s)
-        if not recording.references or not self.stamp_ns.size:
-            return BagComparison(
-                path, duration_s, (), counters_of(recording, conditioned),
-                (*recording.notes, *self.notes()), facts,
-            )  # fmt: skip
+        facts, answers = self.facts(duration_s), self.answers
+        if answers is None or not recording.references or not answers.stamp_ns.size:
+            counters = counters_of(recording, answers.conditioned) if answers else {}
+            notes = (*recording.notes, *self.notes())
+            return BagComparison(path, duration_s, (), counters, notes, facts)
+        layout = self.model.layout
         names = channels_of(layout)
-        known = np.atleast_1d(np.isfinite(self.stddev).any(axis=0))
-        values = dict(zip(names, self.value.T, strict=True))
-        values |= {
-            f"{FORCE_VECTOR}/{name}": self.force[:, :, k] for k, name in enumerate(layout.pulleys)
-        }
+        known = np.atleast_1d(np.isfinite(answers.stddev).any(axis=0))
+        values = dict(zip(names, answers.value.T, strict=True))
+        for k, name in enumerate(layout.pulleys):
+            values[f"{FORCE_VECTOR}/{name}"] = answers.force[:, :, k]
         estimates = ByChannel(
-            self.stamp_ns.size,
+            answers.stamp_ns.size,
             values,
-            {n: self.stddev[:, k] for k, n in enumerate(names) if known[k]},
+            {name: answers.stddev[:, k] for k, name in enumerate(names) if known[k]},
         )
         return compare_with_references(
-            self.model, path, recording, conditioned, self.stamp_ns, estimates, facts, self.notes()
-        )
+            self.model, path, recording, answers.conditioned, answers.stamp_ns, estimates, facts,
+            self.notes(),
+        )  # fmt: skip

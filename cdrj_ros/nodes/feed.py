@@ -32,16 +32,14 @@ class Choice:
     pattern: str = "*"
     limits: Mapping[str, float] = field(default_factory=dict)
     """Limit of the tension by cable [N]."""
-    any_limit: float = float("inf")
-    """Limit for cables that are not in ``limits`` [N]."""
 
     def wants(self, name: str) -> bool:
         """Whether an entry is shown."""
         return fnmatchcase(name, self.pattern)
 
     def limit(self, name: str) -> float:
-        """Limit of an element [N]."""
-        return self.limits.get(name.rpartition("/")[0], self.any_limit)
+        """Limit of an element [N]; infinite if there is none."""
+        return self.limits.get(name.rpartition("/")[0], float("inf"))
 
 
 @dataclass

@@ -26,7 +26,7 @@ from cdrj_ros.commands.shared import (
 )
 from cdrj_ros.evaluation.inputs import require_axes
 from cdrj_ros.evaluation.metrics import errors_of
-from cdrj_ros.evaluation.replayed import Outcome, preload_difference, slow_playback
+from cdrj_ros.evaluation.replayed import Outcome, preload_difference
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
@@ -91,10 +91,6 @@ def replay_parser() -> argparse.ArgumentParser:
     group.add_argument(
         "--estimator", default=in_namespace("estimator"), metavar="NAME",
         help="full name of the estimator node (default %(default)s)",
-    )  # fmt: skip
-    group.add_argument(
-        "--use-node-preload", action="store_true",
-        help="use the preloads of the estimator node instead of those of --robot and --preload",
     )  # fmt: skip
     group.add_argument(
         "--patience", type=_seconds, default=120.0, metavar="S",
@@ -273,7 +269,8 @@ def _play_and_report(
     if not player.wait_for_estimator(arguments.patience):
         announce_interruption("replay")
         return INTERRUPTED
-    _agree(arguments, player)
+    if words := preload_difference(player.model, player.estimator):
+        player.bar.say(f"warning: {words}")
     with player.bar.drawn(perf_counter()):
         outcomes, ending = _play_all(arguments, player, bags, stop)
     if stop.interrupted and not any(outcome.tally.sent for outcome in outcomes):
@@ -281,18 +278,6 @@ def _play_and_report(
     code = _report(arguments, player.model, bags, outcomes, ending, hurried=stop.interrupted)
     sys.stdout.flush()
     return exit_code("replay", stop, supervised=False) or code
-
-
-def _agree(arguments: argparse.Namespace, player: Player) -> None:
-    """Adopt the node's preloads if requested; warn of what the estimates will show."""
-    slow = slow_playback(arguments.rate, clock=arguments.clock > 0)
-    if slow:
-        player.bar.say(f"note: {slow}")
-    words = preload_difference(player.model, player.estimator)
-    if words and arguments.use_node_preload:
-        player.model = load_model(arguments.robot, player.estimator.preload)
-    elif words:
-        player.bar.say(f"warning: {words}")
 
 
 def _report(

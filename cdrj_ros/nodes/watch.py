@@ -199,11 +199,6 @@ def _parser() -> argparse.ArgumentParser:
         "--robot", metavar="ROBOT",
         help="robot file, or the name of an installed one: bars end at the cables' max_tension",
     )  # fmt: skip
-    parser.add_argument(
-        "--limit", type=_positive, default=float("inf"), metavar="N",
-        help="tension at which bars end [N], of cables without a max_tension (default: the "
-        "largest that is shown)",
-    )  # fmt: skip
     return parser
 
 
@@ -212,9 +207,9 @@ def _choice(arguments: argparse.Namespace) -> Choice:
     if arguments.robot:
         cables = load_robot(robot_path(arguments.robot)).cables
         limits = {c.name: c.maximum_tension for c in cables if c.maximum_tension < float("inf")}
-        if not limits and arguments.limit == float("inf"):
+        if not limits:
             raise UsageError(f"--robot: no cable of {arguments.robot} has a max_tension")
-    return Choice(arguments.only, limits, arguments.limit)
+    return Choice(arguments.only, limits)
 
 
 def _never() -> bool:
@@ -234,7 +229,7 @@ def _print_once(node: WatchNode, executor: EventsExecutor, wait_s: float, out: T
         silent = next(feed for feed in node.feeds if feed.payload is None)
         raise NothingHeardError(node.missing(silent))
     console = Console(file=out)
-    console.print(live_table(node.view(), console.width, plain=_is_plain(out)))
+    console.print(live_table(node.view()))
 
 
 def _print_lines(node: WatchNode, executor: EventsExecutor, out: TextIO) -> None:
@@ -244,26 +239,15 @@ def _print_lines(node: WatchNode, executor: EventsExecutor, out: TextIO) -> None
 
 
 def _draw(node: WatchNode, executor: EventsExecutor, console: Console) -> None:
-    plain = _is_plain(console.file)
-    with Live(console=console, auto_refresh=False, vertical_overflow="crop") as live:
+    with Live(console=console, auto_refresh=False) as live:
         while _is_read(console.file):
-            table = live_table(node.view(), console.width, console.height, plain)
-            live.update(table, refresh=True)
+            live.update(live_table(node.view()), refresh=True)
             _spin(executor, DRAW_S)
 
 
 def _is_read(stream: Any) -> bool:
     """Whether writing to the stream has not failed so far."""
     return getattr(stream, "failure", None) is None
-
-
-def _is_plain(stream: Any) -> bool:
-    """Whether a stream's encoding lacks the characters of which the bars consist."""
-    try:
-        "█▒▶±σ·".encode(getattr(stream, "encoding", None) or "ascii")
-    except UnicodeEncodeError:
-        return True
-    return False
 
 
 def _end(number: int, _frame: FrameType | None) -> NoReturn:

@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, isfinite, log10
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rich import box
-from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
-from rich.measure import Measurement
-from rich.segment import Segment
-from rich.style import Style
+from rich.bar import Bar
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
-
-if TYPE_CHECKING:
-    from rich.console import JustifyMethod
 
 STATUS: Final = (
     (INVALID, "INVALID", "bold red"),
@@ -32,9 +27,6 @@ STATUS: Final = (
 
 FINE: Final = ("OK", "green")
 """Word and style of an entry without any flag."""
-
-NARROW: Final = 72
-"""Terminal width below which the columns of names and statuses are narrower [columns]."""
 
 SIGMAS: Final = 2.0
 """Half width of the displayed interval [standard deviations]."""
@@ -121,25 +113,15 @@ def status_counts(lines: Iterable[Line]) -> dict[str, list[str]]:
     return {word: names for word, names in found.items() if names}
 
 
-def live_table(view: View, width: int, rows: int | None = None, plain: bool = False) -> Group:
-    """The table of all sections with header, summaries and notes.
-
-    Args:
-        view: what to show.
-        width: columns of the terminal.
-        rows: lines of the terminal; entries that do not fit are counted instead.  None shows all.
-        plain: whether to use ASCII characters only.
-    """
-    parts: list[RenderableType] = [_header(view, plain)]
-    room = _rooms(view, width, rows)
-    for section, shown in zip(view.sections, room, strict=True):
-        if not section.lines:
-            continue
-        parts.append(_table(section, shown, width, plain))
-        if left := len(section.lines) - shown:
-            parts.append(Text(f"... and {left} more; choose with --only PATTERN", style="dim"))
-        parts.append(_summary(section))
+def live_table(view: View) -> Group:
+    """The state in one line, then summary and table of all sections."""
+    parts: list[RenderableType] = [
+        Text(" · ").join(Text(fact, style=style) for fact, style in _facts(view))
+    ]
     parts += [Text(printable(note), style="yellow") for note in view.notes]
+    for section in view.sections:
+        if section.lines:
+            parts += [_summary(section), _table(section)]
     return Group(*parts)
 
 
@@ -173,56 +155,24 @@ def _facts(view: View) -> Iterator[tuple[str, str]]:
         yield f"age {view.age_s:.3f} s", "yellow" if abs(view.age_s) > SLOW_S else ""
 
 
-def _header(view: View, plain: bool) -> Text:
-    text = Text()
-    for fact, style in _facts(view):
-        if text:
-            text.append(" - " if plain else " · ", style="dim")
-        text.append(fact, style=style)
-    return text
-
-
-def _rooms(view: View, width: int, rows: int | None) -> list[int]:
-    """Number of entries shown of each section; the available lines are shared evenly."""
-    counts = [len(section.lines) for section in view.sections]
-    if rows is None:
-        return counts
-    notes = sum(1 + len(note) // max(width, 1) for note in view.notes)
-    fixed = 3 + notes + 5 * len(counts)  # headings, summaries and a line for omitted entries
-    left = max(rows - fixed, len(counts))
-    rooms = [0] * len(counts)
-    for done, at in enumerate(sorted(range(len(counts)), key=counts.__getitem__)):
-        rooms[at] = min(counts[at], left // (len(counts) - done))
-        left -= rooms[at]
-    return rooms
-
-
-def _table(section: Section, shown: int, width: int, plain: bool) -> Table:
-    narrow = width < NARROW
-    scale = round_scale(max((_reach(line) for line in section.lines), default=0.0))
+def _table(section: Section) -> Table:
+    scale = round_scale(max((one.value for one in section.lines if one.valid), default=0.0))
     limited = any(isfinite(line.limit) for line in section.lines)
-    table = Table(box=box.ASCII2 if plain else box.SIMPLE_HEAD, expand=True, pad_edge=False)
-    table.width = width
-
-    def column(heading: str, justify: JustifyMethod, most: int | None, ratio: int = 0) -> None:
-        table.add_column(
-            Text(heading), justify=justify, no_wrap=justify == "right", overflow="ellipsis",
-            max_width=most, ratio=ratio or None,
-        )  # fmt: skip
-
-    column(section.title, "left", 16 if narrow else 40)
-    column("N", "right", None)
-    column("+-2s" if plain else "±2σ", "right", None)
-    column("0 ... limit" if limited else f"0 ... {scale:.4g} N", "left", None, ratio=1)
-    column("status", "left", 12 if narrow else 24)
-    for line in section.lines[:shown]:
+    table = Table(box=box.SIMPLE_HEAD, expand=True, pad_edge=False)
+    table.add_column(Text(section.title), overflow="ellipsis", max_width=40)
+    table.add_column("N", justify="right", no_wrap=True)
+    table.add_column("±2σ", justify="right", no_wrap=True, style="dim")
+    table.add_column("0 ... limit" if limited else f"0 ... {scale:.4g} N", ratio=1)
+    table.add_column("status", max_width=24)
+    for line in section.lines:
         words = status_words(line.status)
-        spread = "" if line.spread is None else f"{line.spread:.2f}"
+        end = line.limit if isfinite(line.limit) else scale
+        value = min(max(line.value, 0.0), end) if line.valid else 0.0
         table.add_row(
             Text(printable(line.name)),
             Text(f"{line.value:.2f}" if line.valid else "-"),
-            Text(spread if line.valid else "", style="dim"),
-            _Bar(line, line.limit if isfinite(line.limit) else scale, words[0][1], plain),
+            Text(f"{line.spread:.2f}" if line.valid and line.spread is not None else ""),
+            Bar(end, 0.0, value, color=words[0][1].split()[-1]),
             Text(" ").join(Text(word, style=style) for word, style in words),
         )
     return table
@@ -234,11 +184,6 @@ def round_scale(largest: float) -> float:
         return 1.0
     power = 10.0 ** floor(log10(largest))
     return next(power * step for step in SCALES if power * step >= largest)
-
-
-def _reach(line: Line) -> float:
-    """Upper end of the bar of an entry, including 2σ [N]."""
-    return line.value + (line.spread or 0.0) if line.valid else 0.0
 
 
 def _summary(section: Section) -> Text:
@@ -257,32 +202,3 @@ def _summary(section: Section) -> Text:
 def _few(names: Sequence[str], most: int = 4) -> str:
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(printable(name) for name in names[:most]) + more
-
-
-class _Bar:
-    """A bar as wide as its column: solid up to value - 2σ, shaded up to value + 2σ."""
-
-    def __init__(self, line: Line, scale: float, style: str, plain: bool) -> None:
-        self._line, self._scale, self._style = line, scale, style
-        self._full, self._shaded, self._beyond = "#->" if plain else "█▒▶"
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        yield Segment(self.text(options.max_width), Style.parse(self._style))
-
-    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        return Measurement(4, options.max_width)
-
-    def text(self, width: int) -> str:
-        """The bar in ``width`` columns, with an arrow at its end if it exceeds the scale."""
-        line = self._line
-        if not line.valid or not self._scale > 0.0:
-            return " " * width
-        spread = line.spread or 0.0
-        low, high = (
-            min(max(round(width * value / self._scale), 0), width)
-            for value in (line.value - spread, line.value + spread)
-        )
-        text = self._full * low + self._shaded * (high - low)
-        if line.value + spread > self._scale * (1.0 + 1e-9):
-            text = text[:-1] + self._beyond
-        return text.ljust(width)

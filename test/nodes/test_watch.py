@@ -72,7 +72,7 @@ def source(node: Any) -> Source:
 def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_0(
     start_executable: Any, source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")  # what it lacks is escaped
     source.message.name[0] = "über/1"
     process = start_executable("watch", "--once", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     source.publish_until(lambda: process.poll() is not None)
@@ -80,7 +80,7 @@ def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_
     assert (process.returncode, errors) == (0, "")
     assert output.count("/cdrj/tensions") == 1
     assert re.search(r"\\xfcber/1 .* 40\.00 .* 3\.00 .*OK", output)
-    assert re.search(r"lower/1 .* 12\.50 .* 0\.50 .*####.*UNSURE", output)
+    assert re.search(r"lower/1 .* 12\.50 .* 0\.50 .*UNSURE", output)
     assert "\x1b" not in output
 
 
@@ -90,7 +90,7 @@ def test_a_pipe_gets_lines_that_report_silence_and_ctrl_c_ends_it(
     reader, writer = os.pipe()
     errors = tmp_path / "errors"
     with errors.open("wb") as stream:
-        process = start_executable("watch", "--limit", "100", stdout=writer, stderr=stream)
+        process = start_executable("watch", stdout=writer, stderr=stream)
     os.close(writer)
     output = Output(reader)
     line = (

@@ -21,19 +21,17 @@ LINES = (
 VIEW = View("/cdrj/tensions", (Section("element", LINES),), "prototype", 998.4, 0.004)
 
 
-def drawn(
-    view: View, width: int = 80, rows: int | None = None, plain: bool = False, colour: bool = False
-) -> list[str]:
+def drawn(view: View, width: int = 80, colour: bool = False) -> list[str]:
     stream = StringIO()
     console = Console(
         file=stream, width=width, force_terminal=colour, color_system="standard" if colour else None
     )
-    console.print(live_table(view, width, rows, plain))
+    console.print(live_table(view))
     return stream.getvalue().splitlines()
 
 
 def row(lines: list[str], name: str) -> str:
-    return next(line for line in lines if name in line)
+    return next(line for line in lines[::-1] if name in line)  # the summary has names, too
 
 
 @pytest.mark.parametrize("width", [40, 60, 80, 200])
@@ -51,28 +49,14 @@ def test_the_header_names_topic_robot_rate_and_age() -> None:
     assert drawn(recorded)[0] == "/cdrj/tensions · 10 Hz · recorded stamps"
 
 
-def test_a_bar_is_full_up_to_two_sigma_below_and_shaded_up_to_two_sigma_above() -> None:
-    line = row(drawn(VIEW), "upper/1")
-    full, shaded = line.count("█"), line.count("▒")
-    assert full / (full + shaded) == pytest.approx(37.0 / 43.0, abs=0.03)
-    assert "▒" not in row(drawn(VIEW), "upper/2")  # no standard deviation
-
-
 def test_bars_are_relative_to_the_largest_or_to_the_limit() -> None:
     relative = row(drawn(VIEW, 100), "upper/2").count("█")
-    assert row(drawn(VIEW, 100), "upper/1").count("█") == pytest.approx(37 / 20 * relative, abs=1)
+    assert row(drawn(VIEW, 100), "upper/1").count("█") == pytest.approx(2 * relative, abs=1)
     limited = [Line(line.name, line.value, None, OK, 160.0) for line in LINES]
     lines = drawn(View("t", (Section("element", tuple(limited)),)), 100)
-    assert "0 ... limit" in lines[2]
-    wide = lines[2].index("status") - lines[2].index("0 ...")
+    head = next(line for line in lines if "0 ... limit" in line)
+    wide = head.index("status") - head.index("0 ...")
     assert row(lines, "upper/1").count("█") == pytest.approx(wide / 4, abs=2)
-
-
-def test_a_bar_beyond_its_limit_ends_in_an_arrow() -> None:
-    lines = (Line("a/1", 49.0, 1.0, OK, 50.0), Line("a/2", 47.0, 1.0, OK, 50.0))
-    table = drawn(View("t", (Section("element", lines),)))
-    assert "▶" in row(table, "a/1")
-    assert "▶" not in row(table, "a/2")
 
 
 @pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
@@ -81,7 +65,6 @@ def test_invalid_values_and_those_that_are_not_finite_are_not_drawn(value: float
     lines = (Line("a/1", value, 1.0, OK), Line("a/2", 1.0, value, OK))
     table = drawn(View("t", (Section("element", lines),)))
     assert re.search(r"a/1 +- ", row(table, "a/1"))
-    assert "▒" not in row(table, "a/2")
     assert "largest a/2 1.00 N" in plain_line(View("t", (Section("element", lines),)))
 
 
@@ -98,14 +81,10 @@ def test_an_unknown_flag_is_not_taken_for_ok() -> None:
     assert " OK" not in "\n".join(table)
 
 
-def test_the_summary_counts_every_entry_also_those_without_room() -> None:
+def test_the_summary_counts_every_entry() -> None:
     lines = tuple(Line(f"a/{k}", 1.0, None, OVERLOAD if k == 39 else OK) for k in range(40))
-    view = View("t", (Section("element", lines), Section("pulley", lines[:2])))
-    table = drawn(view, rows=24)
-    assert len(table) <= 24
-    assert any("more; choose with --only PATTERN" in line for line in table)
-    assert any("1 OVERLOAD (a/39), 39 OK" in line for line in table)
-    assert len([line for line in table if "a/1" in line]) == 2  # the short section is whole
+    table = drawn(View("t", (Section("element", lines),)))
+    assert table[1].rstrip() == "1 OVERLOAD (a/39), 39 OK"
 
 
 def test_escapes_in_names_and_notes_reach_no_terminal() -> None:
@@ -114,12 +93,6 @@ def test_escapes_in_names_and_notes_reach_no_terminal() -> None:
     assert "\x1b" not in "\n".join(drawn(view))
     assert "[red]evil[/red]" in "\n".join(drawn(view))
     assert not re.search(r"[\x00-\x1f]", plain_line(view))
-
-
-def test_the_plain_table_is_ascii() -> None:
-    table = "\n".join(drawn(VIEW, plain=True))
-    table.encode("ascii")
-    assert "####" in table
 
 
 def test_the_line_for_pipes_has_rate_age_largest_value_and_statuses() -> None:
