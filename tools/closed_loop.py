@@ -15,13 +15,11 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.commands import checked_command
+from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
-from cdrj_ros.simulation.live_commands import checked_command
-from cdrj_ros.simulation.live_drives import Drives
-from cdrj_ros.simulation.live_limits import drive_limits
-from cdrj_ros.simulation.live_sensors import LiveEncoders
 from cdrj_ros.simulation.load import make_load, usual_load
-from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER
+from cdrj_ros.simulation.sensor_groups import SensorSettings, encoder_groups, truth_table
 
 RATE_HZ = 1000.0
 STEP_NS = 1_000_000
@@ -41,7 +39,7 @@ class ClosedLoop:
             payload: mass that the free joint carries [kg].
             damping: of the free joint [N m s/rad].
             joint: index of the joint that moves freely.
-            seed: of the encoders' jitter.
+            seed: of the encoders' random errors.
             cells: number of contact cells per pulley.
             exact: whether the numbers of the robot file are exact, as if identified.
             limits: of the motors (``drive_limits``) and ``lower`` and ``upper`` end stop [rad].
@@ -57,10 +55,7 @@ class ClosedLoop:
         self.limits = drive_limits(robot, RATE_HZ, **limits)
         self.drives = Drives(self.limits)
         self.estimator = LiveEstimator(self.model)
-        self.sensors = {
-            "motors": LiveEncoders(MOTOR_ENCODER, robot.motors, [seed, 1]),
-            "joints": LiveEncoders(JOINT_ENCODER, robot.joints, [seed, 2]),
-        }
+        self.sensors = encoder_groups(self.model, SensorSettings(), seed)
         self.estimate, self.stddev = None, None
         self.readings = {}
 
@@ -81,13 +76,15 @@ class ClosedLoop:
         angle = self.drives.next(count, count / RATE_HZ, 1.0 / RATE_HZ, rig.motor_effort)
         if not rig.step(angle):
             self.drives.stopped(rig.motor_angle)
-        for kind, angles in (("motors", rig.motor_angle), ("joints", rig.joint_angle)):
-            sensor = self.sensors[kind]
-            names = [axis.name for axis in sensor.axes]
-            for reading in sensor.take(rig.time_s, angles):
-                self.readings[kind] = reading.values
-                stamp_ns = FIRST_NS + round(reading.stamp_s * 1e9)
-                _, outputs = self.estimator.feed(kind, stamp_ns, names, reading.values)
+        angle = np.concatenate([rig.motor_angle, rig.joint_angle])[None]
+        unread = np.zeros(angle.shape)
+        truth = truth_table(angle, unread, unread, rig.tension[None])
+        for group in self.sensors:
+            read = group.take(np.array([rig.time_s]), truth)
+            for stamp_s, values in zip(read.stamps, read.position, strict=True):
+                self.readings[group.kind] = values
+                stamp_ns = FIRST_NS + round(stamp_s * 1e9)
+                _, outputs = self.estimator.feed(group.kind, stamp_ns, group.names, values)
                 for output in outputs:
                     self.estimate, self.stddev = output.estimate, output.stddev
 

@@ -80,7 +80,7 @@ def _nodes():
     yield "estimator", estimator
     rig = RigNode(
         parameter_overrides=_overrides(
-            robot="prototype", cells=1, truth_rate=1.0, drive_clock=True, load_cells=["upper/8"]
+            robot="prototype", cells=1, truth_rate=1.0, drive_clock=True, rig="load_cells"
         )
     )
     yield "rig", rig

@@ -21,17 +21,25 @@ from cdrj_ros.commands.simulate_motion import (
     make_plan,
     swing_text,
 )
-from cdrj_ros.commands.simulate_options import Sensors, check_ranges, parser, sensors
+from cdrj_ros.commands.simulate_options import check_ranges, parser
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.messages.topics import BROADCAST, TENSION_SENSORS, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import BagWriter, Topics
-from cdrj_ros.robot.description import Joint, Motor, Robot
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
-from cdrj_ros.simulation.sensors import Encoder, read_cells, read_encoder, schedule
+from cdrj_ros.simulation.rig_file import RigDescription, load_rig
+from cdrj_ros.simulation.sensor_groups import (
+    CellGroup,
+    EncoderGroup,
+    encoder_groups,
+    truth_table,
+)
+from cdrj_ros.simulation.sensors import LoadCells, ReadingTimes, read_cells
 from cdrj_ros.simulation.truth import Progress, simulate
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
@@ -44,7 +52,7 @@ SMALLER_SHARES: Final = (0.5, 0.25, 0.125)
 """Shares of the default amplitude, tried in turn if the rig cannot perform the default motion."""
 
 Vector = NDArray[np.float64]
-Axes = Sequence[Motor | Joint]
+Table = NDArray[np.float64]
 
 
 def _body(argv: Sequence[str]) -> int:
@@ -52,9 +60,14 @@ def _body(argv: Sequence[str]) -> int:
     check_ranges(arguments)
     _check_output(Path(arguments.out))
     model = load_model(arguments.robot, arguments.preload)
-    read = sensors(arguments)
-    plan, truth, reason = _simulated(model, arguments)
-    _write(arguments.out, model, truth, arguments.warm_up, arguments.seed, read)
+    rig = load_rig(arguments.rig)
+    seed, begin = arguments.seed, arguments.warm_up
+    encoders = encoder_groups(model, rig.sensors, seed, begin)
+    cells = CellGroup(model, rig.sensors, seed, begin)
+    plan, truth, reason = _simulated(model, rig, arguments)
+    with BagWriter(arguments.out) as bag:
+        _write_readings(bag, truth, begin, encoders, cells)
+        _write_references(bag, model, truth, begin, seed, rig.sensors.references)
     notes = [
         *truth.notes,
         *_slack_notes(model, truth, arguments.warm_up),
@@ -90,7 +103,9 @@ def _check_output(path: Path) -> None:
         raise UsageError(f"{path} cannot be written: {above} is not a folder, or is not writable")
 
 
-def _simulated(model: Model, arguments: argparse.Namespace) -> tuple[Plan, Truth, str]:
+def _simulated(
+    model: Model, rig: RigDescription, arguments: argparse.Namespace
+) -> tuple[Plan, Truth, str]:
     """Carry out the plan; the default amplitude is reduced until the rig can perform the motion.
 
     Returns:
@@ -99,13 +114,13 @@ def _simulated(model: Model, arguments: argparse.Namespace) -> tuple[Plan, Truth
     Raises:
         UsageError: the rig cannot perform the motion.
     """
-    plan = make_plan(model.robot, arguments)
+    plan = make_plan(model.robot, arguments, rig)
     try:
         return plan, _run(model, plan, arguments.cells), ""
     except MotionError as error:
         refused = error
     for share in SMALLER_SHARES if adaptable(arguments) else ():
-        smaller = make_plan(model.robot, arguments, share)
+        smaller = make_plan(model.robot, arguments, rig, share)
         try:
             return smaller, _run(model, smaller, arguments.cells), str(refused)
         except MotionError:
@@ -177,65 +192,63 @@ def _slack_notes(model: Model, truth: Truth, warm_up: float) -> list[str]:
     return notes
 
 
-def _write(path: str, model: Model, truth: Truth, begin: float, seed: int, read: Sensors) -> None:
-    cells = read.cells
-    generator = np.random.default_rng(seed)
-    end = float(truth.time[-1])
-    layout, robot = model.layout, model.robot
+def _stamps(times: Vector, begin: float, offset_s: float = 0.0) -> NDArray[np.int64]:
+    """Stamps [ns] of times of the simulation [s], of which ``begin`` is the recording's start."""
+    stamp: NDArray[np.int64] = EPOCH_NS + np.round((times - begin) * 1e9).astype(np.int64)
+    return stamp + round(offset_s * 1e9)
+
+
+def _write_readings(
+    bag: BagWriter, truth: Truth, begin: float, encoders: list[EncoderGroup], cells: CellGroup
+) -> None:
+    """Write what the robot's sensors read, from ``begin`` [s] on."""
     topics = Topics()
-
-    def stamps(times: Vector, offset_ns: int = 0) -> NDArray[np.int64]:
-        stamp: NDArray[np.int64] = EPOCH_NS + np.round((times - begin) * 1e9).astype(np.int64)
-        return stamp - offset_ns
-
-    with BagWriter(path) as bag:
-        inputs: tuple[tuple[str, Encoder, Axes, NDArray[np.float64]], ...] = (
-            (topics.motors, read.motors, robot.motors, truth.motor_angle),
-            (topics.joints, read.joints, robot.joints, truth.joint_angle),
-        )
-        for k, (topic, encoder, axes, angles) in enumerate(inputs):
-            own = np.random.default_rng([seed, 1 + k])
-            plan = schedule(encoder, begin, end, own)
-            readings = {
-                axis.name: read_encoder(
-                    encoder, plan.times, truth.time, angles[:, a], own, axis.sensor
-                )
-                for a, axis in enumerate(axes)
-            }
-            efforts = _efforts(truth, plan.times, read, seed) if axes is robot.motors else None
-            # a message has one stamp, so axes with different clocks need separate messages
-            for offset in dict.fromkeys(axis.sensor.clock_offset_ns for axis in axes):
-                alike = [a for a, axis in enumerate(axes) if axis.sensor.clock_offset_ns == offset]
-                names = [axes[a].name for a in alike]
-                position = np.stack([readings[name] for name in names], axis=1)
-                scale = np.array([axes[a].effort_scale for a in alike])
-                effort = None if efforts is None else efforts[:, alike] / scale
-                bag.write_joint_states(
-                    topic, stamps(plan.stamps, offset), names, position=position, effort=effort
-                )
-        plan = schedule(cells, begin, end, np.random.default_rng([seed, 3]))
-
-        def readings_of(
-            values: NDArray[np.float64], noise: float, step: float, bias: float
-        ) -> NDArray[np.float64]:
-            return read_cells(values, truth.time, plan.times, noise, step, generator, bias)
-
-        tensions, forces, torques = topics.references
-        force = (cells.force_noise, cells.force_step, cells.force_bias)
-        torque = (cells.torque_noise, cells.torque_step, cells.torque_bias)
-        at = stamps(plan.stamps)
-        bag.write_tensions(tensions, at, layout.elements, readings_of(truth.tension, *force))
-        if layout.pulleys:
-            x, y, z = _components(truth.force, lambda one: readings_of(one, *force))
-            magnitude = np.sqrt(x**2 + y**2 + z**2)
-            bag.write_nodal_forces(
-                forces, at, layout.pulleys, magnitude, force_x=x, force_y=y, force_z=z,
-                frame_id=layout.force_frame,
-            )  # fmt: skip
-        both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
+    angle = np.concatenate([truth.motor_angle, truth.joint_angle], axis=1)
+    effort = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
+    table = truth_table(angle, np.gradient(angle, truth.time, axis=0), effort, truth.tension)
+    for group in encoders:
+        read = group.take(truth.time, table)
+        topic = {"motors": topics.motors, "joints": topics.joints, "all": BROADCAST}[group.kind]
+        arrays = {field: getattr(read, field) for field in group.fields}
         bag.write_joint_states(
-            torques, at, layout.motors + layout.joints, effort=readings_of(both, *torque)
-        )
+            topic, _stamps(read.stamps, begin) - group.clock_offset_ns, group.names, **arrays,
+            log_ns=_stamps(read.stamps, begin, group.latency_s) if group.latency_s else None,
+        )  # fmt: skip
+    if cells.names:
+        stamps, tension = cells.take(truth.time, table)
+        bag.write_tensions(
+            in_namespace(TENSION_SENSORS), _stamps(stamps, begin), cells.names, tension,
+            np.full(tension.shape, cells.stddev),
+            log_ns=_stamps(stamps, begin, cells.latency_s),
+        )  # fmt: skip
+
+
+def _write_references(
+    bag: BagWriter, model: Model, truth: Truth, begin: float, seed: int, sensors: LoadCells
+) -> None:
+    """Write the true tensions, forces and efforts with the errors of reference sensors."""
+    generator, layout = np.random.default_rng(seed), model.layout
+    plan = ReadingTimes(sensors, begin, [seed, 3]).until(float(truth.time[-1]))
+
+    def readings_of(values: Table, noise: float, step: float, bias: float) -> Table:
+        return read_cells(values, truth.time, plan.times, noise, step, generator, bias)
+
+    tensions, forces, torques = Topics().references
+    force = (sensors.force_noise, sensors.force_step, sensors.force_bias)
+    torque = (sensors.torque_noise, sensors.torque_step, sensors.torque_bias)
+    at = _stamps(plan.stamps, begin)
+    bag.write_tensions(tensions, at, layout.elements, readings_of(truth.tension, *force))
+    if layout.pulleys:
+        x, y, z = _components(truth.force, lambda one: readings_of(one, *force))
+        magnitude = np.sqrt(x**2 + y**2 + z**2)
+        bag.write_nodal_forces(
+            forces, at, layout.pulleys, magnitude, force_x=x, force_y=y, force_z=z,
+            frame_id=layout.force_frame,
+        )  # fmt: skip
+    both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
+    bag.write_joint_states(
+        torques, at, layout.motors + layout.joints, effort=readings_of(both, *torque)
+    )
 
 
 def _components(
@@ -245,16 +258,6 @@ def _components(
     for axis in range(3):
         readings = read(force[:, :, axis])
         yield readings if force[:, :, axis].any() else np.zeros_like(readings)
-
-
-def _efforts(truth: Truth, times: Vector, read: Sensors, seed: int) -> NDArray[np.float64] | None:
-    """Efforts that the drives report with the motors' angles [N m]; None if they report none."""
-    if read.effort_noise is None:
-        return None
-    return read_cells(
-        truth.motor_effort, truth.time, times, read.effort_noise, read.cells.torque_step,
-        np.random.default_rng([seed, 4]),
-    )  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,8 +14,8 @@ from cdrj_ros.commands.simulate_options import (
     USUAL_AMPLITUDE_DEG,
     Mode,
     MotionKind,
-    faults,
     numbers,
+    positions,
 )
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.recordings import Topics, read_recording
@@ -23,12 +23,20 @@ from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.load import Load, make_load, usual_load
+from cdrj_ros.simulation.rig_file import RigDescription
+from cdrj_ros.simulation.sensors import angle_of
 
 DWELL_S: Final = 1.0
 """Rest before the motion begins [s]."""
 
 TRUTH_RATE: Final = 1000.0
 """Steps of the simulation per second [Hz]."""
+
+USUAL_PAYLOAD: Final = 0.3
+"""Default payload [kg]."""
+
+USUAL_SPEED: Final = 5.0
+"""Default largest speed of a motor that balances a joint [rad/s]."""
 
 USUAL_SHARE: Final = 0.25
 """Default amplitude of a prismatic joint, as a share of its range."""
@@ -76,19 +84,18 @@ class Plan:
 
 def adaptable(arguments: argparse.Namespace) -> bool:
     """Whether the command chose the amplitude."""
-    return (
-        arguments.motion != "recorded"
-        and arguments.amplitude is None
-        and arguments.amplitude_deg is None
-    )
+    return arguments.recorded is None and arguments.amplitude is None
 
 
-def make_plan(robot: Robot, arguments: argparse.Namespace, share: float = 1.0) -> Plan:
+def make_plan(
+    robot: Robot, arguments: argparse.Namespace, rig: RigDescription, share: float = 1.0
+) -> Plan:
     """Check every choice against the robot.
 
     Args:
         robot: robot whose joints move.
         arguments: arguments of the command line.
+        rig: the content of the rig file.
         share: factor of the default amplitude; it does not apply to given amplitudes.
 
     Raises:
@@ -109,18 +116,24 @@ def make_plan(robot: Robot, arguments: argparse.Namespace, share: float = 1.0) -
     moved = names.index(chosen[0])
     indices = [names.index(name) for name in chosen]
     swings: tuple[Swing, ...] = ()
-    if arguments.motion == "recorded":
+    if arguments.recorded is not None:
         motions, duration = _recorded(robot, indices, arguments)
     else:
         swings = _swings(robot, indices, arguments, share)
         motions, duration = _motions(swings, arguments)
     time = np.arange(round((arguments.warm_up + duration) * TRUTH_RATE) + 1) / TRUTH_RATE
     joints = _prescribed(robot, time, motions)
-    kind = arguments.load or usual_load(robot, moved)
-    load = make_load(kind, arguments.load_mass, arguments.damping, arguments.gravity)
+    payload = arguments.payload if arguments.payload is not None else rig.load.payload
+    load = make_load(
+        rig.load.kind or usual_load(robot, moved),
+        USUAL_PAYLOAD if payload is None else payload,
+        rig.load.damping or 0.0,
+        rig.load.gravity,
+    )
+    faults = tuple(replace(one, begin=one.begin + arguments.warm_up) for one in rig.faults)
     return Plan(
-        time, joints, moved, load, mode, faults(arguments), arguments.allow_slack,
-        arguments.motor_speed, swings,
+        time, joints, moved, load, mode, faults, arguments.allow_slack,
+        rig.drives.get("speed", USUAL_SPEED), swings,
     )  # fmt: skip
 
 
@@ -161,29 +174,25 @@ def _motion(kind: MotionKind, swing: Swing, frequency: float, seed: int) -> moti
         return motion.ramps(*shape, DWELL_S, swing.centre)
     if kind == "dwell":
         return motion.dwell(*shape, DWELL_S, swing.centre)
-    if kind == "random":
-        return motion.random(*shape, seed, DWELL_S, swing.centre)
-    raise UsageError(f"the motion {kind!r} has no amplitude")
+    return motion.random(*shape, seed, DWELL_S, swing.centre)
 
 
 def _swings(
     robot: Robot, chosen: Sequence[int], arguments: argparse.Namespace, share: float
 ) -> tuple[Swing, ...]:
     """Amplitude and centre of every moving joint, within its range."""
-    count = len(chosen)
-    centres: list[float | None] = [None] * count
+    prismatic = [robot.joints[index].name in robot.prismatic_joints for index in chosen]
+    centres: list[float | None] = [None] * len(chosen)
     if arguments.centre is not None:
-        centres = [*numbers("centre", arguments.centre, count, -1e6, 1e6)]
-    if adaptable(arguments):
+        centres = [*positions("centre", arguments.centre, prismatic)]
+    if arguments.amplitude is None:
         return tuple(
             _usual_swing(robot, index, centre, share)
             for index, centre in zip(chosen, centres, strict=True)
         )
-    option = "amplitude-deg" if arguments.amplitude is None else "amplitude"
-    text = arguments.amplitude_deg if arguments.amplitude is None else arguments.amplitude
-    given = numbers(option, text, count, -1e6, 1e6)
+    given = positions("amplitude", arguments.amplitude, prismatic)
     return tuple(
-        _given_swing(robot, index, option, value, centre)
+        _given_swing(robot, index, value, centre)
         for index, value, centre in zip(chosen, given, centres, strict=True)
     )
 
@@ -211,24 +220,15 @@ def _usual_swing(robot: Robot, index: int, centre: float | None, share: float) -
     return Swing(index, share * amplitude, centre)
 
 
-def _given_swing(
-    robot: Robot, index: int, option: str, value: float, centre: float | None
-) -> Swing:
-    """The amplitude given by ``--amplitude`` or ``--amplitude-deg``."""
+def _given_swing(robot: Robot, index: int, amplitude: float, centre: float | None) -> Swing:
+    """The amplitude given by ``--amplitude``."""
     joint = robot.joints[index]
-    if option == "amplitude-deg" and joint.name in robot.prismatic_joints:
-        raise UsageError(
-            f"{joint.name} is prismatic: --amplitude in m, not --amplitude-deg; its range is "
-            f"[{joint.lower:g}, {joint.upper:g}] m"
-        )
     centre = joint.reference_angle if centre is None else centre
-    amplitude = value if option == "amplitude" else float(np.radians(value))
     most = _room(joint, centre)
     if abs(amplitude) > most:
-        allowed = most if option == "amplitude" else np.degrees(most)
         raise UsageError(
-            f"--{option} {value:g} leaves the range of {joint.name}: at most "
-            f"{max(allowed, 0.0):g} to either side of {centre + 0.0:g}; --centre moves the centre "
+            f"--amplitude {amplitude:g} leaves the range of {joint.name}: at most "
+            f"{max(most, 0.0):g} to either side of {centre + 0.0:g}; --centre moves the centre "
             f"within [{joint.lower:g}, {joint.upper:g}]"
         )
     return Swing(index, amplitude, centre)
@@ -266,7 +266,7 @@ def _recorded(
         if np.isfinite(sensor.period):
             readings = np.unwrap(readings, period=sensor.period)
         time = np.asarray((stamps - start) * 1e-9, dtype=np.float64)
-        motions[index] = motion.recorded(time, sensor.scale * readings + sensor.offset, DWELL_S)
+        motions[index] = motion.recorded(time, angle_of(sensor, readings), DWELL_S)
         lengths.append(DWELL_S + motion.recorded_duration(time))
     longest = min(lengths) - arguments.warm_up
     if arguments.duration is not None and arguments.duration > longest:

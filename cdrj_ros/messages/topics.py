@@ -26,6 +26,8 @@ TENSION_STATES: Final = "tension_states"
 WRENCHES: Final = "wrenches"
 """Namespace of the forces on pulleys, one WrenchStamped each, on request."""
 
+BROADCAST: Final = "/joint_states"
+"""Motors and joints together, JointState, from ros2_control's joint_state_broadcaster."""
 CLOCK: Final = "/clock"
 """Simulated time."""
 DIAGNOSTICS: Final = "/diagnostics"

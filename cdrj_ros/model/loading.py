@@ -47,24 +47,37 @@ def robot_path(path: str) -> Path:
     Raises:
         RobotFileError: no robot of that name is installed.
     """
+    return installed_path(path, "robots", "robot file")
+
+
+def installed_path(path: str, folder: str, kind: str) -> Path:
+    """Path of a YAML file; a bare name means an installed one.
+
+    Args:
+        path: the file, or the name of one in the folder.
+        folder: folder in the package's ``config``.
+        kind: what such a file is called, for the error.
+
+    Raises:
+        RobotFileError: no file of that name is installed.
+    """
     if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
-        for folder in _installed_robots():
-            if (folder / f"{path}.yaml").exists():
-                return folder / f"{path}.yaml"
-        names = sorted(
-            {file.stem for folder in _installed_robots() for file in folder.glob("*.yaml")}
-        )
+        folders = [config / folder for config in _installed_configs()]
+        for place in folders:
+            if (place / f"{path}.yaml").exists():
+                return place / f"{path}.yaml"
+        names = sorted({file.stem for place in folders for file in place.glob("*.yaml")})
         close = get_close_matches(path, names, n=1)
         nearest = f"; did you mean {close[0]}?" if close else ""
         raise RobotFileError(
-            f"there is no robot file {printable(path)}, and none of that name is installed{nearest}"
+            f"there is no {kind} {printable(path)}, and none of that name is installed{nearest}"
         )
     return Path(path)
 
 
-def _installed_robots() -> Iterator[Path]:
-    """Folders that may hold the package's own robot files: beside the source, or installed."""
+def _installed_configs() -> Iterator[Path]:
+    """Folders that may hold the package's own files: beside the source, or installed."""
     here = Path(__file__).resolve()
-    yield here.parents[2] / "config" / "robots"
+    yield here.parents[2] / "config"
     for parent in here.parents:
-        yield parent / "share" / "cdrj_ros" / "config" / "robots"
+        yield parent / "share" / "cdrj_ros" / "config"

@@ -22,10 +22,8 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
-from cdrj_ros.nodes.rig_declaring import declare_numbers
 from cdrj_ros.nodes.rig_outputs import RigOutputs
-from cdrj_ros.nodes.rig_settings import changed_load, declare_rig_options, meant
-from cdrj_ros.nodes.robot_description import declared_model
+from cdrj_ros.nodes.rig_settings import changed_payload, declare_rig, meant
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
     add_supervised_option,
@@ -34,11 +32,11 @@ from cdrj_ros.nodes.spinning import (
     spin_until_stopped,
     starting,
 )
+from cdrj_ros.simulation.commands import Command, Trajectory
+from cdrj_ros.simulation.drives import Drives
 from cdrj_ros.simulation.faults import FAULT_NAMES
+from cdrj_ros.simulation.follow import program_of
 from cdrj_ros.simulation.live import LiveRig
-from cdrj_ros.simulation.live_commands import Command, Trajectory
-from cdrj_ros.simulation.live_drives import Drives
-from cdrj_ros.simulation.live_motion import program_of
 
 MOST_BEHIND_S: Final = 0.1
 """If the simulation lags by more than this, it skips the lag instead of catching up [s]."""
@@ -73,11 +71,7 @@ class RigNode(Node):
             raise UsageError(
                 "the rig keeps its own time: leave use_sim_time out; drive_clock:=true publishes it"
             )
-        preload = declare_numbers(
-            self, "preload", "Preload of every cable [N]; unset: the robot file's"
-        )
-        model = declared_model(self, preload)
-        self.options = declare_rig_options(self, model)
+        model, self.options = declare_rig(self)
         settings = self.options.settings
         self.rig = LiveRig(model.robot, settings)
         program = program_of(model, settings.joint, settings.rate, self.options.demonstration)
@@ -203,12 +197,10 @@ class RigNode(Node):
     def _freeze(self, name: str, amount: float) -> str:
         if amount != 0.0:
             raise UsageError(f"freeze takes no amount, got {amount:g}")
-        done = self.outputs.freeze(name)
-        if done is None:
-            names = (*self.options.limits.motors, *(one.name for one in self.rig.robot.joints))
+        names = [axis.name for axis in self.rig.robot.axes]
+        if name not in names:
             raise UsageError(f"name must be one of {', '.join(names)}, got {name[:60]!r}")
-        if not done:
-            raise UsageError(f"the encoder of {name} has not read anything yet")
+        self.outputs.freeze(name, self._time_s)
         return f"freeze of {name}: its encoder repeats its last reading"
 
     def _on_push(self, request: Push.Request, response: Push.Response) -> Push.Response:
@@ -224,7 +216,7 @@ class RigNode(Node):
         self.rig.reset()
         self._base_s = self._time_s
         self.drives.reset()
-        self.outputs.thaw()
+        self.outputs.restart(self._time_s)
         response.success = True
         response.message = (
             "faults and pushes removed, at rest with the motors at their reference angles; time "
@@ -233,10 +225,7 @@ class RigNode(Node):
         return response
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        try:
-            load = changed_load(self.options, self.rig.load, changes)
-        except CdrjError as error:
-            return SetParametersResult(successful=False, reason=f"nothing changed: {error}")
+        load = changed_payload(self.options, changes)
         if load is not None:
             self.rig.set_load(load)
         return SetParametersResult(successful=True)
@@ -269,7 +258,7 @@ class RigNode(Node):
     def _status(self, factor: float, busy: float) -> DiagnosticStatus:
         rig = self.rig
         faults = [f"{fault.kind} of {fault.cable}" for fault in rig.faults]
-        faults += [f"{name} frozen" for name in self.outputs.frozen]
+        faults += [f"{name} frozen" for name in self.outputs.frozen(self._time_s)]
         level, message = DiagnosticStatus.OK, "running"
         if factor < SLOW * self.options.speed:
             level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"

@@ -9,19 +9,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from cdrj_ros.simulation.live_commands import (
+from cdrj_ros.simulation.commands import (
     CAUSES,
     MODES,
     Cause,
     Command,
     CommandError,
+    DriveLimits,
     Mode,
     Trajectory,
     checked_command,
     checked_trajectory,
     command_of_states,
 )
-from cdrj_ros.simulation.live_limits import DriveLimits
 
 DEPTH = 10
 """Queue depth of a topic [messages]; small because old commands are useless."""

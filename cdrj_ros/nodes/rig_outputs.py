@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, Final
 
 import numpy as np
@@ -16,25 +17,32 @@ from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.nodes.rig_settings import Reader, RigOptions
+from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.live import LiveRig
-from cdrj_ros.simulation.live_sensors import LiveCells, LiveEncoders
+from cdrj_ros.simulation.sensor_groups import CellGroup, encoder_groups, truth_table
+
+Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
 
 FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "status")
 """What the truth gives of the forces on pulleys."""
 
 
-class _Encoders:
-    """Encoders that share a topic and a clock, and therefore a message."""
+class _Queue:
+    """Encoded messages of one topic that have not arrived yet."""
 
-    def __init__(self, publisher: Any, sensor: LiveEncoders, columns: list[int], efforts: bool):
-        self.publisher, self.sensor, self.columns = publisher, sensor, columns
-        names = [axis.name for axis in sensor.axes]
-        self.template = Template(
-            JOINT_STATE, names, ("position", "effort") if efforts else ("position",)
-        )
-        self.offset_ns = sensor.axes[0].sensor.clock_offset_ns
+    def __init__(self, publisher: Any, latency_s: float) -> None:
+        self._publisher, self._latency_s = publisher, latency_s
+        self._waiting: deque[tuple[float, bytes]] = deque()
+
+    def send(self, stamp_s: float, message: bytes) -> None:
+        self._waiting.append((stamp_s + self._latency_s, message))
+
+    def deliver(self, now_s: float) -> None:
+        """Publish what has arrived."""
+        while self._waiting and self._waiting[0][0] <= now_s:
+            self._publisher.publish(self._waiting.popleft()[1])
 
 
 class RigOutputs:
@@ -42,44 +50,37 @@ class RigOutputs:
 
     def __init__(self, node: Node, model: Model, options: RigOptions) -> None:
         """Open the topics."""
-        robot, seed = model.robot, options.seed
-        self._efforts: LiveCells | None = None
-        if options.efforts is not None:
-            cells = options.efforts
-            self._efforts = LiveCells(cells, cells.torque_noise, cells.torque_step, 0.0, [seed, 4])
-        self._effort = np.zeros(len(robot.motors))
-        self._effort_scale = np.array([motor.effort_scale for motor in robot.motors])
-        publishers = [
-            node.create_publisher(JointState, topic, default_profile())
-            for topic in (topics.MOTOR_STATES, topics.JOINT_STATES)
-        ]
-        self._motors = _groups(publishers[0], robot.motors, options.motors, [seed, 1],
-                               options.efforts is not None)  # fmt: skip
-        self._joints = _groups(publishers[1], robot.joints, options.joints, [seed, 2], False)
+        self._groups = encoder_groups(model, options.sensors, options.seed)
+        names = {
+            "motors": topics.MOTOR_STATES, "joints": topics.JOINT_STATES, "all": topics.BROADCAST,
+        }  # fmt: skip
+        publishers = {
+            kind: node.create_publisher(JointState, names[kind], default_profile())
+            for kind in dict.fromkeys(group.kind for group in self._groups)
+        }
+        self._queues = [_Queue(publishers[one.kind], one.latency_s) for one in self._groups]
+        self._templates = [Template(JOINT_STATE, one.names, one.fields) for one in self._groups]
+        self._free = len(model.robot.motors) + options.settings.joint
+        self._speed = np.zeros(len(model.robot.axes))
         self._open_cells(node, model, options)
         self._open_truth(node, model, options)
 
-    def freeze(self, name: str) -> bool | None:
-        """Freeze the encoder of a motor or joint; None if there is none of this name."""
-        for group in (*self._motors, *self._joints):
-            if name in (axis.name for axis in group.sensor.axes):
-                return group.sensor.freeze(name)
-        return None
+    def freeze(self, name: str, now_s: float) -> None:
+        """Freeze the encoder of a motor or joint."""
+        for group in self._groups:
+            if name in group.names:
+                group.freeze(name, now_s)
 
-    def thaw(self) -> None:
-        """Unfreeze all encoders."""
-        for group in (*self._motors, *self._joints):
-            group.sensor.thaw()
+    def restart(self, now_s: float) -> None:
+        """End the faults of all encoders; those of the rig file happen again."""
+        for group in self._groups:
+            group.restart(now_s)
 
-    @property
-    def frozen(self) -> tuple[str, ...]:
+    def frozen(self, now_s: float) -> tuple[str, ...]:
         """Axes whose encoders are frozen."""
-        groups = (*self._motors, *self._joints)
-        return tuple(name for group in groups for name in group.sensor.frozen)
+        return tuple(name for group in self._groups for name in group.frozen(now_s))
 
-    def emit(
-        self, rig: LiveRig, motor_speed: NDArray[np.float64], now_s: float, zero_ns: int
-    ) -> None:
+    def emit(self, rig: LiveRig, motor_speed: Vector, now_s: float, zero_ns: int) -> None:
         """Publish the readings that are due at this time.
 
         Args:
@@ -88,48 +89,44 @@ class RigOutputs:
             now_s: time of the sensors [s]; a reset of the rig does not reset it.
             zero_ns: stamp of time 0 [ns].
         """
-        if self._efforts is not None:
-            for reading in self._efforts.take(now_s, rig.motor_effort):
-                self._effort = reading.values / self._effort_scale
-        for groups, angle in ((self._motors, rig.motor_angle), (self._joints, rig.joint_angle)):
-            for group in groups:
-                for reading in group.sensor.take(now_s, angle[group.columns]):
-                    stamp = zero_ns - group.offset_ns + round(reading.stamp_s * 1e9)
-                    arrays = {"position": reading.values}
-                    if "effort" in group.template.spans:
-                        arrays["effort"] = self._effort[group.columns]
-                    group.publisher.publish(group.template.encode(stamp, **arrays))
+        self._speed[: motor_speed.size], self._speed[self._free] = motor_speed, rig.joint_speed
+        position = np.concatenate([rig.motor_angle, rig.joint_angle])
+        effort = np.concatenate([rig.motor_effort, rig.joint_effort])
+        time = np.array([now_s])
+        truth = truth_table(position[None], self._speed[None], effort[None], rig.tension[None])
+        for group, queue, template in zip(self._groups, self._queues, self._templates, strict=True):
+            read = group.take(time, truth)
+            arrays = {field: getattr(read, field) for field in group.fields}
+            for k, stamp_s in enumerate(read.stamps.tolist()):
+                stamp_ns = zero_ns - group.clock_offset_ns + round(stamp_s * 1e9)
+                row = {field: array[k] for field, array in arrays.items()}
+                queue.send(stamp_s, template.encode(stamp_ns, **row))
+            queue.deliver(now_s)
         if self._cells is not None:
-            for reading in self._cells.take(now_s, rig.tension[self._elements]):
-                self._publish_cells(zero_ns + round(reading.stamp_s * 1e9), reading.values)
+            self._emit_cells(self._cells, time, truth, zero_ns)
         if self._truth_every and rig.steps % self._truth_every == 0:
-            self._publish_truth(rig, motor_speed, zero_ns + round(now_s * 1e9))
+            self._publish_truth(rig, position, effort, zero_ns + round(now_s * 1e9))
 
     def _open_cells(self, node: Node, model: Model, options: RigOptions) -> None:
-        self._elements = list(options.load_cells)
-        self._cells: LiveCells | None = None
-        if not self._elements:
+        self._cells: CellGroup | None = None
+        cells = CellGroup(model, options.sensors, options.seed)
+        if not cells.names:
             return
-        cells = options.cells
-        self._cells = LiveCells(
-            cells, cells.force_noise, cells.force_step, cells.force_bias, [options.seed, 3]
-        )
-        names = [model.layout.elements[element] for element in self._elements]
-        self._cell_template = Template(CABLE_TENSIONS, names, ("tension", "status", "stddev"))
-        resolution = cells.force_step / np.sqrt(12.0)
-        stddev = float(np.hypot(cells.force_noise, resolution))
-        self._cell_stddev = np.full(len(names), stddev)
-        self._cell_publisher = node.create_publisher(
-            CableTensions, topics.TENSION_SENSORS, default_profile()
-        )
+        self._cells = cells
+        self._cell_template = Template(CABLE_TENSIONS, cells.names, ("tension", "status", "stddev"))
+        publisher = node.create_publisher(CableTensions, topics.TENSION_SENSORS, default_profile())
+        self._cell_queue = _Queue(publisher, cells.latency_s)
 
-    def _publish_cells(self, stamp_ns: int, tension: NDArray[np.float64]) -> None:
-        status = np.zeros(tension.size)
-        self._cell_publisher.publish(
-            self._cell_template.encode(
-                stamp_ns, tension=tension, status=status, stddev=self._cell_stddev
-            )
-        )
+    def _emit_cells(self, cells: CellGroup, time: Vector, truth: Table, zero_ns: int) -> None:
+        stamps, tensions = cells.take(time, truth)
+        count = len(cells.names)
+        for stamp_s, tension in zip(stamps.tolist(), tensions, strict=True):
+            message = self._cell_template.encode(
+                zero_ns + round(stamp_s * 1e9), tension=tension, status=np.zeros(count),
+                stddev=np.full(count, cells.stddev),
+            )  # fmt: skip
+            self._cell_queue.send(stamp_s, message)
+        self._cell_queue.deliver(float(time[0]))
 
     def _open_truth(self, node: Node, model: Model, options: RigOptions) -> None:
         self._truth_every = 0
@@ -144,7 +141,6 @@ class RigOutputs:
         self._pulley_status = layout.pulley_status
         self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
         self._slack_at, self._overload_at = _bounds(model.robot)
-        self._free = options.settings.joint
         self._tension_publisher = node.create_publisher(
             CableTensions, f"truth/{topics.TENSIONS}", default_profile()
         )
@@ -153,7 +149,7 @@ class RigOutputs:
         )
         self._state_publisher = node.create_publisher(JointState, "truth/states", default_profile())
 
-    def _publish_truth(self, rig: LiveRig, motor_speed: NDArray[np.float64], stamp_ns: int) -> None:
+    def _publish_truth(self, rig: LiveRig, position: Vector, effort: Vector, stamp_ns: int) -> None:
         tension = rig.tension
         status = SLACK * (tension <= self._slack_at) + OVERLOAD * (tension > self._overload_at)
         self._tension_publisher.publish(
@@ -170,33 +166,14 @@ class RigOutputs:
                 status=self._pulley_status(status.astype(np.uint8)),
             )
         )
-        joint_speed = np.zeros(rig.joint_angle.size)
-        joint_speed[self._free] = rig.joint_speed
         self._state_publisher.publish(
             self._state_template.encode(
-                stamp_ns,
-                position=np.concatenate([rig.motor_angle, rig.joint_angle]),
-                velocity=np.concatenate([motor_speed, joint_speed]),
-                effort=np.concatenate([rig.motor_effort, rig.joint_effort]),
+                stamp_ns, position=position, velocity=self._speed, effort=effort
             )
         )
 
 
-def _groups(
-    publisher: Any, axes: Any, reader: Reader, seed: list[int], efforts: bool
-) -> list[_Encoders]:
-    """Group encoders by clock, since a message has only one stamp."""
-    groups = []
-    for offset in dict.fromkeys(axis.sensor.clock_offset_ns for axis in axes):
-        columns = [k for k, axis in enumerate(axes) if axis.sensor.clock_offset_ns == offset]
-        sensor = LiveEncoders(
-            reader.encoder, [axes[k] for k in columns], [*seed, columns[0]], reader.latency_s
-        )
-        groups.append(_Encoders(publisher, sensor, columns, efforts))
-    return groups
-
-
-def _bounds(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds(robot: Robot) -> tuple[Vector, Vector]:
     """Tensions at or below which each element is slack, and above which it is overloaded [N]."""
     counts = [len(cable.nodes) - 1 for cable in robot.cables]
     return (

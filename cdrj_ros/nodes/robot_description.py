@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.settings import Setting, declare
+from cdrj_ros.nodes.settings import Setting
 from cdrj_ros.robot.names import prefix_given
 from cdrj_ros.robot.urdf import DESCRIPTION, description_given
 
@@ -47,20 +47,6 @@ KEPT: Final = QoSProfile(
     depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
 )
 """Quality of service with which robot_state_publisher offers the topic."""
-
-
-def declared_model(node: Node, preload: Sequence[float] | None = None) -> Model:
-    """Declare the parameters ``robot`` and ``robot_description``, and read the robot file.
-
-    Args:
-        node: its parameters and its context are used.
-        preload: preload of every cable [N]; None or empty keeps the preloads of the file.
-
-    Raises:
-        CdrjError: the robot file is missing or invalid, or its URDF did not arrive.
-    """
-    declare(node, ROBOT_SETTINGS)
-    return given_model(node, str(node.get_parameter("robot").value), preload)
 
 
 def given_model(node: Node, robot: str, preload: Sequence[float] | None = None) -> Model:

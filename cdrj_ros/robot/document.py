@@ -39,14 +39,45 @@ def parse_document(text: str, source: str) -> Document:
     Raises:
         RobotFileError: with one line that names the key, what was given and what is allowed.
     """
+    raw = si_document(text, source, "motors, joints and cables")
+    document = with_urdf_frames(with_prefix(raw), source)
+    check_document(document, _validator(), source)
+    return document
+
+
+def si_document(text: str, source: str, content: str) -> Document:
+    """A YAML text as plain containers in SI units.
+
+    Args:
+        text: the text.
+        source: name of its file.
+        content: what the file holds, for the error.
+
+    Raises:
+        RobotFileError: it is not a mapping, or a number has two units.
+    """
     try:
         raw = load_yaml(text, source)
     except YamlError as error:
         raise RobotFileError(str(error)) from error
     if not isinstance(raw, dict):
-        raise RobotFileError(f"{source} must hold a mapping with motors, joints and cables")
-    document: Document = with_urdf_frames(with_prefix(_Reading(source).to_si(raw)), source)
-    for complaint in document_complaints(document):
+        raise RobotFileError(f"{source} must hold a mapping with {content}")
+    document: Document = _Reading(source).to_si(raw)
+    return document
+
+
+def check_document(document: Document, validator: Any, source: str) -> None:
+    """Refuse a document that violates a schema, or has impossible numbers.
+
+    Args:
+        document: of ``si_document``.
+        validator: of ``jsonschema``.
+        source: name of the file.
+
+    Raises:
+        RobotFileError: with one line that names the key, what was given and what is allowed.
+    """
+    for complaint in _complaints(validator, document, ""):
         raise RobotFileError(f"{complaint} ({source})")
     if not _possible(document):
         path, value = next(_impossible(document, ""))
@@ -54,7 +85,6 @@ def parse_document(text: str, source: str) -> Document:
             f"{path} must be a finite number of at most {LARGEST:g} in SI, got {_shown(value)} "
             f"({source})"
         )
-    return document
 
 
 @lru_cache(maxsize=1)

@@ -182,11 +182,21 @@ def fault_now(
         if amount is not None:
             raise UsageError(f"a cut takes no amount, got {amount:g}")
         return wire(robot, (Fault("snap", now_s, CUT_LENGTH, cable),)).faults[0][1]
-    if amount is not None and not 0.0 < amount <= LARGEST_AMOUNT[name]:
-        raise UsageError(
-            f"the amount of {name} must be in (0, {LARGEST_AMOUNT[name]:g}], got {amount:g}"
-        )
+    if amount is not None:
+        check_amount(name, amount)
     return wire(robot, (Fault(name, now_s, amount, cable),)).faults[0][1]
+
+
+def check_amount(kind: FaultKind, amount: float) -> None:
+    """Refuse an impossible amount of a fault [m] or [rad].
+
+    Raises:
+        UsageError: names the range.
+    """
+    if not 0.0 < amount <= LARGEST_AMOUNT[kind]:
+        raise UsageError(
+            f"the amount of {kind} must be in (0, {LARGEST_AMOUNT[kind]:g}], got {amount:g}"
+        )
 
 
 def _cable_of(robot: Robot, fault: Fault) -> int:

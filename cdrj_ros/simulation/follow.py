@@ -1,12 +1,16 @@
 """Motor angles at which the drums compensate the joints' motion, as a position controller commands.
 
+``follow_joints`` gives them for whole motions, ``program_of`` step by step for the live rig.
+
 A cable keeps its tension if its drums compensate its change of length: r dphi = -dL.  With more
 cables than motors this holds in the least-squares sense, and the remainder stretches the cables.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +18,29 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.simulation import motion
+from cdrj_ros.simulation.drives import Program
 from cdrj_ros.simulation.faults import drums_of
+from cdrj_ros.simulation.load import AT_AN_END
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
+MotionName = Literal["none", "sine", "ramps", "dwell", "random"]
+
+MOTIONS: Final[tuple[MotionName, ...]] = get_args(MotionName)
+
+BEGIN_S: Final = 1.0
+"""Rest before the motion [s]."""
+
+USUAL_SHARE: Final = 0.6
+"""Default amplitude, as a share of the distance to the nearer end of the range."""
+
+APPROACH_S: Final = 2.0
+"""Duration of the move to the middle of the range if the reference is at its end [s]."""
+
+AHEAD: Final = 50
+"""Number of steps that are computed at once."""
 
 
 @dataclass(frozen=True)
@@ -76,3 +99,85 @@ def pull_together(model: Model, joint: int) -> Vector:
     if most < 1e-9:
         raise UsageError(f"no motor's cable acts on {robot.joints[joint].name}")
     return np.asarray(way / most)
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """A motion of the free joint about the reference, or about the middle if it is at an end."""
+
+    kind: MotionName = "none"
+    amplitude: float | None = None
+    """Amplitude [rad] or [m]; None for ``USUAL_SHARE`` of what the range allows."""
+    frequency: float = 0.2
+    """Frequency of the cycle, or the highest frequency of a random motion [Hz]."""
+    seed: int = 0
+    """Seed of a random motion."""
+
+
+def program_of(
+    model: Model, joint: int, rate: float, demonstration: Demonstration
+) -> Program | None:
+    """Motor angles by step of a rig, as in ``simulate --mode forward``.
+
+    Args:
+        model: the prepared robot.
+        joint: index of the free joint.
+        rate: steps per second [Hz].
+        demonstration: the motion; if it is none, the function returns None.
+
+    Raises:
+        UsageError: an unknown motion, or a motion that leaves the joint's range.
+    """
+    course = _course(model, joint, demonstration)
+    if course is None:
+        return None
+    reference = np.array([axis.reference_angle for axis in model.robot.joints])
+    first, angles = -1, np.empty((0, len(model.robot.motors)))
+
+    def program(step: int) -> np.ndarray:
+        nonlocal first, angles
+        if first < 0 or not first <= step < first + AHEAD:
+            first = step
+            poses = np.tile(reference, (AHEAD, 1))
+            poses[:, joint] = course(np.arange(step, step + AHEAD) / rate)
+            angles = follow_joints(model, poses).motor_angle
+        return angles[step - first].copy()
+
+    return program
+
+
+def _course(
+    model: Model, joint: int, demonstration: Demonstration
+) -> Callable[[Vector], Vector] | None:
+    """Angle of the joint as a function of time."""
+    kind = demonstration.kind
+    if kind not in MOTIONS:
+        raise UsageError(f"motion must be one of {', '.join(MOTIONS)}, got {kind!r}")
+    if kind == "none":
+        return None
+    axis = model.robot.joints[joint]
+    centre, begin = axis.reference_angle, BEGIN_S
+    most = min(centre - axis.lower, axis.upper - centre)
+    if most < AT_AN_END * (axis.upper - axis.lower):
+        centre, begin = 0.5 * (axis.lower + axis.upper), BEGIN_S + APPROACH_S
+        most = 0.5 * (axis.upper - axis.lower)
+    amplitude = demonstration.amplitude
+    if amplitude is None:
+        amplitude = USUAL_SHARE * most
+    if not 0.0 < amplitude <= most:
+        raise UsageError(
+            f"the amplitude of {axis.name} must be in (0, {most:.4g}], got {amplitude:g}"
+        )
+    shape = (amplitude, demonstration.frequency)
+    if kind == "random":
+        course = motion.random(*shape, demonstration.seed, begin, centre)
+    else:
+        make = {"sine": motion.sine, "ramps": motion.ramps, "dwell": motion.dwell}[kind]
+        course = make(*shape, begin, centre)
+    away = axis.reference_angle - centre
+
+    def angle(time: Vector) -> Vector:
+        share = np.clip((time - BEGIN_S) / APPROACH_S, 0.0, 1.0)
+        return course(time).angle + away * (1.0 - share * share * (3.0 - 2.0 * share))
+
+    return angle

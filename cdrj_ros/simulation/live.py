@@ -52,6 +52,8 @@ class LiveSettings:
     """Upper end stop [rad] or [m]; None for the end of its range."""
     start: float | None = None
     """Angle at which the joint is released at rest [rad]; None for its equilibrium or end stop."""
+    faults: tuple[Fault, ...] = ()
+    """Faults that happen by themselves, at their times after the start and after every reset."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +76,12 @@ class LiveRig:
         """Put the rig at rest: motors at their reference angles, the joint held or on a stop.
 
         Raises:
-            UsageError: no joint, or stops outside the range.
+            UsageError: no joint, stops outside the range, or an impossible fault.
         """
         self.robot = robot
         self.settings = _checked(robot, settings or LiveSettings())
+        planned = [fault for _, fault in wire(robot, self.settings.faults).faults]
+        self._planned = sorted(planned, key=lambda fault: fault.begin)
         self._possible = wire_all(robot)
         self._sound = Rig(prepare(robot), self._fine(()), self._possible.without_faults())
         self.load = self.settings.load
@@ -89,6 +93,7 @@ class LiveRig:
     def reset(self) -> None:
         """Remove all faults and restart at time 0; the load and the stops are kept."""
         self._rig = self._sound
+        self._happened = 0
         self._uncoupled: tuple[str, ...] = ()
         self.pushes: tuple[Push, ...] = ()
         self.steps = 0
@@ -172,6 +177,14 @@ class LiveRig:
             UsageError: an unknown fault or cable, or an impossible amount.
         """
         fault = fault_now(self.robot, name, cable, amount, self.time_s)
+        self._begin(fault)
+        if name == "cut":
+            self._uncouple(cable)
+        unit = "rad of drum" if name == "slip" else "m of cable"
+        return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
+
+    def _begin(self, fault: Fault) -> None:
+        """Let a fault, whose amount and cable are set, happen at its time."""
         motor = next(
             motor
             for motor, other in self._possible.faults
@@ -179,10 +192,6 @@ class LiveRig:
         )
         turn = float(wire(self.robot, (fault,)).turn[0])
         self._rig = replace(self._rig, wiring=self._rig.wiring.with_fault(motor, fault, turn))
-        if name == "cut":
-            self._uncouple(cable)
-        unit = "rad of drum" if name == "slip" else "m of cable"
-        return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
 
     def _uncouple(self, cable: str) -> None:
         """Go on without friction in a cable, since a loose one has none.
@@ -221,6 +230,9 @@ class LiveRig:
         before = self.time_s
         self.steps += 1
         now = self.time_s
+        while self._happened < len(self._planned) and self._planned[self._happened].begin <= now:
+            self._begin(self._planned[self._happened])
+            self._happened += 1
         self.pushes = tuple(push for push in self.pushes if push.end_s > before)
         dt = now - before
         state, swing, pose = self._stepper.state, self._stepper.swing, self._pose

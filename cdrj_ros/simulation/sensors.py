@@ -1,9 +1,14 @@
-"""Sensors of the rig: resolution, rate, phase, noise, bias, jitter, dropouts."""
+"""Sensors of the simulated robot: resolution, rate, phase, noise, bias, jitter, losses.
+
+The functions read a truth that is known as a whole; the groups of ``sensor_groups.py``, one that
+comes in stretches.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +16,18 @@ from numpy.typing import NDArray
 from cdrj_ros.robot.description import Sensor
 
 Vector = NDArray[np.float64]
+Table = NDArray[np.float64]
+Seed = Sequence[int] | np.random.Generator
 
 MOST_JITTER: Final = 0.45
 """Largest jitter of a stamp as a share of the period, so that stamps keep their order."""
+
+SCHEDULED: Final = 1000
+"""Number of readings that are scheduled at once."""
+
+
+ROUNDING_S: Final = 1e-12
+"""Error of rounding in the times of readings [s]."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +50,8 @@ class Encoder:
     """Share of readings that are lost, in [0, 1)."""
     burst_s: float = 0.0
     """Mean duration of a loss [s]; 0: readings are lost independently."""
+    latency_s: float = 0.0
+    """Time from a reading to its message [s]."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +72,19 @@ class LoadCells:
     """Constant added to every force reading [N]."""
     torque_bias: float = 0.0
     """Constant added to every torque reading [N m]."""
+    phase_s: float = 0.0
+    """Time from the recording's start to the first reading [s]."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
     """Share of readings that are lost, in [0, 1)."""
     burst_s: float = 0.0
     """Mean duration of a loss [s]; 0: readings are lost independently."""
+    latency_s: float = 0.0
+    """Time from a reading to its message [s]."""
 
 
-@dataclass(frozen=True)
-class Schedule:
+class Schedule(NamedTuple):
     """Times of a sensor's readings, and the stamps of its messages."""
 
     times: Vector
@@ -74,8 +93,11 @@ class Schedule:
     """Stamps of the messages [s], shape (n,), increasing."""
 
 
+NONE_YET = Schedule(np.empty(0), np.empty(0))
+
 MOTOR_ENCODER = Encoder(81_920, 1000.0)
 JOINT_ENCODER = Encoder(16_384, 500.0, 0.0003)
+LOAD_CELLS = LoadCells()
 
 
 def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -> Vector:
@@ -85,39 +107,111 @@ def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -
     return times
 
 
-def schedule(
-    sensor: Encoder | LoadCells, begin: float, end: float, generator: np.random.Generator
-) -> Schedule:
-    """Readings within [begin, end] [s] with jitter, excluding lost ones."""
-    phase_s = sensor.phase_s if isinstance(sensor, Encoder) else 0.0
-    times = reading_times(begin, end, sensor.rate, phase_s)
-    stamps = times
-    if sensor.jitter_s > 0.0:
-        most = MOST_JITTER / sensor.rate
-        stamps = times + np.clip(generator.normal(0.0, sensor.jitter_s, times.size), -most, most)
-    if sensor.dropout > 0.0:
-        kept = ~lost(times.size, sensor.dropout, sensor.burst_s * sensor.rate, generator)
-        times, stamps = times[kept], stamps[kept]
-    return Schedule(times, stamps)
+class ReadingTimes:
+    """The times at which a sensor reads, with jitter and without lost readings."""
+
+    def __init__(self, sensor: Encoder | LoadCells, begin: float, seed: Seed) -> None:
+        """Start at ``begin`` [s]."""
+        self._parts = self._scheduled(sensor, begin, np.random.default_rng(seed))
+        self._part, self._taken = NONE_YET, 0
+        self.next_s = begin + sensor.phase_s
+        """Time before which there is no further reading [s]."""
+
+    @staticmethod
+    def _scheduled(
+        sensor: Encoder | LoadCells, begin: float, generator: np.random.Generator
+    ) -> Iterator[Schedule]:
+        """Consecutive schedules of ``SCHEDULED`` readings each."""
+        count = 0
+        burst = sensor.burst_s * sensor.rate
+        losses = Losses(sensor.dropout, burst, generator) if sensor.dropout > 0.0 else None
+        while True:
+            times = begin + sensor.phase_s + np.arange(count, count + SCHEDULED) / sensor.rate
+            count += SCHEDULED
+            stamps = times
+            if sensor.jitter_s > 0.0:
+                most = MOST_JITTER / sensor.rate
+                off = generator.normal(0.0, sensor.jitter_s, SCHEDULED)
+                stamps = times + np.clip(off, -most, most)
+            if losses is not None:
+                kept = ~losses.take(SCHEDULED)
+                times, stamps = times[kept], stamps[kept]
+            yield Schedule(times, stamps)
+
+    def until(self, end: float) -> Schedule:
+        """The readings since the last call and up to ``end`` [s]."""
+        found: list[Schedule] = []
+        while self.next_s <= end + ROUNDING_S:
+            times, stamps = self._part
+            first = self._taken
+            self._taken = int(times.searchsorted(end + ROUNDING_S, side="right"))
+            if self._taken > first:
+                found.append(Schedule(times[first : self._taken], stamps[first : self._taken]))
+            while self._taken == self._part.times.size:
+                self._part, self._taken = next(self._parts), 0
+            self.next_s = float(self._part.times[self._taken])
+        if not found:
+            return NONE_YET
+        if len(found) == 1:
+            return found[0]
+        return Schedule(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
 
-def lost(
-    count: int, share: float, burst: float, generator: np.random.Generator
-) -> NDArray[np.bool_]:
-    """Which of ``count`` readings are lost, in bursts of ``burst`` on average (Gilbert 1960).
+class Losses:
+    """Which readings are lost, in bursts (Gilbert 1960)."""
 
-    Independent losses have bursts of 1 / (1 - share) on average; shorter ones are not possible.
-    """
-    if burst <= 1.0 / (1.0 - share):
-        return np.asarray(generator.random(count) < share)
-    gone = np.zeros(count, dtype=np.bool_)
-    good = burst * (1.0 - share) / share  # mean number of readings between losses
-    at = 0 if generator.random() < share else int(generator.geometric(min(1.0 / good, 1.0)))
-    while at < count:
-        length = int(generator.geometric(1.0 / burst))
-        gone[at : at + length] = True
-        at += length + int(generator.geometric(min(1.0 / good, 1.0)))
-    return gone
+    def __init__(self, share: float, burst: float, generator: np.random.Generator) -> None:
+        """Start anywhere.
+
+        Args:
+            share: share of the readings that are lost, in (0, 1).
+            burst: mean number of readings lost together.  Independent losses have bursts of
+                1 / (1 - share) on average; shorter ones are not possible.
+            generator: random generator.
+        """
+        self._share, self._generator = share, generator
+        self._means = (burst * (1.0 - share) / share, burst)  # of readings that arrive, are lost
+        self._bursts = burst > 1.0 / (1.0 - share)
+        self._gone, self._left = False, 0
+        if self._bursts:
+            self._gone = bool(generator.random() < share)
+            self._left = self._length()
+
+    def take(self, count: int) -> NDArray[np.bool_]:
+        """Whether each of the next readings is lost, shape (count,)."""
+        if not self._bursts:
+            return np.asarray(self._generator.random(count) < self._share)
+        lost = np.zeros(count, dtype=np.bool_)
+        at = 0
+        while at < count:
+            end = min(at + self._left, count)
+            lost[at:end] = self._gone
+            self._left -= end - at
+            at = end
+            if self._left == 0:
+                self._gone = not self._gone
+                self._left = self._length()
+        return lost
+
+    def _length(self) -> int:
+        return int(self._generator.geometric(min(1.0 / self._means[self._gone], 1.0)))
+
+
+def angle_of(sensor: Sensor, reading: Vector) -> Vector:
+    """Angles [rad] that the robot file assigns to readings, which do not wrap around."""
+    angle: Vector = sensor.scale * reading + sensor.offset
+    if sensor.corrected_at:
+        angle = angle + np.interp(angle, sensor.corrected_at, sensor.correction)
+    return angle
+
+
+def reading_of(sensor: Sensor, angle: Vector) -> Vector:
+    """Readings without error, to which the robot file assigns these angles [rad]."""
+    if sensor.corrected_at:
+        correction = np.array(sensor.correction)
+        angle = angle - np.interp(angle, correction + sensor.corrected_at, correction)
+    reading: Vector = (angle - sensor.offset) / sensor.scale
+    return reading
 
 
 def read_encoder(
@@ -138,32 +232,41 @@ def read_encoder(
         sensor: the robot file's conversion of readings into angles, whose inverse is applied;
             None for no conversion.
     """
-    step = 2.0 * np.pi / encoder.counts
-    sensor = sensor or Sensor()
-    seen = (np.interp(times, truth_time, angle) - sensor.offset) / sensor.scale + encoder.bias
+    noise: float | Vector = 0.0
     if encoder.noise > 0.0:
         if generator is None:
             raise ValueError("noise needs a generator")
-        seen = seen + generator.normal(0.0, encoder.noise, times.size)
-    counted: Vector = np.round(seen / step) * step
+        noise = generator.normal(0.0, encoder.noise, times.size)
+    return counted(encoder, np.interp(times, truth_time, angle), noise, sensor or Sensor())
+
+
+def counted(encoder: Encoder, angle: Vector, noise: float | Vector, sensor: Sensor) -> Vector:
+    """Readings of angles [rad] as whole counts, with noise [rad]; all arrays of shape (n,)."""
+    step = 2.0 * np.pi / encoder.counts
+    seen = reading_of(sensor, angle) + encoder.bias + noise
+    read: Vector = np.round(seen / step) * step
     if np.isfinite(sensor.period):  # wraps around half a period from 0
-        counted -= sensor.period * np.round(counted / sensor.period)
-    return counted
+        read -= sensor.period * np.round(read / sensor.period)
+    return read
 
 
 def read_cells(
-    values: NDArray[np.float64],
+    values: Table,
     truth_time: Vector,
     times: Vector,
     noise: float,
     step: float,
     generator: np.random.Generator,
     bias: float = 0.0,
-) -> NDArray[np.float64]:
+) -> Table:
     """Noisy, quantised readings of columns of truth, shape (times, columns)."""
     columns = [np.interp(times, truth_time, column) for column in values.T]
-    ideal = np.stack(columns, axis=1) + bias
-    read: NDArray[np.float64] = (
-        np.round((ideal + generator.normal(0.0, noise, ideal.shape)) / step) * step
-    )
+    return measured(np.stack(columns, axis=1), noise, step, generator, bias)
+
+
+def measured(
+    ideal: Table, noise: float, step: float, generator: np.random.Generator, bias: float = 0.0
+) -> Table:
+    """Readings of ideal values with their noise, bias and resolution; shape (n, columns)."""
+    read: Table = np.round((ideal + bias + generator.normal(0.0, noise, ideal.shape)) / step) * step
     return read

@@ -18,8 +18,11 @@ def test_lost_readings_are_part_of_the_standard_deviations(
     """The truth beside the estimates is the rig's; the line between two readings is far off."""
     bag, limits, figures = (tmp_path / name for name in ("bag", "limits.yaml", "f.json"))
     limits.write_text(LIMITS)
-    losses = ["--dropout", "0.2", "--burst", "0.8", "--duration", "16"]
-    assert simulate.main([str(bag), "--robot", "prototype", *losses]) == 0
+    rig = tmp_path / "rig.yaml"
+    losses = "{dropout: 0.2, burst: 0.8}"
+    rig.write_text(f"{{motors: {losses}, joints: {losses}}}")
+    words = ["--rig", str(rig), "--duration", "16"]
+    assert simulate.main([str(bag), "--robot", "prototype", *words]) == 0
     judged = ["--limits", str(limits), "--json", str(figures)]
     assert validate.main([str(bag), "--robot", "prototype", *judged]) == 0, capsys.readouterr().out
     found = json.loads(figures.read_text())

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from cdrj_ros.commands.simulate import main
+from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.recordings import Recording, Topics, read_recording
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
-QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude-deg", "20")
+QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude", "20deg")
 
 
 def run(path: Path, *options: str) -> Recording:
     assert main([str(path), "--robot", ROBOT, *QUICK, *options]) == 0
     return read_recording(path)
+
+
+def rig(folder: Path, text: str) -> tuple[str, str]:
+    """The options that name a rig file of this content."""
+    (folder / "rig.yaml").write_text(text)
+    return "--rig", str(folder / "rig.yaml")
 
 
 def refused(capsys: pytest.CaptureFixture[str], path: Path, *options: str) -> str:
@@ -65,7 +74,7 @@ def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) ->
 def test_forces_are_written_as_vectors_with_noise_in_every_component(tmp_path: Path) -> None:
     run(tmp_path / "planar")
     planar = read_recording(tmp_path / "planar", force_vectors=True)
-    spatial = ("--duration", "1", "--cell-noise", "0.05")
+    spatial = ("--duration", "1", *rig(tmp_path, "references: {noise: 0.05}"))
     assert main([str(tmp_path / "spatial"), "--robot", "wrist", *spatial]) == 0
     for name, robot in (
         ("planar", planar),
@@ -94,10 +103,7 @@ def test_every_motion_works_in_every_mode(tmp_path: Path, motion: str, mode: str
 
 def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
     run(tmp_path / "first", "--mode", "follow")
-    recording = run(
-        tmp_path / "second", "--mode", "follow", "--motion", "recorded",
-        "--recorded", str(tmp_path / "first"),
-    )  # fmt: skip
+    recording = run(tmp_path / "second", "--mode", "follow", "--recorded", str(tmp_path / "first"))
     first = read_recording(tmp_path / "first").joints["elbow"]
     second = recording.joints["elbow"]
     late = (second.stamp_ns - second.stamp_ns[0]) * 1e-9
@@ -109,9 +115,15 @@ def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
 
 def test_sensors_have_the_requested_defects(tmp_path: Path, plain: Recording) -> None:
     recording = run(
-        tmp_path / "bag", "--rate", "500,250", "--joint-counts", "1024", "--bias", "0,0.1",
-        "--noise", "0.01,0", "--jitter", "0.0002", "--dropout", "0.1", "--burst", "0.02",
-    )  # fmt: skip
+        tmp_path / "bag",
+        *rig(
+            tmp_path,
+            """
+            motors: {rate: 500, noise: 0.01, jitter: 2e-4, dropout: 0.1, burst: 0.02}
+            joints: {rate: 250, counts: 1024, bias: 0.1, jitter: 2e-4, dropout: 0.1, burst: 0.02}
+            """,
+        ),
+    )
     motor, joint = recording.motors["winch"], recording.joints["elbow"]
     assert motor.value.size == pytest.approx(0.9 * 2001, rel=0.15)
     assert joint.value.size == pytest.approx(0.9 * 1000, rel=0.15)
@@ -127,7 +139,7 @@ def test_sensors_have_the_requested_defects(tmp_path: Path, plain: Recording) ->
 
 
 def test_drives_report_efforts_when_asked(tmp_path: Path, plain: Recording) -> None:
-    run(tmp_path / "bag", "--effort-noise", "0.02")
+    run(tmp_path / "bag", *rig(tmp_path, "motor_efforts: {noise: 0.02}"))
     told = read_recording(tmp_path / "bag", motor_efforts=True)
     (name,) = told.motor_efforts
     effort, angle = told.motor_efforts[name], told.motors["winch"]
@@ -168,7 +180,8 @@ def test_more_payload_increases_the_difference_between_the_cables(
 def test_a_fault_acts_at_its_time_and_a_note_reports_the_slack(
     tmp_path: Path, plain: Recording, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    broken = run(tmp_path / "bag", "--fault", "slack/lower@2:10")
+    fault = "faults: [{kind: slack, cable: lower, at: 2, amount_mm: 10}]"
+    broken = run(tmp_path / "bag", *rig(tmp_path, fault))
     told = capsys.readouterr().out
     tension, sound = (r.references["tension/lower/4"] for r in (broken, plain))
     time = (tension.stamp_ns - tension.stamp_ns[0]) * 1e-9
@@ -192,23 +205,75 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
 
 
 @pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("faults: [{kind: snap, cable: middle, at: 3}]", "there are upper, lower"),
+        ("load_cells: {elements: [upper/99]}", "must be one of upper/1, "),
+        ("faults: [{kind: freeze, encoder: thumb, at: 1}]", "must be one of winch, elbow"),
+        ("motors: {dropout: 1.5}", "motors.dropout must be at most 0.99, got 1.5"),
+    ],
+)
+def test_a_rig_that_does_not_suit_the_robot_is_refused_before_the_simulation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+) -> None:
+    assert words in refused(capsys, tmp_path / "bag", *rig(tmp_path, text))
+
+
+def test_a_rig_file_acts_on_load_cells_latency_and_frozen_encoders(tmp_path: Path) -> None:
+    text = """
+    load_cells: {elements: [lower/1], noise: 0.5}
+    joints: {latency: 0.2}
+    faults: [{kind: freeze, encoder: elbow, at: 2}]
+    """
+    recording = run(tmp_path / "bag", "--warm-up", "3", *rig(tmp_path, text))
+    elbow = recording.joints["elbow"]
+    after = (elbow.stamp_ns - elbow.stamp_ns[0]) * 1e-9 > 2.001
+    assert np.ptp(elbow.value[after]) == 0.0
+    assert np.ptp(elbow.value[~after]) > 0.1
+    topics = Topics(references=(in_namespace(TENSION_SENSORS),))
+    cell = read_recording(tmp_path / "bag", topics).references["tension/lower/1"]
+    true = recording.references["tension/lower/1"]
+    error = cell.value - np.interp(cell.stamp_ns, true.stamp_ns, true.value)
+    assert 0.45 < error.std() < 0.55
+    assert _delays_ns(tmp_path / "bag", "/cdrj/joint_states") == {200_000_000}
+    assert _delays_ns(tmp_path / "bag", "/cdrj/motor_states") == {0}
+
+
+def _delays_ns(bag: Path, topic: str) -> set[int]:
+    """Log times of a topic after the stamps of its messages."""
+    with next(bag.glob("*.mcap")).open("rb") as stream:
+        messages = [one for *_, one in make_reader(stream).iter_messages([topic])]
+    stamps = [struct.unpack_from("<iI", one.data, 4) for one in messages]
+    return {
+        one.log_time - second * 10**9 - ns
+        for one, (second, ns) in zip(messages, stamps, strict=True)
+    }
+
+
+def test_a_rig_under_ros2_control_records_one_topic_of_its_broadcaster(tmp_path: Path) -> None:
+    text = "{ros2_control: {update_rate: 250}, motor_efforts: {}}"
+    command = [str(tmp_path / "bag"), "--robot", ROBOT, *QUICK, *rig(tmp_path, text)]
+    assert main(command) == 0
+    both = Topics("/joint_states", "/joint_states")
+    told = read_recording(tmp_path / "bag", both, motor_efforts=True)
+    winch, elbow = told.motors["winch"], told.joints["elbow"]
+    np.testing.assert_array_equal(winch.stamp_ns, elbow.stamp_ns)
+    assert winch.value.size == 1001
+    assert np.ptp(told.motor_efforts["winch"].value) > 0.1
+
+
+@pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--amplitude-deg", "50"), "--amplitude-deg 50 leaves the range of elbow: at most 40"),
-        (("--effort-noise", "-1"), "--effort-noise must be in [0, 1e+06], got -1"),
+        (("--amplitude", "50deg"), "--amplitude 0.872665 leaves the range of elbow: at most 0.698"),
+        (("--amplitude", "wide"), "such as 0.3 or 20deg, got 'wide'"),
         (("--cells", "0"), "--cells must be in [1, 200], got 0"),
         (("--duration", "-1"), "--duration must be in [0.01, 1e+06], got -1"),
         (("--joint", "knee"), "--joint must be one of elbow, got 'knee'"),
-        (("--dropout", "1.5"), "--dropout must be in [0, 0.99], got 1.5"),
-        (("--rate", "fast"), "--rate must be numbers separated by commas, got 'fast'"),
-        (("--rate", "1,2,3"), "--rate takes 1 or 2 numbers, got 3"),
+        (("--frequency", "fast"), "--frequency must be numbers separated by commas, got 'fast'"),
+        (("--rig", "nosy"), "there is no rig file nosy, and none of that name is installed; did"),
         (("--centre", "0,0.1"), "--centre takes 1 number, got 2"),
-        (("--amplitude-deg", "50", "--centre", "-0"), "to either side of 0; --centre moves"),
-        (("--gravity", "nan"), "--gravity must be in [-1000, 1000], got nan"),
-        (("--fault", "rust@3"), "NAME one of slack, snap, slip"),
-        (("--fault", "snap@3:-1"), "the amount must be in (0, 1000], got -1"),
-        (("--fault", "snap/middle@3"), "there are upper, lower"),
-        (("--motion", "recorded"), "--motion recorded and --recorded BAG require each other"),
+        (("--amplitude", "0.9", "--centre", "-0"), "to either side of 0; --centre moves"),
         (("--payload", "50"), "10 times the preload would not help"),
         (("--payload", "1000"), "at the start: a cable would have to push"),
         (("--mode", "forward", "--payload", "50"), "hold the load in any pose of elbow"),
@@ -253,7 +318,7 @@ def test_several_joints_follow_their_own_motions(tmp_path: Path) -> None:
     code = main(
         [
             str(tmp_path / "bag"), "--robot", str(robot), "--joint", "a", "--joint", "b",
-            "--amplitude-deg", "30,15", "--frequency", "0.5,0.7", "--duration", "4",
+            "--amplitude", "30deg,15deg", "--frequency", "0.5,0.7", "--duration", "4",
         ]
     )  # fmt: skip
     assert code == 0
@@ -299,7 +364,7 @@ def test_a_given_amplitude_is_never_reduced(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
-    assert main([*command, "--amplitude-deg", "28"]) == 2
+    assert main([*command, "--amplitude", "28deg"]) == 2
     assert "element b/5 has no tension" in capsys.readouterr().err
     assert not (tmp_path / "bag").exists()
 
@@ -325,6 +390,8 @@ def test_positions_of_a_prismatic_joint_are_printed_in_metres(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
+    assert main([*command, "--amplitude", "20deg"]) == 2
+    assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
     assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
     error = capsys.readouterr().err
     assert " m, t = " in error

@@ -144,7 +144,7 @@ def test_a_motor_that_is_missing_on_a_shared_topic_is_named(
 
 def test_simulate_makes_a_recording_that_validate_reads(tmp_path: Path) -> None:
     bag, out = tmp_path / "bag", tmp_path / "figures.json"
-    short = ["--duration", "6", "--frequency", "0.5", "--amplitude-deg", "20", "--cells", "2"]
+    short = ["--duration", "6", "--frequency", "0.5", "--amplitude", "20deg", "--cells", "2"]
     assert simulate.main([str(bag), "--robot", str(ROBOT), *short]) == 0
     recording = read_recording(bag)
     assert recording.motors["winch"].stamp_ns.size == 6001

@@ -221,7 +221,7 @@ def test_rig_estimator_and_limiter_together_keep_the_true_tensions_below_the_lim
     start_node("estimator", "--ros-args", "-p", "robot:=prototype")
     start_node(
         "rig", "--ros-args", "-p", "robot:=prototype", "-p", "cells:=1", "-p", "truth_rate:=100.0",
-        "-p", "stop:=[-0.2, 0.2]", "-p", "motor_torque:=20.0",
+        "-p", "rig:=end_stop",
     )  # fmt: skip
     limiter = subprocess.Popen(
         [sys.executable, EXAMPLES / "tension_limiter.py", "--ros-args", "-p", "robot:=prototype",

@@ -176,7 +176,7 @@ def test_validate_gets_the_arguments_and_its_failure_is_that_of_the_launch(launc
 
 def test_the_choices_of_the_launch_files_are_those_of_the_parameters(launched: Any) -> None:
     from cdrj_ros.estimation.conditioner import MODES
-    from cdrj_ros.simulation.live_motion import MOTIONS
+    from cdrj_ros.simulation.follow import MOTIONS
 
     def choices(file: Path, name: str) -> list[str]:
         (one,) = (a for a in runpy.run_path(str(file))["ARGUMENTS"] if a.name == name)

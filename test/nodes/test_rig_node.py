@@ -77,7 +77,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(ros: None) -> Iterator[Callable[..., Bench]]:
+def bench(ros: None, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
     """Create rigs in this process; they are destroyed after the test."""
     from rclpy.experimental import EventsExecutor
     from rclpy.node import Node
@@ -86,7 +86,10 @@ def bench(ros: None) -> Iterator[Callable[..., Bench]]:
 
     opened: list[Bench] = []
 
-    def open_bench(**given: Any) -> Bench:
+    def open_bench(text: str = "{}", **given: Any) -> Bench:
+        path = tmp_path / "rig.yaml"
+        path.write_text(text)
+        given["rig"] = str(path)
         rig = RigNode(parameter_overrides=overrides(**{"cells": 1, **given}))
         user = Node("user", namespace="cdrj")
         executor = EventsExecutor()
@@ -134,7 +137,16 @@ def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, node: Any) -> None:
+def slow_sensors(folder: Path) -> Path:
+    """A rig file whose encoders are read less often."""
+    path = folder / "rig.yaml"
+    path.write_text("{motors: {rate: 250}, joints: {rate: 125}}")
+    return path
+
+
+def test_an_estimator_beside_the_rig_finds_its_true_tensions(
+    start_node: Any, node: Any, tmp_path: Path
+) -> None:
     from cdrj_msgs.msg import CableTensions
     from rclpy.experimental import EventsExecutor
     from trajectory_msgs.msg import JointTrajectory
@@ -152,7 +164,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
         start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
         rig = start_node(
             "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "cells:=4", "-p", "truth_rate:=100",
-            "-p", "motor_rate:=250", "-p", "joint_rate:=125",
+            "-p", f"rig:={slow_sensors(tmp_path)}",
         )  # fmt: skip
         # nothing slips before the first command, so the estimator knows the friction history
         commands = node.create_publisher(JointTrajectory, "/cdrj/motor_trajectory", 10)
@@ -181,7 +193,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(start_node: Any, no
 
 
 def test_every_kind_of_command_moves_the_motor(bench: Any) -> None:
-    one = bench(command_timeout=30.0)
+    one = bench("drives: {command_timeout: 30}")
     angle = one.rig.rig
     one.publish("commands/position", array_of(0.3))
     assert one.spin_until(lambda: angle.motor_angle[0] == 0.3)
@@ -262,7 +274,7 @@ def test_the_true_forces_on_pulleys_are_published_as_vectors(bench: Any) -> None
 
 
 def test_a_motor_that_is_no_longer_commanded_holds(bench: Any) -> None:
-    one = bench(command_timeout=0.1)
+    one = bench("drives: {command_timeout: 0.1}")
     one.publish("commands/velocity", array_of(2.0))
     assert one.spin_until(lambda: one.rig.drives.timeouts == 1)
     held = one.rig.rig.motor_angle[0]
@@ -317,7 +329,7 @@ def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
     assert one.call(Trigger, "rig/reset", Trigger.Request()).success
     assert one.spin_until(lambda: tensions[-1].tension[8] > 20.0)
     assert stamp_ns(tensions[-1]) > before, "the stamps continue to increase"
-    assert (one.rig.rig.faults, one.rig.outputs.frozen) == ((), ())
+    assert (one.rig.rig.faults, one.rig.outputs.frozen(1e9)) == ((), ())
 
 
 def test_load_cells_clock_and_payload(bench: Any) -> None:
@@ -327,8 +339,8 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
 
-    one = bench(load_cells=["upper/8", "lower/1"], drive_clock=True, speed=3,
-                motor_efforts=True)  # fmt: skip
+    text = "{load_cells: {elements: [upper/8, lower/1]}, motor_efforts: {}}"
+    one = bench(text, drive_clock=True, speed=3)
     cells = one.listen(CableTensions, "tension_sensors")
     clock = one.listen(Clock, "/clock")
     motors = one.listen(JointState, "motor_states")
@@ -352,7 +364,7 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
     before = one.rig.rig.joint_angle[0]
     assert set_one("payload", 2), "an integer is converted to 2.0"
     assert one.spin_until(lambda: one.rig.rig.joint_angle[0] < before - 1e-3)
-    assert not set_one("payload", -1.0)
+    assert not set_one("payload", -2.0)
     assert not set_one("preload", [1.0, 2.0])
     assert not set_one("cells", 4)
 
@@ -409,7 +421,7 @@ def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any
 
 
 def test_the_documents_table_lists_every_parameter_topic_and_service(bench: Any) -> None:
-    one = bench(truth_rate=1.0, drive_clock=True, load_cells=["upper/8"])
+    one = bench("load_cells: {elements: [upper/8]}", truth_rate=1.0, drive_clock=True)
     rows = re.findall(r"^\| (in|out|service|parameter) \| (.+?) \|", PAGE.read_text(), re.MULTILINE)
     listed: dict[str, set[str]] = {}
     for kind, names in rows:
@@ -441,13 +453,9 @@ def test_the_documents_table_lists_every_parameter_topic_and_service(bench: Any)
         ({"robot": ""}, "the parameter robot is missing"),
         ({"use_sim_time": True}, "the rig keeps its own time"),
         ({"joint": "knee"}, "joint must be one of elbow, got 'knee'"),
-        ({"stop": [0.1]}, "stop needs two numbers"),
-        ({"stop": [0.2, 0.1]}, "the stops of elbow must lie within its range"),
-        ({"load": "feather"}, "load must be one of rolling, pendulum, lift"),
+        ({"rig": "nosy"}, "there is no rig file nosy"),
         ({"motion": "waltz"}, "motion must be one of none, sine"),
         ({"speed": 2.0}, "speed 2 needs drive_clock"),
-        ({"load_cells": ["upper/99"]}, "load_cells must be of upper/1"),
-        ({"rotor_inertia": 1e-9}, "rotor_inertia must be at least"),
     ],
 )
 def test_an_invalid_parameter_is_refused_at_the_start(
@@ -461,6 +469,50 @@ def test_an_invalid_parameter_is_refused_at_the_start(
     with pytest.raises(UsageError, match=words):
         made.append(RigNode(parameter_overrides=overrides(**given)))
     assert not made
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("load: {stops: [0.2, 0.1]}", "the stops of elbow must lie within its range"),
+        ("load_cells: {elements: [upper/99]}", "must be one of upper/1"),
+        ("drives: {rotor_inertia: 1e-9}", "rotor_inertia must be at least"),
+        ("faults: [{kind: snap, cable: middle, at: 1}]", "there are upper, lower"),
+    ],
+)
+def test_a_rig_file_that_does_not_suit_the_robot_is_refused_at_the_start(
+    bench: Any, text: str, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        bench(text)
+
+
+def test_faults_of_the_rig_file_happen_at_their_times_and_again_after_a_reset(bench: Any) -> None:
+    from cdrj_msgs.msg import CableTensions
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    one = bench(
+        "{faults: [{kind: snap, cable: lower, at: 0.5, amount_mm: 10}, "
+        "{kind: freeze, encoder: elbow, at: 0.5}], joints: {noise: 0.01, latency: 0.1}}",
+        truth_rate=100.0,
+    )
+    tensions = one.listen(CableTensions, "truth/tensions")
+    joints = one.listen(JointState, "joint_states")
+    steps = lambda: one.rig.rig.steps  # noqa: E731
+    for _ in range(2):
+        tensions.clear()
+        assert one.spin_until(lambda: 100 < steps() < 400 and tensions)
+        assert tensions[-1].tension[8] > 10.0
+        assert one.spin_until(lambda: steps() > 700)
+        assert one.spin_until(lambda: tensions[-1].tension[8] == 0.0)
+        assert one.rig.outputs.frozen(one.rig._time_s) == ("elbow",)
+        joints.clear()
+        assert one.spin_until(lambda: len(joints) > 100)
+        assert len({message.position[0] for message in joints[-20:]}) == 1
+        assert one.call(Trigger, "rig/reset", Trigger.Request()).success
+    late_ns = one.rig._zero_ns + round(one.rig._time_s * 1e9) - stamp_ns(joints[-1])
+    assert late_ns > 90_000_000, "its latency"
 
 
 def test_the_command_names_a_missing_parameter_in_one_line(executables: Path) -> None:

@@ -87,8 +87,8 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     clock = [Parameter("use_sim_time", value=True)]
     watch = WatchNode(forces=True, choice=Choice(), parameter_overrides=clock)
     given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}
-    asked = [Parameter("load_cells", value=["upper/8"])]
-    asked += [Parameter(name, value=value) for name, value in given.items()]
+    given |= {"rig": "load_cells"}
+    asked = [Parameter(name, value=value) for name, value in given.items()]
     rig = RigNode(parameter_overrides=asked)
     markers = MarkersNode(parameter_overrides=[Parameter("robot", value=ROBOT)])
     onlooker = Node("onlooker")

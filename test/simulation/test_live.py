@@ -13,13 +13,11 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.commands import DriveLimits, checked_command
+from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.faults import Fault
-from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.follow import Demonstration, follow_joints, program_of
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
-from cdrj_ros.simulation.live_commands import checked_command
-from cdrj_ros.simulation.live_drives import Drives
-from cdrj_ros.simulation.live_limits import DriveLimits, drive_limits
-from cdrj_ros.simulation.live_motion import Demonstration, program_of
 from cdrj_ros.simulation.load import Load, energy, make_load
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
@@ -98,14 +96,18 @@ def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> Non
     motors = follow_joints(prepare(robot), sine(0.4, 0.5)(TIME).angle[:, None]).motor_angle
     planned = (Fault("snap", 0.6, 5e-4, "lower"), Fault("slip", 0.4, cable="upper"))
     truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=2, faults=planned)
-    run = run_of(robot)
+    commanded = run_of(robot)
     for k in range(1, TIME.size):
         if k == 401:
-            run.rig.break_cable("slip", "upper")
+            commanded.rig.break_cable("slip", "upper")
         if k == 601:
-            run.rig.break_cable("snap", "lower", 5e-4)
-        run.tell("position", motors[k, 0]).step()
-    assert_same_digits(run.truth(), truth)
+            commanded.rig.break_cable("snap", "lower", 5e-4)
+        commanded.tell("position", motors[k, 0]).step()
+    assert_same_digits(commanded.truth(), truth)
+    by_themselves = Run(live(robot, cells=2, faults=planned), Drives(drive_limits(robot, RATE)))
+    for k in range(1, TIME.size):
+        by_themselves.tell("position", motors[k, 0]).step()
+    assert_same_digits(by_themselves.truth(), truth)
 
 
 def test_the_demonstration_moves_the_motors_as_simulate_does(robots: Robots) -> None:

@@ -11,11 +11,13 @@ from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.sensors import (
     Encoder,
     LoadCells,
-    lost,
+    Losses,
+    ReadingTimes,
+    Schedule,
+    angle_of,
     read_cells,
     read_encoder,
     reading_times,
-    schedule,
 )
 
 ENCODER = Encoder(16_384, 1000.0)
@@ -26,6 +28,10 @@ ANGLE = 0.5 * np.sin(TIME)
 
 def _generator() -> np.random.Generator:
     return np.random.default_rng(5)
+
+
+def schedule(sensor: Encoder | LoadCells, begin: float, end: float, seed: int = 5) -> Schedule:
+    return ReadingTimes(sensor, begin, [seed]).until(end)
 
 
 def test_every_reading_is_a_whole_number_of_counts() -> None:
@@ -45,7 +51,7 @@ def test_noise_and_bias_have_the_requested_size() -> None:
 def test_jitter_moves_stamps_and_keeps_their_order() -> None:
     for jitter in (1e-4, 1e-2):
         encoder = replace(ENCODER, jitter_s=jitter)
-        plan = schedule(encoder, 0.0, 20.0, _generator())
+        plan = schedule(encoder, 0.0, 20.0)
         np.testing.assert_array_equal(plan.times, reading_times(0.0, 20.0, 1000.0))
         assert np.all(np.diff(plan.stamps) > 0.0)
         off = plan.stamps - plan.times
@@ -55,7 +61,8 @@ def test_jitter_moves_stamps_and_keeps_their_order() -> None:
 @pytest.mark.parametrize("burst", [0.0, 5.0, 50.0])
 def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
     share = 0.1
-    gone = lost(400_000, share, burst, _generator())
+    losses = Losses(share, burst, _generator())
+    gone = np.concatenate([losses.take(1_000) for _ in range(400)])
     assert gone.mean() == pytest.approx(share, rel=0.12)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], gone.astype(np.int8), [0]])))
     lengths = edges[1::2] - edges[::2]
@@ -63,7 +70,7 @@ def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
 
 
 def test_lost_readings_leave_gaps_and_change_nothing_else() -> None:
-    plan = schedule(replace(ENCODER, dropout=0.2), 0.0, 20.0, _generator())
+    plan = schedule(replace(ENCODER, dropout=0.2), 0.0, 20.0)
     assert plan.times.size == pytest.approx(0.8 * 20_001, rel=0.03)
     assert set(plan.times) <= set(reading_times(0.0, 20.0, 1000.0))
     np.testing.assert_array_equal(plan.times, plan.stamps)
@@ -71,16 +78,16 @@ def test_lost_readings_leave_gaps_and_change_nothing_else() -> None:
 
 def test_seeds_reproduce_and_differ() -> None:
     encoder = replace(ENCODER, jitter_s=1e-4, dropout=0.1, burst_s=0.01)
-    one, same = (schedule(encoder, 0.0, 5.0, _generator()) for _ in range(2))
+    one, same = (schedule(encoder, 0.0, 5.0) for _ in range(2))
     np.testing.assert_array_equal(one.stamps, same.stamps)
-    other = schedule(encoder, 0.0, 5.0, np.random.default_rng(6))
+    other = schedule(encoder, 0.0, 5.0, 6)
     assert one.stamps.size != other.stamps.size or np.any(one.stamps != other.stamps)
 
 
 def test_an_ideal_sensor_draws_no_random_numbers() -> None:
     generator = _generator()
-    plan = schedule(ENCODER, 0.0, 1.0, generator)
-    read_encoder(ENCODER, plan.times, TIME, ANGLE, generator)
+    ReadingTimes(ENCODER, 0.0, generator).until(5.0)
+    read_encoder(ENCODER, TIME, TIME, ANGLE, generator)
     assert generator.random() == _generator().random()
 
 
@@ -90,9 +97,10 @@ def test_noise_without_a_generator_is_an_error_of_the_caller() -> None:
 
 
 def test_the_robot_file_converts_a_reading_back_into_the_angle() -> None:
-    sensor = Sensor(scale=-0.5, offset=0.3)
-    read = read_encoder(ENCODER, TIME, TIME, ANGLE, sensor=sensor)
-    assert np.abs(sensor.scale * read + sensor.offset - ANGLE).max() <= 0.25 * STEP + 1e-12
+    bent = Sensor(-0.5, 0.3, corrected_at=(-0.4, 0.0, 0.3), correction=(0.1, -0.1, 0.02))
+    for sensor in (Sensor(scale=-0.5, offset=0.3), bent):
+        read = read_encoder(ENCODER, TIME, TIME, ANGLE, sensor=sensor)
+        assert np.abs(angle_of(sensor, read) - ANGLE).max() <= 0.5 * STEP + 1e-12
 
 
 def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
@@ -106,7 +114,7 @@ def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
 
 def test_load_cells_have_a_bias_and_lose_readings_as_encoders_do() -> None:
     cells = LoadCells(force_bias=0.5, dropout=0.3, jitter_s=1e-3)
-    plan = schedule(cells, 0.0, 20.0, _generator())
+    plan = schedule(cells, 0.0, 20.0)
     assert plan.times.size == pytest.approx(0.7 * 2001, rel=0.06)
     assert np.all(np.diff(plan.stamps) > 0.0)
     values = np.full((TIME.size, 2), 20.0)

@@ -12,8 +12,8 @@ from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.simulation.follow import BEGIN_S, Demonstration, program_of
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
-from cdrj_ros.simulation.live_motion import BEGIN_S, Demonstration, program_of
 from cdrj_ros.simulation.load import SAG, make_load, usual_load, usual_payload
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

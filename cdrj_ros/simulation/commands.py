@@ -1,4 +1,4 @@
-"""Commands to the motors of a live rig, validated on creation, and the causes of refusals."""
+"""Commands to the motors of the live rig, checked on creation against the limits of the drives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.simulation.live_limits import DriveLimits
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -32,7 +31,33 @@ MOST_POINTS: Final = 100_000
 LONGEST_S: Final = 86_400.0
 """Longest duration of a trajectory [s]."""
 
+TRAVEL: Final = 1e3
+"""Largest travel from the reference angle to either side [rad]."""
+
 UNITS: Final = {"position": "rad from its reference angle", "velocity": "rad/s", "effort": "N m"}
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """Limits of all motors, in the robot's order."""
+
+    motors: tuple[str, ...]
+    reference: tuple[float, ...]
+    """Angle from which travel is measured [rad]."""
+    effort_sign: tuple[int, ...]
+    """+1 where the robot's effort is the torque that the cables exert on the motor."""
+    speed: tuple[float, ...]
+    """Largest speed [rad/s]."""
+    torque: tuple[float, ...]
+    """Largest torque [N m]; a motor stalls if its position or speed requires more."""
+    inertia: tuple[float, ...]
+    """Inertia of rotor and drum, for effort commands [kg m^2]."""
+    damping: float
+    """Damping of every rotor, for effort commands [N m s/rad]."""
+    timeout_s: float
+    """Time without a command after which a motor in velocity or effort mode holds its angle [s]."""
+    travel: float = TRAVEL
+    """Largest travel from the reference angle to either side [rad]."""
 
 
 class CommandError(UsageError):

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.simulation.live import LiveRig, LiveSettings
-from cdrj_ros.simulation.live_commands import (
+from cdrj_ros.simulation.commands import (
     CAUSES,
     CommandError,
+    DriveLimits,
     checked_command,
     checked_trajectory,
     command_of_states,
 )
-from cdrj_ros.simulation.live_drives import Drives
-from cdrj_ros.simulation.live_limits import DriveLimits, drive_limits
+from cdrj_ros.simulation.drives import Drives, drive_limits
+from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load
 
 NAN, INF = float("nan"), float("inf")

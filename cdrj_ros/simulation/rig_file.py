@@ -1,0 +1,164 @@
+"""The rig file: sensors, drives, load and faults of the simulated rig, of bags and of the node."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib import resources
+from typing import Any, Final
+
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.untrusted import InputError, read_regular
+from cdrj_ros.model.loading import installed_path
+from cdrj_ros.robot.document import Document, check_document, si_document
+from cdrj_ros.simulation.faults import Fault, check_amount
+from cdrj_ros.simulation.load import LoadKind
+from cdrj_ros.simulation.sensor_groups import IDEAL_SENSORS, Freeze, SensorSettings
+from cdrj_ros.simulation.sensors import LOAD_CELLS, Encoder
+
+MAXIMUM_BYTES: Final = 1_000_000
+"""Size of the largest file that is read [bytes]."""
+
+UPDATE_RATE: Final = 500.0
+"""Default rate of a controller manager [Hz]."""
+
+ENCODER_KEYS: Final = {
+    "counts": "counts",
+    "rate": "rate",
+    "phase": "phase_s",
+    "noise": "noise",
+    "bias": "bias",
+    "jitter": "jitter_s",
+    "dropout": "dropout",
+    "burst": "burst_s",
+    "latency": "latency_s",
+}
+"""Keys of an encoder, and the fields that they set."""
+
+CELL_KEYS: Final = {**ENCODER_KEYS, "noise": "force_noise", "bias": "force_bias"}
+
+DRIVE_KEYS: Final = {
+    "max_speed": "speed",
+    "max_torque": "torque",
+    "rotor_inertia": "inertia",
+    "rotor_damping": "damping",
+    "command_timeout": "timeout_s",
+}
+"""Keys of the drives, and the arguments of ``drive_limits`` that they set."""
+
+
+@dataclass(frozen=True)
+class LoadChoice:
+    """The load of the balanced or free joint; None: a default that depends on the use."""
+
+    kind: LoadKind | None = None
+    payload: float | None = None
+    """[kg]."""
+    gravity: float = 9.81
+    """Against positive joint angle [m/s^2]."""
+    damping: float | None = None
+    """[N m s/rad]."""
+    stops: tuple[float, float] | None = None
+    """Lower and upper end stop [rad] or [m]."""
+
+
+@dataclass(frozen=True)
+class RigDescription:
+    """The content of a rig file."""
+
+    sensors: SensorSettings = IDEAL_SENSORS
+    load: LoadChoice = field(default_factory=LoadChoice)
+    drives: Mapping[str, float] = field(default_factory=dict)
+    """Arguments of ``drive_limits`` that are given."""
+    faults: tuple[Fault, ...] = ()
+
+
+def load_rig(path: str) -> RigDescription:
+    """Read a rig file; a bare name means an installed one, empty: ideal sensors, no fault.
+
+    Raises:
+        UsageError: with one line that names the key, what was given and what is allowed.
+    """
+    if not path:
+        return RigDescription()
+    try:
+        found = installed_path(path, "rigs", "rig file")
+        return parse_rig(read_regular(found, MAXIMUM_BYTES).decode(), str(found))
+    except RobotFileError as error:
+        raise UsageError(str(error)) from None
+    except InputError as error:
+        raise UsageError(f"cannot read the rig file {path}: {error}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"{path} is not UTF-8 text") from None
+
+
+def parse_rig(text: str, source: str = "rig file") -> RigDescription:
+    """The rig that a YAML text describes; ``source`` is named in errors.
+
+    Raises:
+        CdrjError: as ``load_rig``.
+    """
+    document = si_document(text, source, "sensors, drives, load or faults")
+    check_document(document, _validator(), source)
+    faults = [_fault(entry, f"faults[{k}]") for k, entry in enumerate(document.get("faults", ()))]
+    load = dict(document.get("load", {}))
+    if "stops" in load:
+        load["stops"] = tuple(map(float, load["stops"]))
+    return RigDescription(
+        _sensors(document, tuple(one for one in faults if isinstance(one, Freeze))),
+        LoadChoice(**load),
+        _renamed(document.get("drives", {}), DRIVE_KEYS),
+        tuple(one for one in faults if isinstance(one, Fault)),
+    )
+
+
+def _sensors(document: Document, freezes: tuple[Freeze, ...]) -> SensorSettings:
+    cells = document.get("load_cells", {})
+    given = {key: value for key, value in cells.items() if key != "elements"}
+    efforts, control = document.get("motor_efforts"), document.get("ros2_control")
+    return SensorSettings(
+        _encoder(IDEAL_SENSORS.motors, document.get("motors", {})),
+        _encoder(IDEAL_SENSORS.joints, document.get("joints", {})),
+        None if efforts is None else float(efforts.get("noise", LOAD_CELLS.torque_noise)),
+        tuple(cells.get("elements", ())),
+        replace(LOAD_CELLS, **_renamed(given, CELL_KEYS)),
+        replace(LOAD_CELLS, **_renamed(document.get("references", {}), CELL_KEYS)),
+        None if control is None else float(control.get("update_rate", UPDATE_RATE)),
+        freezes,
+    )
+
+
+def _encoder(usual: Encoder, entry: Document) -> Encoder:
+    changed: dict[str, Any] = _renamed(entry, ENCODER_KEYS)
+    if "counts" in changed:
+        changed["counts"] = int(changed["counts"])
+    return replace(usual, **changed)
+
+
+def _renamed(entry: Document, keys: Mapping[str, str]) -> dict[str, float]:
+    return {keys[key]: float(value) for key, value in entry.items()}
+
+
+def _fault(entry: Document, path: str) -> Fault | Freeze:
+    """A fault, whose keys suit its kind."""
+    kind, begin = entry["kind"], float(entry["at"])
+    if kind == "freeze":
+        if "encoder" not in entry or "cable" in entry or "amount" in entry:
+            raise UsageError(f"{path}: freeze needs encoder, and neither cable nor amount")
+        return Freeze(entry["encoder"], begin)
+    if "encoder" in entry:
+        raise UsageError(f"{path}.encoder is a key of freeze, not of {kind}")
+    amount = entry.get("amount")
+    if amount is not None:
+        check_amount(kind, float(amount))
+    return Fault(kind, begin, None if amount is None else float(amount), entry.get("cable"))
+
+
+@lru_cache(maxsize=1)
+def _validator() -> Any:
+    import jsonschema  # takes 65 ms, which not every command needs
+
+    text = resources.files("cdrj_ros.simulation").joinpath("rig.schema.json").read_text("utf-8")
+    return jsonschema.Draft202012Validator(json.loads(text))

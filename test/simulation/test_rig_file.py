@@ -1,0 +1,134 @@
+"""Rig files: the shipped ones, what every key sets, and messages for invalid ones."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import cdrj_ros.simulation
+from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.simulation.drives import drive_limits
+from cdrj_ros.simulation.faults import Fault, wire
+from cdrj_ros.simulation.rig_file import LoadChoice, RigDescription, load_rig, parse_rig
+from cdrj_ros.simulation.sensor_groups import (
+    CellGroup,
+    Freeze,
+    SensorSettings,
+    encoder_groups,
+)
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, LoadCells
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = json.loads((Path(cdrj_ros.simulation.__file__).parent / "rig.schema.json").read_text())
+SHIPPED = sorted(path.stem for path in (ROOT / "config" / "rigs").glob("*.yaml"))
+
+
+def test_the_default_is_the_ideal_rig() -> None:
+    assert load_rig("ideal") == load_rig("") == RigDescription()
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_file_suits_the_prototype(name: str) -> None:
+    rig, model = load_rig(name), load_model("prototype")
+    assert encoder_groups(model, rig.sensors, 0)
+    CellGroup(model, rig.sensors, 0)
+    wire(model.robot, rig.faults)
+    drive_limits(model.robot, 1000.0, **rig.drives)
+
+
+def test_every_key_sets_what_it_says() -> None:
+    rig = parse_rig("""
+    motors: {counts: 100, rate: 10, phase: 0.1, noise: 0.2, bias_deg: 90, jitter: 0.3, dropout: 0.4,
+             burst: 0.5, latency: 0.6}
+    joints: {counts: 200}
+    motor_efforts: {noise: 0.7}
+    load_cells: {elements: [upper/8, lower/1], rate: 20, noise: 0.8, bias: 0.9, jitter: 0.01,
+                 dropout: 0.02, burst: 0.03, latency: 0.04}
+    references: {noise: 1.1, bias: 1.2}
+    load: {kind: lift, payload: 2, gravity: -3, damping: 4, stops: [-1, 1]}
+    drives: {max_speed: 1, max_torque: 2, rotor_inertia: 3, rotor_damping: 4, command_timeout: 5}
+    faults:
+      - {kind: snap, at: 20, cable: lower, amount_mm: 3}
+      - {kind: freeze, at: 7, encoder: elbow}
+      - {kind: slip, at: 1}
+    ros2_control: {update_rate: 250}
+    """)
+    quarter = 1.5707963267948966
+    assert rig == RigDescription(
+        SensorSettings(
+            replace(
+                MOTOR_ENCODER, counts=100, rate=10.0, phase_s=0.1, noise=0.2, bias=quarter,
+                jitter_s=0.3, dropout=0.4, burst_s=0.5, latency_s=0.6,
+            ),
+            replace(JOINT_ENCODER, counts=200),
+            0.7,
+            ("upper/8", "lower/1"),
+            LoadCells(
+                rate=20.0, force_noise=0.8, force_bias=0.9, jitter_s=0.01, dropout=0.02,
+                burst_s=0.03, latency_s=0.04,
+            ),
+            LoadCells(force_noise=1.1, force_bias=1.2),
+            250.0,
+            (Freeze("elbow", 7.0),),
+        ),
+        LoadChoice("lift", 2, -3, 4, (-1.0, 1.0)),
+        {"speed": 1.0, "torque": 2.0, "inertia": 3.0, "damping": 4.0, "timeout_s": 5.0},
+        (Fault("snap", 20.0, 0.003, "lower"), Fault("slip", 1.0)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[1]", "must hold a mapping with sensors, drives, load or faults"),
+        ("sensor: {}", "sensor is not a known key; known keys: drives, faults"),
+        ("motors: {count: 3}", "motors.count is not a known key; did you mean 'counts'?"),
+        ("motors: {noise: -1}", "motors.noise must be at least 0, got -1"),
+        ("motors: {noise: .nan}", "motors.noise must be a finite number"),
+        ("joints: {counts: 10.5}", "joints.counts must be of type integer, got 10.5"),
+        ("load_cells: {}", "load_cells.elements is missing: Elements with a cell"),
+        ("load: {kind: feather}", "load.kind must be one of rolling, pendulum, lift, got"),
+        ("faults: [{kind: rust, at: 3}]", "faults[0].kind must be one of slack, snap, slip"),
+        ("faults: [{kind: snap}]", "faults[0].at is missing: Time from the start"),
+        ("faults: [{kind: snap, at: 3, amount: 5}]", "the amount of snap must be in (0, 1], got 5"),
+        ("faults: [{kind: freeze, at: 3}]", "faults[0]: freeze needs encoder"),
+        ("faults: [{kind: slip, at: 3, encoder: a}]", "faults[0].encoder is a key of freeze"),
+        ("ros2_control: {update_rate: 0}", "ros2_control.update_rate must be at least 1, got 0"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_explained_by_the_key(text: str, words: str) -> None:
+    with pytest.raises(CdrjError, match=re.escape(words)):
+        parse_rig(text)
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe")
+    (tmp_path / "long.yaml").write_bytes(b"#" * 1_000_001)
+    for name, words in (
+        ("bytes.yaml", "is not UTF-8 text"),
+        ("long.yaml", "at most 1000000 are read"),
+        ("none.yaml", "cannot read the rig file .*none.yaml: No such file"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            load_rig(str(tmp_path / name))
+    with pytest.raises(UsageError, match="none of that name is installed; did you mean noisy"):
+        load_rig("nosy")
+
+
+def test_the_page_lists_every_key() -> None:
+    page = (ROOT / "docs" / "rig.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", page, re.MULTILINE)
+    listed = {section: set(re.findall(r"`(\w+)`", keys)) for section, keys in rows}
+
+    def keys_of(rules: dict) -> set[str]:  # type: ignore[type-arg]
+        if "$ref" in rules:
+            rules = SCHEMA["$defs"][rules["$ref"].rpartition("/")[2]]
+        return set(rules.get("items", rules)["properties"])
+
+    wanted = {name: keys_of(rules) for name, rules in SCHEMA["properties"].items()}
+    assert {name: listed[name] for name in wanted} == wanted
