@@ -66,7 +66,8 @@ def preloads_of(model: Model, preloads: Mapping[str, float]) -> Change:
             raise UsageError(f"preload of {name} must be in [0, 1e6) N, got {value:g}")
     return Change(
         {f"cables.{name}.preload": value for name, value in preloads.items()},
-        "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items()),
+        "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items() if v != known[n])
+        or "all preloads as before",
     )
 
 

@@ -11,6 +11,7 @@ from cdrj_ros.inspection.contact_suspicions import contact_suspicions
 from cdrj_ros.inspection.observability import determined_joints
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
+from cdrj_ros.robot.units import unit_doubts
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""
@@ -26,9 +27,6 @@ MOST_TURNS: Final = 10.0
 
 LARGEST_LOSS: Final = 0.5
 """Relative loss of tension beyond which friction errors dominate the estimate [-]."""
-
-LONGEST_CABLE: Final = 50.0
-"""Length of a cable beyond which millimetres were probably given as metres [m]."""
 
 LARGEST_STRAIN: Final = 0.03
 """Strain at which cables usually break or yield [-]."""
@@ -53,7 +51,7 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     """Find all suspicious properties of a robot, grave ones first."""
     robot = inspection.model.robot
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
-    found: list[Suspicion] = []
+    found = [Suspicion(*doubt) for doubt in unit_doubts(robot)]
     for cable, check in zip(robot.cables, inspection.cables, strict=True):
         entry = entries.get(cable.name, {})
         found += _geometry(robot, cable, check)
@@ -95,12 +93,6 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
                 f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: more than "
                 "a whole turn, so that the cable crosses itself",
             )
-    if cable.spatial and check.length.high > LONGEST_CABLE:
-        yield Suspicion(
-            cable.name,
-            f"it is {check.length.high:.4g} m long{_at(robot, check.length.high_at)}: are the "
-            "positions in millimetres? Then append _mm to their keys; a URDF is in metres",
-        )
     yield from _arms_and_spans(robot, cable, check)
 
 

@@ -29,6 +29,7 @@ from cdrj_ros.model.state import (
     state_size,
 )
 from cdrj_ros.robot.description import Node, Robot, Winch
+from cdrj_ros.robot.units import unit_doubts
 
 Vector = NDArray[np.float64]
 
@@ -360,7 +361,17 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
 
 
 def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
-    """Error message of one line that names the impossible node or element and the joint angles."""
+    """Error message of one line that names the impossible node or element and the joint angles.
+
+    It begins with a doubtful unit, if there is one.
+    """
+    doubt = next(unit_doubts(model.robot), None)
+    reason = _impossible_part(model, angle, shape)
+    return f"{doubt.where}: {doubt.text} With it {reason}" if doubt else reason
+
+
+def _impossible_part(model: Model, angle: Vector, shape: Shape) -> str:
+    """The impossible node or element and the joint angles."""
     robot, first_node = model.robot, 0
     touches: Any = placed(model, angle)[1].touches
     centres = touches["centre"]

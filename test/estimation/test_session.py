@@ -452,7 +452,9 @@ def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: S
     live = LiveEstimator(model)
     for k in range(500):
         live.take(_sample(readings, k))
-    assert "36.85 N, now 30 N" in live.set_preload({"upper": 30.0})
+    words = live.set_preload({"upper": 30.0, "lower": 26.26})
+    assert "upper: 36.85 N, now 30 N" in words
+    assert "lower" not in words, "it does not change"
     expected = LiveEstimator(load_model(ROBOT, "30,26.26"))
     for k in range(500, 520):
         one, other = live.take(_sample(readings, k)), expected.take(_sample(readings, k))

@@ -1,0 +1,69 @@
+"""Wrong units of a robot file are asked for before its geometry is judged."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.inspection.ranges import inspect_robot
+from cdrj_ros.inspection.suspicions import find_suspicions
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.units import unit_doubts
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
+ONE_JOINT = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[0]
+
+MISTAKES = [
+    ("range_deg: [-50, 50]", "range: [-45, 90]", "shoulder", "14.3 turns: is it range_deg?", False),
+    (
+        "range_deg: [-50, 50]",
+        "range_deg: [-0.78, 1.57]",
+        "shoulder",
+        "in degrees: is it range, in",
+        True,
+    ),
+    ("radius_mm: 15", "radius: 15", "flexor/1", "radius is 15 m: is it radius_mm?", False),
+    (
+        "radius_mm: 15",
+        "radius_mm: 0.015",
+        "flexor/1",
+        "radius is 0.015 mm: is it radius, in m?",
+        True,
+    ),
+    (
+        "position_mm: [150, 60]",
+        "position: [150, 60]",
+        "flexor/2",
+        "150 m away: is it position_mm?",
+        True,
+    ),
+    ("origin_mm: [300, 0]", "origin: [300, 0]", "frame arm", "300 m away: is it origin_mm?", True),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "where", "words", "possible"), MISTAKES)
+def test_the_reader_or_check_robot_asks_for_the_unit(
+    right: str, wrong: str, where: str, words: str, possible: bool
+) -> None:
+    assert right in ONE_JOINT
+    robot = parse_robot(ONE_JOINT.replace(right, wrong, 1))
+    doubt = next(unit_doubts(robot))
+    assert doubt.where == where
+    assert words in doubt.text
+    if possible:
+        found = find_suspicions(inspect_robot(prepare(robot)))[0]
+        assert (found.where, found.text, found.grave) == (where, doubt.text, True)
+    else:
+        with pytest.raises(RobotFileError, match=re.escape(f"{where}: {doubt.text} With it ")):
+            prepare(robot)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config" / "robots").glob("*.yaml")))
+def test_no_robot_of_the_package_is_doubted(path: Path) -> None:
+    assert list(unit_doubts(load_model(str(path)).robot)) == []
