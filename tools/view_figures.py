@@ -1,6 +1,7 @@
 """Renew the pictures of docs/view.md with a headless Chromium, as `make figures` does.
 
-The sample recording is shown: view_desk.png light on a desk, view_phone.png dark on a phone.
+view_desk.png and view_phone.png show the sample recording, light on a desk and dark on a phone;
+wrist.gif shows the wrist in motion, simulated here: its jaws open and close while they grip.
 """
 
 from __future__ import annotations
@@ -12,10 +13,17 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.common.keys import Keys
+
+import cdrj_ros as cdrj
+from cdrj_ros.recordings import BagWriter
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 FIGURES: Final = ROOT / "docs" / "figures"
@@ -30,6 +38,21 @@ LOADED_S: Final = 60.0
 SETTLED_S: Final = 8.0
 """Time after which a page that no longer changes is drawn [s]."""
 
+MOVING: Final = (1460, 460)
+"""Size of the window of the animation [px]."""
+
+BETWEEN: Final = (340, 40, 880, 400)
+"""Its part between the panels: left, upper, right and lower end [px]."""
+
+FRAMES: Final = 40
+"""Pictures of the animation, one every PERIOD_S / FRAMES of the motion."""
+
+PERIOD_S: Final = 4.0
+"""Duration of the motion, which repeats [s]."""
+
+FRAME_S: Final = 1.0
+"""Time after which the page shows another time of the recording [s]."""
+
 SMALL: Final = (700, 300)
 """Size of the window while the recording plays, because software renders slowly [px]."""
 
@@ -40,6 +63,11 @@ if (button && parseFloat(text.split(" s of ")[0].split("\\n").pop()) > 6.0) butt
 return !button;
 """
 """Pauses the recording after six seconds; returns whether it is paused."""
+
+CLOSE: Final = (
+    "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
+)
+"""Closes the notice that the browser renders in software."""
 
 OPTIONS: Final = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
@@ -91,19 +119,26 @@ def resize(browser: Any, size: tuple[int, int]) -> None:
     )
 
 
-def picture(folder: Path, address: str, size: tuple[int, int], path: Path) -> None:
-    """Take a picture of the page in a window of the given size [px]."""
-    from selenium import webdriver
-
+@contextmanager
+def browsing(folder: Path, size: tuple[int, int]) -> Iterator[Any]:
+    """Start a browser with a window of the given size [px]; ``folder`` holds its profile."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     width, height = size
     for option in (*OPTIONS, f"--window-size={width},{height}", f"--user-data-dir={folder}"):
         options.add_argument(option)
     service = webdriver.ChromeService(shutil.which("chromedriver"))
-    browser: Any = webdriver.Chrome(options=options, service=service)
+    browser = webdriver.Chrome(options=options, service=service)
     try:
-        resize(browser, (min(width, SMALL[0]), min(height, SMALL[1])))
+        resize(browser, size)
+        yield browser
+    finally:
+        browser.quit()
+
+
+def picture(folder: Path, address: str, size: tuple[int, int], path: Path) -> None:
+    """Take a picture of the page in a window of the given size [px]."""
+    with browsing(folder, (min(size[0], SMALL[0]), min(size[1], SMALL[1]))) as browser:
         browser.get(address)
         wait_for(browser, "return document.body.innerText.includes(' of ')")
         wait_for(browser, PAUSE)
@@ -112,14 +147,60 @@ def picture(folder: Path, address: str, size: tuple[int, int], path: Path) -> No
         browser.get(address)  # the camera is aimed while the page loads
         wait_for(browser, "return document.body.innerText.includes(' of ')")
         time.sleep(SETTLED_S)
-        browser.execute_script(  # a notice that the browser renders in software
-            "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
-        )
+        browser.execute_script(CLOSE)
         time.sleep(2.0)
         browser.save_screenshot(str(path))
-    finally:
-        browser.quit()
     Image.open(path).convert("RGB").quantize(128).save(path, optimize=True)
+    print(f"view: {path.relative_to(ROOT)}")
+
+
+def record_wrist(bag: Path) -> str:
+    """Write a bag of the wrist: it pitches, and its jaws close on something; returns its file."""
+    text = (ROOT / "config" / "robots" / "wrist.yaml").read_text()
+    robot = bag.parent / "wrist.yaml"
+    robot.write_text(f"{text}\nuncertainty: {{others: exact}}\n")
+    model = cdrj.load(robot)
+    seconds = np.arange(0.0, 2.0 * PERIOD_S, 0.002)
+    phase = 2.0 * np.pi * seconds / PERIOD_S
+    opened = 0.35 + 0.25 * np.cos(phase)
+    joints = np.column_stack([0.5 * np.sin(phase), opened, -opened])
+    motors = cdrj.follow_joints(model, joints).motor_angle
+    grip = np.clip(-np.cos(phase), 0.0, None)  # the drums that close the jaws wind in further
+    motors += np.outer(grip, [0.0, 0.8, 0.8, 0.0])
+    truth = cdrj.simulate(model.robot, seconds, joints, motor_angle=motors)
+    stamps = 1_000_000_000 + np.round(1e9 * seconds).astype(np.int64)
+    topics = cdrj.Topics()
+    with BagWriter(bag) as writer:
+        writer.write_joint_states(topics.motors, stamps, model.layout.motors, truth.motor_angle)
+        writer.write_joint_states(topics.joints, stamps, model.layout.joints, truth.joint_angle)
+        writer.write_tensions("/reference/tensions", stamps, model.layout.elements, truth.tension)
+    return str(robot)
+
+
+def animate(folder: Path, address: str, path: Path) -> None:
+    """Step the time line of the page through one period and join the pictures."""
+    with browsing(folder, MOVING) as browser:
+        browser.get(address)
+        wait_for(browser, "return document.body.innerText.includes(' of ')")
+        wait_for(browser, PAUSE.replace("6.0", "0.5"))
+        (entry,) = (
+            each
+            for each in browser.find_elements("css selector", "input.mantine-NumberInput-input")
+            if each.is_displayed()
+        )
+        browser.execute_script(CLOSE)
+        time.sleep(FRAME_S)
+        pictures = []
+        for k in range(FRAMES):
+            entry.send_keys(Keys.CONTROL, "a")
+            entry.send_keys(f"{PERIOD_S * (1.0 + k / FRAMES) - 0.01:.2f}", Keys.ENTER)
+            time.sleep(FRAME_S)
+            shown = Image.open(BytesIO(browser.get_screenshot_as_png()))
+            pictures.append(shown.crop(BETWEEN).convert("RGB").quantize(64))
+    first, *others = pictures
+    first.save(
+        path, save_all=True, append_images=others, duration=round(1000 * PERIOD_S / FRAMES), loop=0
+    )
     print(f"view: {path.relative_to(ROOT)}")
 
 
@@ -135,6 +216,8 @@ def main() -> int:
         with shown(BAG, str(robot)) as address:
             picture(work / "desk", address, DESK, FIGURES / "view_desk.png")
             picture(work / "phone", f"{address}?darkMode", PHONE, FIGURES / "view_phone.png")
+        with shown(work / "wrist", record_wrist(work / "wrist")) as address:
+            animate(work / "moving", address, FIGURES / "wrist.gif")
     return 0
 
 
