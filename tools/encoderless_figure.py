@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draw the figure of docs/validation.md from recordings of a real instrument.
 
-python tools/motor_alone_figure.py BAG... --robot ROBOT.yaml --out docs/figures/motor_alone.png
+python tools/encoderless_figure.py BAG... --robot ROBOT.yaml --out docs/figures/encoderless.png
 
 The robot file has one joint without encoder, whose angle and torque the bags hold as references.
 """
