@@ -124,8 +124,7 @@ class Channel:
     unit: str
     """Unit of ``estimate`` and ``reference``: "N", "N·m", "rad" or "m"."""
     stamp_ns: Stamps
-    """Stamps of the reference [ns], strictly increasing, shape (n,).  If the recording's clock
-    was set back, the later passes are shifted behind the earlier ones."""
+    """Stamps of the reference [ns], strictly increasing, shape (n,)."""
     estimate: Floats
     """Estimated values [unit], finite, shape (n,); of vectors (n, 3)."""
     reference: Floats

@@ -19,7 +19,7 @@ from cdrj_ros.estimation.ensemble import (
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
-from cdrj_ros.evaluation.inputs import passes_of, slices_of
+from cdrj_ros.evaluation.inputs import in_order
 from cdrj_ros.foundation.threads import thread_pool
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
@@ -228,20 +228,20 @@ def log_times(recording: Recording, conditioned: Conditioned) -> NDArray[np.int6
         recording: the recorded series.
         conditioned: its samples, at whose stamps the estimates are.
     """
-    series = next(iter({**recording.joints, **recording.motors}.values()))
-    segments = [segment.stamp_ns for segment in conditioned.segments]
-    stamps = np.concatenate([np.empty(0, np.int64), *segments])
+    first = next(iter({**recording.joints, **recording.motors}))
+    (series,) = in_order(
+        {first: {**recording.joints, **recording.motors}[first]}, conditioned
+    ).values()
+    stamps = conditioned.segments[0].stamp_ns
+    readings, log_ns = series.stamp_ns, series.log_ns
+    if np.any(readings[1:] < readings[:-1]):
+        order = np.argsort(readings, kind="stable")
+        readings, log_ns = readings[order], log_ns[order]
     logs = np.empty_like(stamps)
-    parts = slices_of(stamps)
-    for part, own in zip(parts, passes_of(series, len(parts) - 1, series), strict=True):
-        readings, log_ns = own.stamp_ns, own.log_ns
-        if np.any(readings[1:] < readings[:-1]):
-            in_order = np.argsort(readings, kind="stable")
-            readings, log_ns = readings[in_order], log_ns[in_order]
-        for begin in range(part.start, part.stop, LOGS_AT_ONCE):
-            piece = slice(begin, min(begin + LOGS_AT_ONCE, part.stop))
-            delay = _delay_at(stamps[piece], readings, log_ns, int(stamps[part.start]))
-            logs[piece] = stamps[piece] + np.rint(delay).astype(np.int64)
+    for begin in range(0, stamps.size, LOGS_AT_ONCE):
+        piece = slice(begin, begin + LOGS_AT_ONCE)
+        delay = _delay_at(stamps[piece], readings, log_ns, int(stamps[0]))
+        logs[piece] = stamps[piece] + np.rint(delay).astype(np.int64)
     np.maximum.accumulate(logs, out=logs)
     return logs
 

@@ -12,8 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Stamps = NDArray[np.int64]
@@ -135,20 +133,3 @@ def within(zones: Stamps, stamp_ns: Stamps) -> NDArray[np.bool_]:
     ended = np.searchsorted(zones[:, 1], stamp_ns, side="left")
     inside: NDArray[np.bool_] = begun > ended
     return inside
-
-
-def clock_resets(stamp_ns: Stamps) -> Indices:
-    """Indices of the samples at which the clock was set back, in order of arrival, shape (k,).
-
-    A single outlier is not a reset: the next CONFIRMATIONS stamps must increase and lie before the
-    median of the CONFIRMATIONS preceding stamps, the first of them by more than MAX_GAP_NS.
-    """
-    resets = []
-    for at in (np.flatnonzero(np.diff(stamp_ns) < -MAX_GAP_NS) + 1).tolist():
-        before = np.sort(stamp_ns[max(at - CONFIRMATIONS, 0) : at])
-        after = stamp_ns[at : at + CONFIRMATIONS]
-        middle = before[len(before) // 2]
-        follows = len(after) > 1 and np.all(np.diff(after) > 0)
-        if follows and after[0] + MAX_GAP_NS < middle and after[-1] < middle:
-            resets.append(at)
-    return np.array(resets, dtype=np.intp)

@@ -41,11 +41,10 @@ from cdrj_ros.evaluation.inputs import (
     counters_of,
     duration_s,
     in_frames_of,
-    one_after_another,
+    in_order,
     read_encoderless,
     read_inputs,
     references_in,
-    references_of_passes,
     require_axes,
     with_estimated_joints,
 )
@@ -105,7 +104,7 @@ class Validation:
             model: the prepared robot.
             path: the recording, as the user named it.
             recording: the recorded series.
-            conditioned: its samples; each segment is compared with the references of its own pass.
+            conditioned: its samples.
             spread: whether to estimate standard deviations.
             window: time interval of the references that are compared.
             progress: called with the completed fraction, from 0 to 1.
@@ -126,8 +125,7 @@ class Validation:
         self._names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
         unmeasured = [model.layout.joints[j] for j in model.robot.unmeasured]
         self._names += [f"{ANGLE}/{name}" for name in unmeasured]
-        self._efforts = recording.motor_efforts if unmeasured else {}
-        self._passes: list[tuple[Channel, ...]] = []
+        self._channels: tuple[Channel, ...] = ()
 
     def pieces(self) -> Iterator[Estimates]:
         """Estimate and compare; exhaust it once, before ``result``.
@@ -135,62 +133,47 @@ class Validation:
         Yields:
             Consecutive estimates, which are not stored otherwise.
         """
-        segments = self._conditioned.segments
-        total = sum(segment.stamp_ns.size for segment in segments)
-        longest = max(segments, key=lambda segment: segment.stamp_ns.size)
-        of_passes = references_of_passes(self._references, self._recording, len(segments))
-        efforts = references_of_passes(self._efforts, self._recording, len(segments))
-        monitored = zip(
-            *(references_of_passes(o, self._recording, len(segments)) for o in self._sensors),
-            strict=True,
-        )
+        (segment,) = self._conditioned.segments
+        if self._health:
+            self._health.begin_pass(*(in_order(one, self._conditioned) for one in self._sensors))
+        comparing = _comparing(segment.stamp_ns, self._names, self._references)
+        found: list[Angles] = []
         done = 0
-        for segment, references, measured, sensors in zip(
-            segments, of_passes, efforts, monitored, strict=True
-        ):
+        for piece in self._pieces(segment):
+            if piece.angles is not None:
+                found.append(piece.angles)
+            self._friction.add(piece.values)
+            named = _named(piece)
+            comparing.add(named.estimates, named.stddev, named.n)
+            end = done + piece.stamp_ns.size
             if self._health:
-                self._health.begin_pass(*sensors)
-            begin = done
-            comparing = _comparing(segment.stamp_ns, self._names, references)
-            found: list[Angles] = []
-            for piece in self._pieces(segment, measured):
-                if piece.angles is not None:
-                    found.append(piece.angles)
-                if segment is longest:
-                    self._friction.add(piece.values)
-                named = _named(piece)
-                comparing.add(named.estimates, named.stddev, named.n)
-                if self._health:
-                    part = slice(done - begin, done - begin + piece.stamp_ns.size)
-                    self._health.follow(segment.part(part), piece.stddev)
-                yield piece
-                done += piece.stamp_ns.size
-                if self._progress:
-                    self._progress(done / total)
-            whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
-            self._passes.append(_channels(self._model, whole, comparing))
+                self._health.follow(segment.part(slice(done, end)), piece.stddev)
+            yield piece
+            done = end
+            if self._progress:
+                self._progress(done / segment.stamp_ns.size)
+        whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
+        self._channels = _channels(self._model, whole, comparing)
 
-    def _pieces(self, segment: Samples, measured: Mapping[str, Series]) -> Iterator[Estimates]:
-        """The estimates of one pass; ``measured`` holds the motors' efforts."""
+    def _pieces(self, segment: Samples) -> Iterator[Estimates]:
         if not self._model.robot.unmeasured:
             return pieces_of(self._model, segment, spread=self._spread)
+        measured = in_order(self._recording.motor_efforts, self._conditioned)
         efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, measured)
         return pieces_encoderless(self._model, segment, efforts)
 
     def result(self) -> BagComparison:
         """The comparison of all pieces."""
-        channels = one_after_another(self._passes)
-        passes = len(self._passes)
         compared = summed_up(
             self._path,
             duration_s(self._recording, self._window),
-            channels,
+            self._channels,
             unknown_references(self._names, self._references),
             counters_of(self._recording, self._conditioned),
             (
                 *self._recording.notes,
-                *_pass_notes(passes),
-                *_preload_notes(self._model, channels),
+                *_jump_notes(self._conditioned),
+                *_preload_notes(self._model, self._channels),
             ),
             friction=self._friction.result(),
         )
@@ -221,14 +204,11 @@ def _named(piece: Estimates) -> ByChannel:
     return ByChannel(piece.stamp_ns.size, estimates, stddev)
 
 
-def _pass_notes(passes: int) -> list[str]:
-    if passes == 1:
+def _jump_notes(conditioned: Conditioned) -> list[str]:
+    jumps = conditioned.clock_jumps
+    if not jumps:
         return []
-    note = (
-        f"The clock went back {passes - 1} times; each of the {passes} passes is compared on its "
-        "own, one drawn after the other."
-    )
-    return [note]
+    return [f"The clock went back {jumps} times; the longest part between was compared."]
 
 
 def compare_with_references(
@@ -389,8 +369,7 @@ def compare_bag(
         sensors = _sensors(path, task, model, recording) if efforts else None
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
-    if len(conditioned.segments) == 1:
-        recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
+    recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:
         progress(READING_SHARE)

@@ -17,7 +17,6 @@ from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.channels import Angle, stddev_channels
 from cdrj_ros.evaluation.comparison import values_at
 from cdrj_ros.evaluation.estimating import pieces_of
-from cdrj_ros.evaluation.inputs import BETWEEN_PASSES_NS, references_of_passes
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.channels import TENSION
@@ -38,7 +37,7 @@ class RecordedEstimates:
     """Estimates of a recording over time."""
 
     table: Table
-    """What is plotted; its stamps increase strictly, because later passes are shifted."""
+    """What is plotted."""
     angle: Vector
     """Of the joints [rad] or [m], shape (n, joints)."""
     status: Flags
@@ -78,40 +77,30 @@ def recorded_estimates(
     Args:
         model: the prepared robot.
         recording: its references are shown beside the estimates.
-        conditioned: the same recording; the estimator restarts for each of its segments.
+        conditioned: the same recording, at most one segment.
         progress: called with the completed fraction, from 0 to 1.
         spread: whether to estimate standard deviations.
 
     Raises:
         BagError: there is no sample.
     """
-    segments = conditioned.segments
-    total = sum(segment.stamp_ns.size for segment in segments)
-    if not total:
+    if not conditioned.segments or not conditioned.segments[0].stamp_ns.size:
         raise BagError(f"{recording.path} has no time at which every motor and joint is known")
+    (segment,) = conditioned.segments
+    total = segment.stamp_ns.size
     every = 1 + total // MOST
-    tensions = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
-    references = references_of_passes(tensions, recording, len(segments))
+    measured = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
     parts: list[RecordedEstimates] = []
-    done, shift = 0, 0
-    for segment, measured in zip(segments, references, strict=True):
-        if parts:
-            before = int(parts[-1].table.stamp_ns[-1])
-            shift = before + BETWEEN_PASSES_NS - int(segment.stamp_ns[0])
-        for piece in pieces_of(model, segment, spread=spread):
-            kept = slice((-done) % every, None, every)
-            samples = segment.part(slice(*_place(segment, piece)))
-            if part := _part(model.layout, piece, samples, kept, measured, shift):
-                parts.append(part)
-            done += piece.stamp_ns.size
-            if progress:
-                progress(done / total)
+    done = 0
+    for piece in pieces_of(model, segment, spread=spread):
+        kept = slice((-done) % every, None, every)
+        samples = segment.part(slice(done, done + piece.stamp_ns.size))
+        if part := _part(model.layout, piece, samples, kept, measured):
+            parts.append(part)
+        done += piece.stamp_ns.size
+        if progress:
+            progress(done / total)
     return _joined(parts)
-
-
-def _place(segment: Samples, piece: Estimates) -> tuple[int, int]:
-    first = int(np.searchsorted(segment.stamp_ns, piece.stamp_ns[0]))
-    return first, first + piece.stamp_ns.size
 
 
 def _part(
@@ -120,7 +109,6 @@ def _part(
     samples: Samples,
     kept: slice,
     measured: Mapping[str, Series],
-    shift_ns: int,
 ) -> RecordedEstimates | None:
     """The kept pictures of one piece; None if there are none."""
     stamps, values = piece.stamp_ns[kept], piece.values[kept]
@@ -138,7 +126,7 @@ def _part(
     pulley_status = layout.pulley_status(status)
     fine, sure = usable(status), usable(pulley_status)
     table = Table(
-        stamps + shift_ns,
+        stamps,
         np.where(fine, values[:, layout.tension], np.nan),
         np.where(fine, stddev, np.nan),
         reference,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel
 from cdrj_ros.evaluation.comparison import Comparing, compare
-from cdrj_ros.evaluation.inputs import one_after_another, passes_of
 from cdrj_ros.evaluation.metrics import (
     DIRECTION_SHARE,
     ChannelError,
@@ -18,7 +17,6 @@ from cdrj_ros.evaluation.metrics import (
     mean_over_channels,
     pooled_errors,
 )
-from cdrj_ros.foundation.series import Series
 
 Floats = NDArray[np.float64]
 NAME = "force_vector/upper/3"
@@ -130,23 +128,6 @@ def test_components_are_interpolated_along_a_line_also_between_pieces() -> None:
 def test_estimates_of_another_shape_than_their_reference_are_refused(shape: tuple[int]) -> None:
     with pytest.raises(ValueError, match="force_vector/upper/3: estimate must have"):
         compare(STAMPS, {NAME: np.zeros(shape)}, {NAME: (STAMPS, FORCE)}, max_gap_ns=10**9)
-
-
-def test_the_passes_of_a_looped_recording_are_cut_and_joined_as_vectors() -> None:
-    stamps = 100 * STAMPS
-    both = np.concatenate([stamps, stamps])
-    log_ns = np.arange(len(both), dtype=np.int64)
-    series = Series(both, log_ns, np.concatenate([FORCE, 2.0 * FORCE]))
-    first, second = passes_of(series, 1, series)
-    (channel,) = one_after_another(
-        [
-            compare(stamps, {NAME: FORCE}, {NAME: (one.stamp_ns, one.value)}, max_gap_ns=10**9)
-            for one in (first, second)
-        ]
-    )
-    np.testing.assert_array_equal(channel.reference, series.value)
-    np.testing.assert_array_equal(channel.estimate, np.concatenate([FORCE, FORCE]))
-    assert (np.diff(channel.stamp_ns) > 0).all()
 
 
 def _bag(estimate: Floats, reference: Floats) -> BagComparison:

@@ -8,7 +8,6 @@ import pytest
 from cdrj_ros.evaluation.reversals import (
     AROUND_NS,
     REVERSAL_SHARE,
-    clock_resets,
     reversal_zones,
     within,
 )
@@ -58,14 +57,3 @@ def test_noise_is_not_a_reversal() -> None:
     stamps, angle = swing(3.0)
     noisy = angle + 1e-3 * np.random.default_rng(2).normal(size=len(angle))
     assert len(reversal_zones(stamps, [noisy])) == 6
-
-
-def test_a_clock_that_stays_back_is_a_reset_and_a_single_wrong_stamp_is_not() -> None:
-    passing = np.arange(100, dtype=np.int64) * 100_000_000
-    assert clock_resets(passing).tolist() == []
-    assert clock_resets(np.concatenate([passing] * 3)).tolist() == [100, 200]
-    wild = passing.copy()
-    wild[50] = 0
-    assert clock_resets(wild).tolist() == []
-    wild[50] = 10**15
-    assert clock_resets(wild).tolist() == []
