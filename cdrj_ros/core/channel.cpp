@@ -8,6 +8,9 @@ namespace {
 
 constexpr Nanoseconds LATE_INTERVALS = 3;  // a gap is longer than so many usual intervals
 constexpr Nanoseconds REGULAR = 2;         // regular intervals differ by less than this factor
+constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;     // the velocity is averaged over this time
+constexpr Nanoseconds SHORTEST_WINDOW_NS = 10'000'000;  // and not over less where readings are lost
+constexpr std::size_t RECENT = 1000;       // readings kept for it at most
 constexpr int STRAGGLERS = 100;            // that a channel may deliver after a jump back
 
 /// The nearest whole number, the even one of two; the current rounding mode is the default.
@@ -197,6 +200,22 @@ double Channel::between_counts(const Axis& axis, Nanoseconds stamp_ns, double an
     const double tracked =
         filter.track(stamp_ns - last_ns, angle, axis.bandwidth, axis.band, axis.adaptive);
     return std::min(std::max(tracked, axis.lower), axis.upper);
+}
+
+void Channel::extrapolate_from(Nanoseconds stamp_ns, double angle, Nanoseconds horizon_ns) {
+    recent.push_back({stamp_ns, angle});
+    if (recent.size() > RECENT) recent.pop_front();
+    while (stamp_ns - recent.front().stamp_ns > SPEED_WINDOW_NS && recent.size() > 2 &&
+           stamp_ns - recent[1].stamp_ns >= SHORTEST_WINDOW_NS) {
+        recent.pop_front();
+    }
+    while (!tested_.empty() && 2 * (stamp_ns - tested_.front().stamp_ns) >= horizon_ns) {
+        const auto [from_ns, window_ns, from, speed] = tested_.front();
+        const Nanoseconds since_ns = stamp_ns - from_ns;
+        motion.miss(since_ns, window_ns, angle - from - speed * (since_ns * 1e-9));
+        tested_.pop_front();
+    }
+    if (recent_ns() > 0) tested_.push_back({stamp_ns, recent_ns(), angle, velocity()});
 }
 
 double Channel::velocity() const {

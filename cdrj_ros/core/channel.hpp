@@ -28,6 +28,12 @@ struct Reading {
     double curvature;  // since the reading before, see `Motion::curvature` [rad/ns^2]
 };
 
+/// An angle as extrapolated from a reading on, to be compared with a later one.
+struct Extrapolation {
+    Nanoseconds stamp_ns, window_ns;  // of that reading; over which the velocity was averaged
+    double angle, velocity;           // there [rad], [rad/s]
+};
+
 /// A reading as received, with the clock's offset added to its stamp.
 struct Raw {
     Nanoseconds stamp_ns;
@@ -98,6 +104,10 @@ public:
     /// Tracked angle at an accepted reading; call before it becomes the last one.
     double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);
 
+    /// Adds an angle to those that are extrapolated; compares it with what was expected of it half
+    /// of `horizon_ns` before.
+    void extrapolate_from(Nanoseconds stamp_ns, double angle, Nanoseconds horizon_ns);
+
     /// The time over which the velocity is averaged, and the velocity [rad/s].
     Nanoseconds recent_ns() const { return last_ns - recent.front().stamp_ns; }
     double velocity() const;
@@ -123,6 +133,7 @@ private:
     bool straggles(Nanoseconds stamp_ns, std::span<const Channel> channels);
     void step_by(double by);
 
+    std::deque<Extrapolation> tested_;  // those that wait for a reading to be compared with
     std::optional<Leap> leap_;      // a change of reading that may turn out to be a step
     Turns before_;                  // those before a reset, until the first reading after it
     int stragglers_ = 0;            // readings from before a jump back that arrived after it

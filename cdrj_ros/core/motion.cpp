@@ -12,6 +12,7 @@ constexpr double CHORDS = 1.5;       // factor for accelerations from chords of 
 constexpr double MEMORY = 10.0;      // time constant with which V and A decay [s]
 constexpr double WINDOWS = 3.0;      // windows of a slow channel after which its motion is known
 constexpr Nanoseconds FAR_NS = 1'000'000'000;  // beyond it, a moving axis may have been anywhere
+constexpr double NOISE = 0.8165;     // of two readings with errors up to 1, sqrt(2 / 3)
 constexpr double STILL = 0.01;       // an axis that moves by no more between two readings is at rest
 
 constexpr Nanoseconds LEAP_WITHIN_NS = 100'000'000;  // over longer times a leap may be a motion
@@ -63,6 +64,8 @@ void Motion::close(double length, double moved) {
     speed = std::max(now, faded(speed, now, keep));
     acceleration = std::max(change, faded(acceleration, change, keep));
     fastest = std::max(fastest, now);
+    double& greatest = moved > 0.0 ? forward : back;
+    greatest = std::max(greatest, now);
     hardest = std::max(hardest, change);
     travelled += certain;
     windows += 1.0;
@@ -105,11 +108,21 @@ double Motion::curvature(Nanoseconds span_ns) const {
     return 4.0 * sagitta / (static_cast<double>(span_ns) * static_cast<double>(span_ns));
 }
 
-double Motion::ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const {
-    if (horizon_ns + window_ns <= seen_ns) return 0.0;
+void Motion::miss(Nanoseconds horizon_ns, Nanoseconds window_ns, double error) {
     const double horizon = horizon_ns * 1e-9, window = window_ns * 1e-9;
-    const double drift = 0.5 * acceleration * horizon * (horizon + window);
-    return std::min(drift, 2.0 * speed * horizon);
+    const double certain = std::max(std::abs(error) - 2.0 * band * (1.0 + horizon / window), 0.0);
+    const double now = certain / (0.5 * horizon * (horizon + window));
+    bend = std::max(now, faded(bend, now, std::exp(-horizon / MEMORY)));
+}
+
+double Motion::ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const {
+    const double horizon = horizon_ns * 1e-9, window = window_ns * 1e-9;
+    const double arc = 0.5 * horizon * (horizon + window);
+    const bool turned = 2.0 * std::min(forward, back) >= speed;
+    const double known = turned ? acceleration : std::max(acceleration, speed * 1e9 / WINDOW_NS);
+    const double drift = std::max(std::min(known * arc, 2.0 * speed * horizon), bend * arc);
+    const double noise = NOISE * band * horizon / window;
+    return std::sqrt(drift * drift + noise * noise);
 }
 
 std::optional<Leap> Motion::leap(

@@ -37,6 +37,8 @@ struct Motion {
     double hardest = 0.0;         // greatest acceleration between two windows so far [rad/s^2]
     double travelled = 0.0;       // sum of the displacements of all windows
     double windows = 0.0;         // their number
+    double forward = 0.0, back = 0.0;  // greatest speed over a window in either direction [rad/s]
+    double bend = 0.0;            // B of (C4), the acceleration that extrapolations missed [rad/s^2]
     Nanoseconds seen_ns = EVER_NS;  // between readings no further apart, deviations are negligible
 
     /// Takes the next reading of the axis, (C2).
@@ -53,6 +55,9 @@ struct Motion {
     /// The standard deviation of the angle is this times the times to both readings. 0 where it is
     /// negligible everywhere between them, infinite where it is unknown.
     double curvature(Nanoseconds span_ns) const;
+
+    /// Takes the error of an angle that was extrapolated with the velocity over a window, (C4).
+    void miss(Nanoseconds horizon_ns, Nanoseconds window_ns, double error);
 
     /// Standard deviation of an angle extrapolated with the velocity over a window, (C4).
     double ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const;

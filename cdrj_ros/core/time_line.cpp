@@ -6,9 +6,6 @@
 namespace cdrj {
 namespace {
 
-constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;  // the velocity is averaged over this time
-constexpr std::size_t RECENT = 1000;                 // readings kept for it at most
-
 /// Standard deviation midway between two samples, (C3); 0 where it is negligible.
 double way_between(double curvature, Nanoseconds interval_ns, double negligible) {
     const double way = curvature * interval_ns * interval_ns * 0.25;
@@ -162,13 +159,7 @@ void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwra
             given_out_ns_ = std::max(given_out_ns_, channel.readings.front().stamp_ns);
         }
     }
-    if (!predict_) return;
-    std::deque<Raw>& recent = channel.recent;
-    recent.push_back({stamp_ns, angle});
-    if (recent.size() > RECENT) recent.pop_front();
-    while (stamp_ns - recent.front().stamp_ns > SPEED_WINDOW_NS && recent.size() > 2) {
-        recent.pop_front();
-    }
+    if (predict_) channel.extrapolate_from(stamp_ns, angle, horizon_ns_);
 }
 
 std::vector<Sample> TimeLine::samples(Axes axes, Channels channels) {
@@ -237,7 +228,8 @@ bool TimeLine::is_predictable(
     if (!has_begun() || newest_ns <= last_ns || newest_ns > until_ns + horizon_ns_) return false;
     return std::all_of(channels.begin(), channels.end(), [&](const Channel& channel) {
         const bool lags = channel.last_ns < newest_ns;
-        return !lags || (channel.recent_ns() != 0 && channel.motion.knows(channel.usual_ns));
+        return !lags || (channel.recent_ns() != 0 && channel.motion.windows > 0.0 &&
+                         channel.motion.knows(channel.usual_ns));
     });
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from support.campaign import (
     course_of,
     judge,
     run,
+    sine,
 )
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
 
@@ -95,6 +97,26 @@ def test_a_good_sensor_beside_a_slow_topic_that_is_predicted_keeps_to_the_law(
     assert verdict.ratio.size > 0.25 * verdict.judged
     assert verdict.beyond(2.0) <= 0.04
     assert verdict.beyond(5.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(lost={"winch": 0.7, "elbow": 0.9}),
+        Faults(late_ns={"elbow": 20 * MS}),
+        Faults({"winch": 17 * MS, "elbow": 2 * MS}),
+    ],
+)
+@pytest.mark.parametrize("moves", [sine(1.0), motions.ramps(0.5, 1.0)])
+def test_fast_motions_that_are_predicted_keep_to_the_law(
+    moves: motions.Motion, faults: Faults, model: Model
+) -> None:
+    """At 150 degrees per second an angle of 20 ms ago is 3 degrees behind."""
+    course = course_of(model, 8.0, moves, seed=1)
+    outputs = run(model, course, replace(faults, mode="predict"))
+    verdict = judge(course, outputs, 0, course.duration_ns)
+    assert verdict.judged > 16 * 300 * 7
+    assert verdict.beyond(5.0) <= 0.001
 
 
 @pytest.mark.parametrize("unmeasured", ["pip", "mcp"])

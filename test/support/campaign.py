@@ -42,6 +42,8 @@ NOISE: Final = {CELL: 0.05, EFFORT: 0.005}
 """Standard deviations of the readings of the cell [N] and of the effort [N m]."""
 SMALLEST: Final = 1e-3
 """Lower bound of standard deviations; smaller ones are rounding errors [N]."""
+WINCH_SPEED: Final = 10.0
+"""Greatest speed of a winch that balances a load [rad/s]."""
 FASTEST: Final = 2.5
 """Greatest speed of the joint [rad/s]."""
 
@@ -158,7 +160,7 @@ def course_of(
     elbow = moves(time)
     robot = model.robot if seed is None else _other(model, seed).robot
     torque = make_load("rolling", load).torque(*elbow) if load > 0.0 else None
-    truth = simulate(robot, time, elbow.angle, torque, 60.0, CELLS, allow_slack=True)
+    truth = simulate(robot, time, elbow.angle, torque, WINCH_SPEED, CELLS, allow_slack=True)
     return Course(
         truth.motor_angle[:, 0], truth.joint_angle[:, 0], truth.tension, truth.motor_effort[:, 0]
     )

@@ -45,7 +45,7 @@ def course(model: Model, index: int) -> Course:
         2: motion.dwell(float(min(0.6, 0.15 / hertz)), hertz),
         3: motion.random(amplitude, hertz, index),
     }[int(generator.integers(0, 4)) if index >= 10 else 0]
-    load = 0.3 if index % 3 == 2 and hertz < 1.0 else 0.0
+    load = 0.3 if index % 3 == 2 and hertz < 0.4 else 0.0
     return course_of(model, SECONDS, moves, load=load, seed=index)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import exp, hypot, inf, isfinite, pi, sqrt
 
@@ -30,6 +30,11 @@ def error_of(sensor: Sensor) -> float:
     return abs(sensor.scale) * (0.5 * sensor.resolution + 3.0 * sensor.noise)
 
 
+def faded(before: float, now: float, span: float) -> float:
+    keep = exp(-span / 10.0)
+    return sqrt(before * before * keep + now * now * (1.0 - keep))
+
+
 @dataclass
 class Motion:
     """(C2) to (C5)."""
@@ -46,6 +51,9 @@ class Motion:
     hardest: float = 0.0
     travelled: float = 0.0
     windows: float = 0.0
+    forward: float = 0.0
+    back: float = 0.0
+    bend: float = 0.0
 
     def take(self, stamp: int, angle: float) -> None:
         if 0 <= self.begin_ns <= stamp:
@@ -65,13 +73,12 @@ class Motion:
             acceleration = speed / span
         if slow:
             acceleration *= 1.5
-        keep = exp(-span / 10.0)
-
-        def faded(before: float, now: float) -> float:
-            return sqrt(before * before * keep + now * now * (1.0 - keep))
-
-        self.speed = max(speed, faded(self.speed, speed))
-        self.acceleration = max(acceleration, faded(self.acceleration, acceleration))
+        self.speed = max(speed, faded(self.speed, speed, span))
+        self.acceleration = max(acceleration, faded(self.acceleration, acceleration, span))
+        if moved > 0.0:
+            self.forward = max(self.forward, speed)
+        else:
+            self.back = max(self.back, speed)
         self.fastest, self.hardest = max(self.fastest, speed), max(self.hardest, acceleration)
         self.travelled, self.windows = self.travelled + certain, self.windows + 1.0
         self.span, self.velocity = span, velocity
@@ -86,7 +93,7 @@ class Motion:
         return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
 
     def elsewhen(self) -> Motion:
-        return Motion(self.band, self.negligible, **{name: getattr(self, name) for name in LASTING})
+        return replace(self, begin_ns=-1, begin=0.0, span=0.0, velocity=0.0)
 
     def knows(self, span_ns: int) -> bool:
         if span_ns <= WINDOW_NS:
@@ -105,10 +112,20 @@ class Motion:
         return 4.0 * sagitta / (float(span_ns) * float(span_ns))
 
     def ahead(self, horizon_ns: int, window_ns: int) -> float:
-        if horizon_ns + window_ns <= self.seen_ns():
-            return 0.0
         h, w = horizon_ns * 1e-9, window_ns * 1e-9
-        return min(0.5 * self.acceleration * h * (h + w), 2.0 * self.speed * h)
+        arc = 0.5 * h * (h + w)
+        turned = 2.0 * min(self.forward, self.back) >= self.speed
+        known = self.acceleration
+        if not turned:
+            known = max(known, self.speed * 1e9 / WINDOW_NS)
+        drift = max(min(known * arc, 2.0 * self.speed * h), self.bend * arc)
+        noise = 0.8165 * self.band * h / w
+        return sqrt(drift * drift + noise * noise)
+
+    def miss(self, horizon_ns: int, window_ns: int, error: float) -> None:
+        h, w = horizon_ns * 1e-9, window_ns * 1e-9
+        now = max(abs(error) - 2.0 * self.band * (1.0 + h / w), 0.0) / (0.5 * h * (h + w))
+        self.bend = max(now, faded(self.bend, now, h))
 
     def leaps(self, span_ns: int, moved: float) -> bool:
         if not 0 < span_ns <= 10**8 or self.travelled < 1.0:
@@ -202,6 +219,7 @@ class Channel:
     last: float = 0.0
     readings: deque[tuple[int, float, float]] = field(default_factory=deque)
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
+    tested: deque[tuple[int, int, float, float]] = field(default_factory=deque)
     reading: float | None = None
     turns: int = 0
     near: float | None = None
@@ -526,10 +544,26 @@ class Reference:
             self.crowded += 1
             if self.given_out_ns >= 0:
                 self.given_out_ns = max(self.given_out_ns, channel.readings[0][0])
-        channel.recent.append((stamp, angle))
-        while stamp - channel.recent[0][0] > 20_000_000 and len(channel.recent) > 2:
-            channel.recent.popleft()
+        self._extrapolate(channel, stamp, angle)
         self.accepted += 1
+
+    @staticmethod
+    def _extrapolate(channel: Channel, stamp: int, angle: float) -> None:
+        recent, tested = channel.recent, channel.tested
+        recent.append((stamp, angle))
+        while (
+            stamp - recent[0][0] > 20_000_000
+            and len(recent) > 2
+            and stamp - recent[1][0] >= 10_000_000
+        ):
+            recent.popleft()
+        while tested and 2 * (stamp - tested[0][0]) >= HORIZON_NS:
+            begin, window, first, velocity = tested.popleft()
+            since = stamp - begin
+            channel.motion.miss(since, window, angle - first - velocity * (since * 1e-9))
+        window = stamp - recent[0][0]
+        if window > 0:
+            tested.append((stamp, window, angle, (angle - recent[0][1]) / window * 1e9))
 
     # --- time line --------------------------------------------------------------------------------
 
@@ -541,7 +575,10 @@ class Reference:
         samples = self._interpolated(until)
         if self.predicts and max(self.given_out_ns, self.ahead_ns) < newest <= until + HORIZON_NS:
             lagging = [channel for channel in self.channels if channel.last_ns < newest]
-            known = all(c.last_ns != c.recent[0][0] and c.motion.knows(c.usual_ns) for c in lagging)
+            known = all(
+                c.last_ns != c.recent[0][0] and c.motion.windows > 0 and c.motion.knows(c.usual_ns)
+                for c in lagging
+            )
             if known and self.given_out_ns >= 0:
                 samples.append(self._predicted(newest))
         self.lag_ns = newest - max(self.given_out_ns, self.ahead_ns)
