@@ -102,11 +102,6 @@ def _parser() -> argparse.ArgumentParser:
         "bags, one each in the folder OUT",
     )  # fmt: skip
     parser.add_argument(
-        "--uncertainty", choices=("auto", "on", "off"), default="auto",
-        help="compute standard deviations of the estimates and their coverage; auto: if the robot "
-        "file has numbers that are not exact, or a bag is written (default %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
         "--health", choices=HEALTH, default="auto",
         help="let the health monitor compare motor efforts and load cells with the robot file "
         "(docs/health.md); auto: those that the node would hear; references: also recorded "
@@ -123,9 +118,8 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
     """One for each bag; refuses outputs that cannot be written before any bag is read."""
     bags, topics = arguments.bags, topics_of(arguments)
     window = _window(arguments.start, arguments.duration)
-    spread = arguments.uncertainty == "on"
-    if arguments.uncertainty == "auto":  # a bag has the status that the node would publish
-        spread = robot.uncertainty is not None or bool(arguments.write_bag)
+    # a bag has the status that the node would publish
+    spread = robot.uncertainty is not None or bool(arguments.write_bag)
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     return [

@@ -38,10 +38,6 @@ def _parser() -> CommandParser:
         help="TCP port, or the next free one; 0 for any (default %(default)s)",
     )  # fmt: skip
     parser.add_argument("--dark", action="store_true", help="begin with a dark page")
-    parser.add_argument(
-        "--no-uncertainty", action="store_true",
-        help="do not estimate standard deviations, which takes half of the time",
-    )  # fmt: skip
     return parser
 
 
@@ -65,9 +61,7 @@ def body(argv: Sequence[str]) -> int:
     recording = read_inputs(arguments.bag, topics_of(arguments), model)
     conditioned = condition_recording(model, recording)
     with progress_bar("estimating", 1.0) as report:
-        estimates = recorded_estimates(
-            model, recording, conditioned, report, spread=not arguments.no_uncertainty
-        )
+        estimates = recorded_estimates(model, recording, conditioned, report)
     settings = PageSettings(arguments.host, arguments.port, arguments.dark)
     axis = TimeAxis("time [s]", 0.0, max(estimates.duration_s, 1e-3))
     page = Page(model, settings, f"cdrj_ros · {model.robot.name}", axis)

@@ -43,6 +43,9 @@ DRAW_S: Final = 0.125
 LINE_S: Final = 1.0
 """Time between two lines if the output is not a terminal [s]."""
 
+WAIT_S: Final = 10.0
+"""How long ``--once`` waits for a message [s]."""
+
 DEPTH: Final = 100
 """Queue depth of a topic [messages]: 0.1 s at 1 kHz."""
 
@@ -183,10 +186,9 @@ def _parser() -> argparse.ArgumentParser:
         "--ros-args -r tensions:=/other/tensions.",
         epilog="Exit code: 0 done, 2 bad usage, or no message with --once, 130 ended by Ctrl-C.",
     )
-    parser.add_argument("--once", action="store_true", help="print one table and end")
     parser.add_argument(
-        "--wait", type=_positive, default=10.0, metavar="S",
-        help="with --once, how long to wait for a message [s] (default %(default)g)",
+        "--once", type=_positive, nargs="?", const=WAIT_S, metavar="S",
+        help=f"print one table and end; wait at most S seconds for a message ({WAIT_S:g})",
     )  # fmt: skip
     parser.add_argument(
         "--forces", action="store_true", help="show the forces on the pulleys as well"
@@ -269,7 +271,7 @@ def _body(argv: Sequence[str]) -> int:
         try:
             console = Console()
             if arguments.once:
-                _print_once(node, executor, arguments.wait, sys.stdout)
+                _print_once(node, executor, arguments.once, sys.stdout)
             elif console.is_terminal and not console.is_dumb_terminal:
                 _draw(node, executor, console)
             else:

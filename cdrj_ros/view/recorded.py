@@ -69,8 +69,6 @@ def recorded_estimates(
     recording: Recording,
     conditioned: Conditioned,
     progress: Callable[[float], None] | None = None,
-    *,
-    spread: bool = True,
 ) -> RecordedEstimates:
     """Estimate a recording as the validation does, and keep what is shown.
 
@@ -79,7 +77,6 @@ def recorded_estimates(
         recording: its references are shown beside the estimates.
         conditioned: the same recording, at most one segment.
         progress: called with the completed fraction, from 0 to 1.
-        spread: whether to estimate standard deviations.
 
     Raises:
         BagError: there is no sample.
@@ -92,7 +89,7 @@ def recorded_estimates(
     measured = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
     parts: list[RecordedEstimates] = []
     done = 0
-    for piece in pieces_of(model, segment, spread=spread):
+    for piece in pieces_of(model, segment, spread=True):
         kept = slice((-done) % every, None, every)
         samples = segment.part(slice(done, done + piece.stamp_ns.size))
         if part := _part(model.layout, piece, samples, kept, measured):

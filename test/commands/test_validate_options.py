@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+import cdrj_ros as cdrj
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation import validation
 from cdrj_ros.evaluation.channels import estimate_channels
@@ -471,19 +473,12 @@ def test_a_window_restricts_the_comparison_but_not_the_estimate(
     assert part["friction"] == whole["friction"]
 
 
-def test_without_uncertainty_there_is_neither_coverage_nor_a_deviation(
-    short: Path, tmp_path: Path
-) -> None:
-    off = run(tmp_path, short, "--uncertainty", "off", "--write-bag", tmp_path / "off")[1]
-    on = run(tmp_path, short, "--uncertainty", "on")[1]
-    for name, channel in off["all"]["channels"].items():
-        assert channel["coverage"] is None
-        assert 0.0 <= on["all"]["channels"][name]["coverage"] <= 1.0
-        assert channel["rmse"] == on["all"]["channels"][name]["rmse"]
-    with AnyReader([tmp_path / "off"]) as reader:
-        connections = [one for one in reader.connections if one.topic == OUTPUTS[0]]
-        _, _, payload = next(reader.messages(connections))
-        assert len(reader.deserialize(payload, connections[0].msgtype).stddev) == 0
+def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> None:
+    off, on = (cdrj.validate(ROBOT, short, uncertainty=known).pooled for known in (False, True))
+    for name, error in off.items():
+        assert error.coverage is None
+        assert 0.0 <= (on[name].coverage or 0.0) <= 1.0
+        assert error == replace(on[name], coverage=None)
 
 
 @pytest.mark.parametrize(

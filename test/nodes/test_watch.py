@@ -150,7 +150,7 @@ def test_once_without_a_publisher_ends_with_code_2_and_one_line(
     start_executable: Any, ros: None
 ) -> None:
     process = start_executable(
-        "watch", "--once", "--wait", "0.5", stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        "watch", "--once", "0.5", stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     output, errors = (stream.decode() for stream in process.communicate(timeout=PATIENCE_S))
     assert (process.returncode, output) == (2, "")

@@ -28,7 +28,7 @@ def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
     conditioned = condition_recording(model, recording)
     monkeypatch.setattr(recorded, "MOST", 1000)
     shares: list[float] = []
-    film = recorded.recorded_estimates(model, recording, conditioned, shares.append, spread=False)
+    film = recorded.recorded_estimates(model, recording, conditioned, shares.append)
     whole = estimate(model, conditioned)
     every = 1 + len(whole.stamp_ns) // 1000
     assert every > 1
@@ -58,7 +58,7 @@ def test_a_film_shows_the_angles_with_their_correction(monkeypatch: pytest.Monke
     recording = read_inputs(str(SAMPLE), Topics(), model)
     conditioned = condition_recording(model, recording)
     monkeypatch.setattr(recorded, "MOST", 1000)
-    film = recorded.recorded_estimates(model, recording, conditioned, spread=False)
+    film = recorded.recorded_estimates(model, recording, conditioned)
     readings = recording.joints["elbow"]
     at = np.searchsorted(readings.stamp_ns, film.table.stamp_ns)
     known = readings.stamp_ns[at] == film.table.stamp_ns
