@@ -101,7 +101,10 @@ class RigNode(Node):
     def _open(self, model: Any) -> None:
         """Open topics, services and timers."""
         self.outputs = RigOutputs(self, model, self.options)
-        self.commands = CommandListener(self, self.options.limits, self._on_command)
+        stands_in = self.options.sensors.update_rate is not None
+        self.commands = CommandListener(
+            self, model.robot, self.options.limits, self._on_command, stands_in
+        )
         self._clock_publisher = (
             self.create_publisher(ClockMessage, CLOCK, FEW) if self.options.drive_clock else None
         )

@@ -22,6 +22,9 @@ from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.live import LiveRig
 from cdrj_ros.simulation.sensor_groups import CellGroup, encoder_groups, truth_table
 
+BASE_LINK: Final = "base_link"
+"""Frame of joint_state_broadcaster's messages."""
+
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
@@ -59,7 +62,10 @@ class RigOutputs:
             for kind in dict.fromkeys(group.kind for group in self._groups)
         }
         self._queues = [_Queue(publishers[one.kind], one.latency_s) for one in self._groups]
-        self._templates = [Template(JOINT_STATE, one.names, one.fields) for one in self._groups]
+        self._templates = [
+            Template(JOINT_STATE, one.names, one.fields, BASE_LINK if one.kind == "all" else "")
+            for one in self._groups
+        ]
         self._free = len(model.robot.motors) + options.settings.joint
         self._speed = np.zeros(len(model.robot.axes))
         self._open_cells(node, model, options)

@@ -35,7 +35,7 @@ class Encoder:
     """An incremental angle sensor."""
 
     counts: int
-    """Counts per turn; on a prismatic joint, per 2 pi m."""
+    """Counts per turn of the axis; on a prismatic joint, per 2 pi m."""
     rate: float
     """Readings per second [Hz]."""
     phase_s: float = 0.0
@@ -222,7 +222,7 @@ def read_encoder(
     generator: np.random.Generator | None = None,
     sensor: Sensor | None = None,
 ) -> Vector:
-    """Readings as whole counts at the given times [s].
+    """Readings as whole counts at the given times [s], in the unit that the robot file converts.
 
     Args:
         encoder: encoder with its counts, noise and bias.
@@ -242,8 +242,9 @@ def read_encoder(
 
 def counted(encoder: Encoder, angle: Vector, noise: float | Vector, sensor: Sensor) -> Vector:
     """Readings of angles [rad] as whole counts, with noise [rad]; all arrays of shape (n,)."""
-    step = 2.0 * np.pi / encoder.counts
-    seen = reading_of(sensor, angle) + encoder.bias + noise
+    unit = abs(sensor.scale)  # counts, bias and noise are those of the axis
+    step = 2.0 * np.pi / encoder.counts / unit
+    seen = reading_of(sensor, angle) + (encoder.bias + noise) / unit
     read: Vector = np.round(seen / step) * step
     if np.isfinite(sensor.period):  # wraps around half a period from 0
         read -= sensor.period * np.round(read / sensor.period)

@@ -14,9 +14,12 @@ from typing import Any
 
 import pytest
 
+from cdrj_ros.messages.topics import BROADCAST
+
 FILE = Path(__file__).parents[2] / "launch" / "estimator.launch.py"
 DEMO = FILE.with_name("demo.launch.py")
 CDRJ = FILE.with_name("cdrj.launch.py")
+STACK = FILE.with_name("ros2_control.launch.py")
 VALIDATE = FILE.with_name("validate.launch.py")
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PATIENCE_S = 120.0
@@ -160,6 +163,20 @@ def test_the_launch_file_of_a_real_robot_adds_what_is_asked_for(
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", CDRJ.name])
     with pytest.raises(RuntimeError, match="'marker': did you mean markers"):
         launched("robot:=r.yaml", "marker:=true", file=CDRJ, included=FILE)
+
+
+def test_the_stand_in_for_hardware_publishes_what_the_launch_file_of_a_real_robot_hears(
+    launched: Any,
+) -> None:
+    (rig,) = launched("robot:=r.yaml", "prefix:=arm1_", file=STACK)
+    assert (rig.executable, rig.arguments) == ("rig", ["--supervised"])
+    given = rig.parameters[0]
+    assert given["rig"] == "ros2_control"
+    assert (given["robot"], given["prefix"], given["motion"]) == ("r.yaml", "arm1_", "none")
+    (entities,) = runpy.run_path(str(STACK))["generate_launch_description"]().given
+    included = dict(entities[-1].launch_arguments)
+    assert included["motor_states"] == included["joint_states"] == BROADCAST
+    assert (FILE.parents[1] / "config" / "rigs" / "ros2_control.yaml").exists()
 
 
 def test_validate_gets_the_arguments_and_its_failure_is_that_of_the_launch(launched: Any) -> None:

@@ -137,15 +137,28 @@ def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def slow_sensors(folder: Path) -> Path:
-    """A rig file whose encoders are read less often."""
-    path = folder / "rig.yaml"
-    path.write_text("{motors: {rate: 250}, joints: {rate: 125}}")
-    return path
+GEARED = (
+    Path(ROBOT).read_text()
+    .replace("name: prototype\n", "name: prototype\nprefix: arm1_\n")
+    .replace("- name: winch", "- name: winch\n    scale: -0.02\n    effort_scale: 2.7")
+    .replace("resolution_deg: 0.00439453125", "resolution_deg: 0.2197265625")
+)  # fmt: skip
+"""A robot file whose motor is published with its gear of -50, its current and a prefix."""
 
 
+@pytest.mark.parametrize(
+    ("robot", "sensors", "remaps"),
+    [
+        (Path(ROBOT).read_text(), "{motors: {rate: 250}, joints: {rate: 125}}", ()),
+        (
+            GEARED, "ros2_control: {update_rate: 250}",
+            ("-r", "motor_states:=/joint_states", "-r", "joint_states:=/joint_states"),
+        ),
+    ],
+    ids=["two topics", "ros2_control"],
+)  # fmt: skip
 def test_an_estimator_beside_the_rig_finds_its_true_tensions(
-    start_node: Any, node: Any, tmp_path: Path
+    start_node: Any, node: Any, tmp_path: Path, robot: str, sensors: str, remaps: tuple[str, ...]
 ) -> None:
     from cdrj_msgs.msg import CableTensions
     from rclpy.experimental import EventsExecutor
@@ -161,17 +174,23 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(
     executor = EventsExecutor()
     executor.add_node(node)
     try:
-        start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
+        files = {"robot": robot, "rig": sensors}
+        for name, text in files.items():
+            (tmp_path / f"{name}.yaml").write_text(text)
+        given = ("-p", f"robot:={tmp_path / 'robot.yaml'}")
+        start_node("estimator", "--ros-args", *given, *remaps)
         rig = start_node(
-            "rig", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "cells:=4", "-p", "truth_rate:=100",
-            "-p", f"rig:={slow_sensors(tmp_path)}",
+            "rig", "--ros-args", *given, "-p", "cells:=4", "-p", "truth_rate:=100",
+            "-p", f"rig:={tmp_path / 'rig.yaml'}",
         )  # fmt: skip
         # nothing slips before the first command, so the estimator knows the friction history
         commands = node.create_publisher(JointTrajectory, "/cdrj/motor_trajectory", 10)
         heard = commands.get_subscription_count
         assert spin_until(executor, lambda: bool(truths and estimates and heard()))
         first = max(truths)
-        commands.publish(trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5)))
+        motion = trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5))
+        motion.joint_names = ["arm1_winch" if remaps else "winch"]
+        commands.publish(motion)
         wanted = first + 2_500_000_000
         assert spin_until(executor, lambda: max(estimates) > wanted < max(truths))
         rig.send_signal(signal.SIGINT)
@@ -211,6 +230,47 @@ def test_every_kind_of_command_moves_the_motor(bench: Any) -> None:
     assert one.spin_until(lambda: one.rig.drives.modes == ["position"])
     assert one.rig.commands.accepted == 6
     assert one.refused() == 0
+
+
+def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path: Path) -> None:
+    from sensor_msgs.msg import JointState
+
+    (tmp_path / "robot.yaml").write_text(GEARED)
+    one = bench(
+        "{ros2_control: {update_rate: 500}, motor_efforts: {noise: 0}, "
+        "drives: {command_timeout: 30}}",
+        robot=str(tmp_path / "robot.yaml"),
+    )
+    heard = one.listen(JointState, "/joint_states")
+    rig = one.rig.rig
+    for mode, value, reached in (
+        ("position", -15.0, lambda: rig.motor_angle[0] == pytest.approx(0.3)),
+        ("velocity", -50.0, lambda: rig.motor_angle[0] > 0.5),
+        ("effort", 0.5 / 2.7, lambda: one.rig.drives.modes == ["effort"]),
+    ):
+        one.publish(f"/forward_{mode}_controller/commands", array_of(value))
+        assert one.spin_until(reached), mode
+        assert one.rig.drives._target == pytest.approx(
+            {"position": 0.3, "velocity": 1.0}.get(mode, 0.5)
+        )
+    motion = trajectory((0.05, -10.0), (0.1, -5.0))
+    motion.joint_names = ["arm1_winch"]
+    one.publish("/joint_trajectory_controller/joint_trajectory", motion)
+    assert one.spin_until(lambda: rig.motor_angle[0] == pytest.approx(0.1))
+    assert one.refused() == 0
+    motion.joint_names = ["winch"]
+    one.publish("/joint_trajectory_controller/joint_trajectory", motion)
+    assert one.spin_until(lambda: one.rig.commands.refused["unknown name"] == 1)
+    heard.clear()
+    assert one.spin_until(lambda: len(heard) > 300)
+    message = heard[-1]
+    assert list(message.name) == ["arm1_winch", "arm1_elbow"]
+    assert message.header.frame_id == "base_link"
+    assert set(np.diff([stamp_ns(one) for one in heard])) == {2_000_000}
+    assert message.position[0] == pytest.approx(-5.0, abs=0.01)
+    assert len(message.velocity) == 2
+    assert message.effort[0] == pytest.approx(rig.motor_effort[0] / 2.7, abs=1e-3)
+    assert np.isnan(message.effort[1])
 
 
 def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) -> None:
