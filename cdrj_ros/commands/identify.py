@@ -24,11 +24,12 @@ from cdrj_ros.commands.identify_task import Task, posed, task_of
 from cdrj_ros.commands.identify_uncertainty import COVARIANCE_LIMIT, uncertainty_section
 from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.evaluation.channels import BagComparison
-from cdrj_ros.evaluation.inputs import read_inputs
+from cdrj_ros.evaluation.inputs import TAKEN, read_inputs, require_references
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
@@ -107,11 +108,16 @@ def recorded(recording: Recording, name: str) -> Recorded:
 
 
 def _read(bags: Sequence[str], topics: Topics, model: Model) -> list[Recorded]:
-    recordings = []
+    recordings, notes = [], list[str]()
     with progress_bar("reading", len(bags)) as report:
         for bag in bags:
-            recordings.append(recorded(read_inputs(bag, topics, model), Path(bag).name))
+            read = read_inputs(bag, topics, model)
+            require_references(bag, topics, read)
+            recordings.append(recorded(read, Path(bag).name))
+            notes += [f"{Path(bag).name}: {note}" for note in read.notes if note.startswith(TAKEN)]
             report(len(recordings))
+    for note in notes:
+        print(printable(note))
     return recordings
 
 

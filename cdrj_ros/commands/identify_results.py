@@ -16,6 +16,7 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.problem import Loss
+from cdrj_ros.report.table import r2_remark
 from cdrj_ros.robot.writer import yaml_number
 
 TABLE_WIDTH: Final = 120
@@ -110,6 +111,8 @@ def _print_errors(title: str, compared: Compared, fitted: Sequence[str]) -> None
         for name, error in compared.after.items()
     ]
     _print_table(("reference", "RMSE", "mean rel. error", "R²", ""), rows)
+    if remark := r2_remark(compared.after):
+        say(remark)
 
 
 def _print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -22,6 +22,9 @@ from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_rec
 from cdrj_ros.recordings.source import Source
 from cdrj_ros.robot.description import Robot
 
+TAKEN: Final = "References by message type: "
+"""Beginning of the note that names the references that were found."""
+
 
 def read_inputs(
     path: str,
@@ -63,7 +66,7 @@ def _read(
         recording = recording if found == topics else read(path)
     if found == topics:
         return recording
-    note = f"References by message type: {', '.join(map(printable, found.references))}."
+    note = f"{TAKEN}{', '.join(map(printable, found.references))}."
     return replace(recording, notes=(*recording.notes, note))
 
 
@@ -248,6 +251,16 @@ def require_reference_topics(path: str, topics: Topics) -> None:
         raise _no_references(path, topics)
 
 
+def require_references(path: str, topics: Topics, recording: Recording) -> None:
+    """Refuse a recording without references.
+
+    Raises:
+        BagError: it has none; the message lists the topics that may have them.
+    """
+    if not recording.references:
+        raise _no_references(path, topics, recording)
+
+
 def references_in(
     path: str, recording: Recording, conditioned: Conditioned, window: Window
 ) -> Mapping[str, Series]:
@@ -322,7 +335,8 @@ def _no_references(path: str, topics: Topics, recording: Recording | None = None
     listed = ", ".join(f"{printable(n)} ({one.rpartition('/')[2]})" for n, one in types.items())
     return BagError(
         f"{path} holds no references; name their topics with --reference (CableTensions, "
-        f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}"
+        f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}; "
+        f"efforts that the motors publish themselves: --reference {topics.motors}"
     )
 
 

@@ -122,6 +122,12 @@ def plain(table: Table) -> str:
     return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
 
 
+SMALL_ERROR: Final = 0.02
+"""Mean relative error that is small [-]."""
+
+LOW_R2: Final = 0.9
+"""R² that needs an explanation beside a small error."""
+
 HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
 """Headings of the figures in every table, in the order of metrics.FIGURES."""
 
@@ -246,6 +252,18 @@ def errors_table(
     return table
 
 
+def r2_remark(errors: Mapping[str, ChannelError]) -> str:
+    """What a low R² beside a small error means, if a channel has both; otherwise empty."""
+    for name, error in errors.items():
+        relative, r2 = error.mean_relative_error, error.r2
+        if relative is not None and r2 is not None and relative < SMALL_ERROR and r2 < LOW_R2:
+            return (
+                f"R² of {name} is low although its error is {format_percent(relative)}: it is "
+                "relative to the variation of the reference, which hardly varies."
+            )
+    return ""
+
+
 def print_errors(
     errors: Mapping[str, ChannelError],
     *,
@@ -262,6 +280,8 @@ def print_errors(
         file: where to print; standard output by default.
     """
     print_table(errors_table(errors, title=title, beside=beside), file)
+    if remark := r2_remark(errors):
+        print(remark, file=file)
 
 
 def cause_in_words(cause: str) -> str:

@@ -15,7 +15,7 @@ import pytest
 from cdrj_ros.commands import identify, validate
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, load_robot
 from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
@@ -317,3 +317,42 @@ def test_the_files_are_written_even_if_standard_output_is_closed(
                    "--out", str(out), "--json", str(figures)])  # fmt: skip
     assert load_robot(out).uncertainty is not None
     assert json.loads(figures.read_text())["parameters"]
+
+
+def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
+    fitted_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A stack publishes currents with the angles, and nothing else: 0.37 N m/A before a gear."""
+    recording = read_recording(fitted_bag)
+    motor, effort = recording.motors["winch"], recording.references["effort/winch"]
+    current = np.interp(motor.stamp_ns, effort.stamp_ns, effort.value) / 0.37
+    with BagWriter(tmp_path / "stack") as bag:
+        bag.copy(fitted_bag, [Topics().joints])
+        bag.write_joint_states(
+            Topics().motors, motor.stamp_ns, ("winch",), position=motor.value[:, None],
+            effort=current[:, None], log_ns=motor.log_ns,
+        )  # fmt: skip
+    words = [str(tmp_path / "stack"), "--robot", str(ROBOT), "--fit", "effort_scale", "--only"]
+    assert identify.main(words) == 2
+    refused = capsys.readouterr().err
+    assert f"efforts that the motors publish themselves: --reference {Topics().motors}" in refused
+    out = tmp_path / "robot.yaml"
+    words += ["--reference", Topics().motors, "--out", str(out)]
+    assert identify.main(words) == 0
+    assert load_robot(out).motors[0].effort_scale == pytest.approx(0.37, rel=0.03)
+    assert "effort_scale" in capsys.readouterr().out
+
+
+def test_references_that_were_found_by_their_type_are_named(
+    fitted_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = read_recording(fitted_bag)
+    names = ("upper/8", "lower/8")
+    series = [recording.references[f"tension/{name}"] for name in names]
+    with BagWriter(tmp_path / "rig") as bag:
+        bag.copy(fitted_bag, [Topics().motors, Topics().joints])
+        tension = np.column_stack([one.value for one in series])
+        bag.write_tensions("/truth/tensions", series[0].stamp_ns, names, tension)
+    words = [str(tmp_path / "rig"), "--robot", str(ROBOT), "--fit", "preload", "--only"]
+    assert identify.main(words) == 0
+    assert "rig: References by message type: /truth/tensions." in capsys.readouterr().out

@@ -18,6 +18,7 @@ from cdrj_ros.report.table import (
     format_r2,
     plain,
     print_errors,
+    r2_remark,
     table_groups,
 )
 
@@ -77,6 +78,16 @@ def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
     narrow = Terminal()
     print_errors(ERRORS, file=narrow)
     assert narrow.getvalue() == plain(errors_table(ERRORS))
+
+
+def test_a_low_r2_beside_a_small_error_is_explained() -> None:
+    steady = {**ERRORS, "tension/upper/8": ChannelError(5, 0.2, 0.0074, 0.3, 1.0, 0.08)}
+    text = io.StringIO()
+    print_errors(steady, file=text)
+    remark = "R² of tension/upper/8 is low although its error is 0.74 %"
+    assert text.getvalue() == plain(errors_table(steady)) + r2_remark(steady) + "\n"
+    assert r2_remark(steady).startswith(remark)
+    assert r2_remark(ERRORS) == ""
 
 
 def test_names_are_not_markup() -> None:
