@@ -105,22 +105,23 @@ _HOMES: Final = {
 ``import cdrj_ros`` is quick and a command can handle Ctrl-C before slow modules are imported."""
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name from its module (PEP 562)."""
-    if name == "__version__":
-        value: Any = _version()
-    else:
-        home = next((module for module, names in _HOMES.items() if name in names), None)
-        if home is None:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{__name__}.{home}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # to a type checker, a module with __getattr__ has every name
 
+    def __getattr__(name: str) -> Any:
+        """Import a public name from its module (PEP 562)."""
+        if name == "__version__":
+            value: Any = _version()
+        else:
+            home = next((module for module, names in _HOMES.items() if name in names), None)
+            if home is None:
+                raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            value = getattr(import_module(f"{__name__}.{home}"), name)
+        globals()[name] = value
+        return value
 
-def __dir__() -> list[str]:
-    """The public names."""
-    return __all__
+    def __dir__() -> list[str]:
+        """The public names."""
+        return __all__
 
 
 def _version() -> str:

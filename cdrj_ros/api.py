@@ -25,7 +25,6 @@ from cdrj_ros.model.prepared import Model
 if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import Errors
     from cdrj_ros.identification.fit import Identification
-    from cdrj_ros.identification.problem import Settings
     from cdrj_ros.recordings import Topics
 
 Stamps = NDArray[np.int64]
@@ -278,7 +277,6 @@ def identify(
     free: Iterable[str] = (),
     only: bool = False,
     topics: Topics | None = None,
-    settings: Settings | None = None,
 ) -> Identification:
     """Identify numbers of the robot file by least squares over whole recordings.
 
@@ -291,7 +289,6 @@ def identify(
         only: whether to fit these alone, and not along with them those numbers whose accuracy the
             file does not state.
         topics: names of the recorded topics; None: ``Topics()``.
-        settings: of the fit; None: the defaults.
 
     Returns:
         ``by_path`` has the numbers [SI], for ``load(robot, numbers)``; ``stddev`` and
@@ -323,4 +320,4 @@ def identify(
         read = read_inputs(str(bag), topics or Topics(), model)
         references = {name: (one.stamp_ns, one.value) for name, one in read.references.items()}
         recordings.append(Recorded(Path(bag).name, read.motors, read.joints, references))
-    return identify_numbers(document, robot.source, unknowns, recordings, settings)
+    return identify_numbers(document, robot.source, unknowns, recordings)
