@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,14 +18,25 @@ from cdrj_ros.messages.cdr import (
     MessageError,
     MessageType,
 )
-from cdrj_ros.messages.conversions import FORCES
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Layout
+from cdrj_ros.model.status import STALE
 
 Vector = NDArray[np.float64]
 
+FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed")
+"""Arrays that nodal forces and estimates have by the same names."""
+
 NONE_KNOWN: Final = np.empty(0)
 """Standard deviations for messages without them."""
+
+
+def marked_stale(estimate: Estimate) -> Estimate:
+    """A copy of the estimate with every element marked ``STALE``."""
+    values = estimate.values.copy()
+    status = values[estimate.layout.status]
+    status[:] = status.astype(np.uint8) | STALE
+    return replace(estimate, whole=values, part=None)
 
 
 class Encoded(NamedTuple):

@@ -14,8 +14,7 @@ from sensor_msgs.msg import JointState
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.conversions import marked_stale
-from cdrj_ros.messages.estimate_encoder import EstimateEncoder
+from cdrj_ros.messages.estimate_encoder import EstimateEncoder, marked_stale
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.messages.topics import (
     EFFORTS,

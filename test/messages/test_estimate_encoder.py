@@ -10,8 +10,7 @@ import pytest
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
-from cdrj_ros.messages.conversions import FORCE_ARRAYS, FORCES
-from cdrj_ros.messages.estimate_encoder import Encoded, EstimateEncoder
+from cdrj_ros.messages.estimate_encoder import FORCES, Encoded, EstimateEncoder
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Layout
@@ -43,7 +42,7 @@ def array_by_array(layout: Layout, frame_id: str, estimate: Estimate, stddev: ob
         "" if "upper" in layout.cables else frame_id
     )  # those of the prototype have no positions
     tensions = Template(CABLE_TENSIONS, layout.elements, ("tension", "status", *more), frame_id)
-    forces = Template(NODAL_FORCES, layout.pulleys, (*FORCE_ARRAYS, *more), of_forces)
+    forces = Template(NODAL_FORCES, layout.pulleys, (*(*FORCES, "status"), *more), of_forces)
     efforts = Template(JOINT_STATE, axes, ("effort",) if estimate.solved else (), frame_id)
     effort = {"effort": np.concatenate([estimate.motor_effort, estimate.joint_effort])}
     stamp, values = estimate.stamp_ns, estimate.values

@@ -15,9 +15,9 @@ from support.forked import Forked
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.messages.conversions import FORCE_ARRAYS, AnswerReader
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, read_layout
+from cdrj_ros.messages.estimate_encoder import FORCES
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE, UNSURE
 from cdrj_ros.recordings import Topics, read_messages
 
@@ -27,13 +27,22 @@ PATIENCE_S = 120.0
 ASK_AGAIN_S = 5.0
 
 
+TYPES = {"tension": CABLE_TENSIONS, "nodal_force": NODAL_FORCES, "effort": JOINT_STATE}
+
+
+def stamp_of(payload: bytes) -> int:
+    """Header stamp of a message [ns]."""
+    sec = int.from_bytes(payload[4:8], "little", signed=True)
+    return sec * 1_000_000_000 + int.from_bytes(payload[8:12], "little")
+
+
 class Robot:
     """A node with the publishers of a robot's drivers and subscriptions to the estimates."""
 
     WINDOW = 64
     """Maximum number of messages in flight; less than any queue depth."""
 
-    def __init__(self, layout: Layout, remap: tuple[str, ...]) -> None:
+    def __init__(self, remap: tuple[str, ...]) -> None:
         from cdrj_msgs.msg import CableTensions, NodalForces
         from rcl_interfaces.srv import GetParameters
         from rclpy.node import Node
@@ -42,7 +51,6 @@ class Robot:
         from std_srvs.srv import Trigger
 
         self.node = Node("robot", namespace="cdrj", cli_args=["--ros-args", *remap])
-        self.reader = AnswerReader(layout)
         self.answers: dict[str, list[bytes]] = {"tension": [], "nodal_force": [], "effort": []}
         qos = QoSProfile(depth=1000)
         self.motors = self.node.create_publisher(JointState, "motor_states", qos)
@@ -69,7 +77,7 @@ class Robot:
     @property
     def answered_ns(self) -> int:
         """Latest stamp received on all three topics [ns]."""
-        return min(self.reader.stamp(heard[-1]) if heard else -1 for heard in self.answers.values())
+        return min(stamp_of(heard[-1]) if heard else -1 for heard in self.answers.values())
 
     def forget(self) -> None:
         """Discard the received messages."""
@@ -125,14 +133,23 @@ class Bench:
         under_way: list[int] = []
         for message in read_messages(bag, list(publishers)):
             publishers[message.topic].publish(message.data)
-            under_way.append(robot.reader.stamp(message.data))
+            under_way.append(stamp_of(message.data))
             if len(under_way) % 16 == 0 and len(under_way) > robot.WINDOW:
                 wanted = under_way[-robot.WINDOW]
                 assert self.spin_until(lambda wanted=wanted: robot.answered_ns >= wanted)
         assert self.spin_until(lambda: robot.answered_ns >= last_ns)
 
     def arrays(self, kind: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        return self.robot.reader.arrays(kind, self.robot.answers[kind])
+        payloads = self.robot.answers[kind]
+        columns: dict[str, list[np.ndarray]] = {}
+        for payload in payloads:
+            for name, span in read_layout(payload, TYPES[kind].fields).numbers.items():
+                numbers = np.frombuffer(payload, span.dtype, span.count, span.offset)
+                columns.setdefault(name, []).append(numbers.astype(np.float64))
+        arrays = {
+            name: np.array(rows) for name, rows in columns.items() if not name.startswith("header")
+        }
+        return np.array([stamp_of(payload) for payload in payloads], np.int64), arrays
 
 
 @pytest.fixture
@@ -158,7 +175,7 @@ def bench(start_node: Any, start_executable: Any) -> Iterator[Callable[..., Benc
                 "estimator", *(options or ()), "--ros-args", "-p", f"robot:={ROBOT}",
                 "-p", f"timeout:={timeout_s}", *remap,
             )  # fmt: skip
-            robot = Robot(load_model(ROBOT).layout, remap)
+            robot = Robot(remap)
             executor = EventsExecutor()
             executor.add_node(robot.node)
             beside = Bench(robot, executor, process)
@@ -189,7 +206,7 @@ def _assert_same_numbers(bench: Bench, offline: Any) -> None:
     assert np.array_equal(certain, offline.values[:, layout.status])
     stamps, forces = bench.arrays("nodal_force")
     assert np.array_equal(stamps, offline.stamp_ns)
-    for name in FORCE_ARRAYS:
+    for name in (*FORCES, "status"):
         if name not in ("force_z", "status"):
             assert np.array_equal(forces[name], offline.values[:, getattr(layout, name)]), name
     stamps, efforts = bench.arrays("effort")
