@@ -82,6 +82,49 @@ class MessageEncoder:
             ValueError: a stamp that no header can hold, or fewer numbers than are copied.
         """
 
+class Guide:
+    """What a cable given by positions touches, by the kinds of ``cdrj_ros.robot.space``."""
+
+    point: ClassVar[Guide]
+    pulley: ClassVar[Guide]
+    swivel: ClassVar[Guide]
+    cylinder: ClassVar[Guide]
+    sphere: ClassVar[Guide]
+    sheath: ClassVar[Guide]
+
+    def __int__(self) -> int: ...
+
+class FrameMotion:
+    """Motion of a frame relative to its parent, by the words of a robot file."""
+
+    fixed: ClassVar[FrameMotion]
+    revolute: ClassVar[FrameMotion]
+    prismatic: ClassVar[FrameMotion]
+    rolling: ClassVar[FrameMotion]
+
+    def __int__(self) -> int: ...
+
+class Law:
+    """Friction laws, by the words of a robot file."""
+
+    none: ClassVar[Law]
+    euler: ClassVar[Law]
+    steady: ClassVar[Law]
+    lugre: ClassVar[Law]
+    elastoplastic: ClassVar[Law]
+    __members__: ClassVar[dict[str, Law]]
+
+    def __int__(self) -> int: ...
+
+class Stribeck:
+    """How static friction enters: (35) as printed, or the capstan equation with mu_s."""
+
+    printed: ClassVar[Stribeck]
+    capstan: ClassVar[Stribeck]
+    __members__: ClassVar[dict[str, Stribeck]]
+
+    def __int__(self) -> int: ...
+
 class Topic:
     """What a topic carries."""
 
@@ -602,7 +645,9 @@ def capstan_transmission(mu: float, wrap_angle: float) -> float:
 def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
     """Share in [0, 1] of static friction that is left at a slip speed: last factor of (33)."""
 
-def sliding_loss(mu_c: float, mu_s: float, wrap_angle: float, stribeck: int) -> tuple[float, float]:
+def sliding_loss(
+    mu_c: float, mu_s: float, wrap_angle: float, stribeck: Stribeck
+) -> tuple[float, float]:
     """(34)-(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; (kinetic, static).
 
     ``printed`` scales the kinetic loss by mu_s / mu_c as in (35); ``capstan`` lets the loss at
@@ -615,7 +660,7 @@ def sliding_transmission(
     mu_s: float,
     stribeck_speed: float,
     wrap_angle: float,
-    stribeck: int,
+    stribeck: Stribeck,
 ) -> float:
     """(37): eta_d at a slip speed [m/s], kept above ``MINIMUM_TRANSMISSION``."""
 
@@ -623,7 +668,12 @@ def bearing_transmission(wrap_angle: float, bearing_ratio: float) -> float:
     """(41): eta_r of a pulley on a bearing; ``bearing_ratio`` = f_d d / r_p = 1 / alpha."""
 
 def blended_loss(
-    rho: float, mu_c: float, mu_s: float, wrap_angle: float, bearing_ratio: float, stribeck: int
+    rho: float,
+    mu_c: float,
+    mu_s: float,
+    wrap_angle: float,
+    bearing_ratio: float,
+    stribeck: Stribeck,
 ) -> tuple[float, float]:
     """(42), (43): ``1 - eta = kinetic + static * stribeck_share(v)`` of a pulley.
 
@@ -635,7 +685,7 @@ def cell_loss(kinetic: float, static: float, share: float) -> tuple[float, float
     """(E28): losses of a contact cell that has a share of its pulley's wrap."""
 
 def friction_force(
-    law: int, before: float, slip: float, stiffness: float, bound: float, breakaway: float
+    law: Law, before: float, slip: float, stiffness: float, bound: float, breakaway: float
 ) -> tuple[float, float, float]:
     """(33), (E9): bristle force after a slip, exact over the slip for a constant bound.
 
@@ -702,7 +752,7 @@ class Cable:
     def __init__(
         self,
         elastic: tuple[float, float, float],
-        law: int,
+        law: Law,
         segments: NDArray[np.float64],
         contacts: NDArray[np.float64],
         first_flux: float,
@@ -731,7 +781,7 @@ class Cable:
         """Advance the cable by the sample; Newton iterations and remaining imbalance [N]."""
 
 def pulley_losses(
-    wrap: NDArray[np.float64], pulleys: NDArray[np.float64], stribeck: int
+    wrap: NDArray[np.float64], pulleys: NDArray[np.float64], stribeck: Stribeck
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """``blended_loss`` of pulleys at many samples: kinetic and static, shape (n, pulleys).
 

@@ -6,6 +6,7 @@
 #include "cable.hpp"
 #include "drum.hpp"
 #include "friction.hpp"
+#include "friction_law.hpp"
 #include "laws.hpp"
 
 namespace py = pybind11;
@@ -16,26 +17,16 @@ namespace {
 
 constexpr Index SEGMENT_WORDS = sizeof(Segment) / 8, CONTACT_WORDS = sizeof(Contact) / 8;
 
-Law law_of(Index code) {
-    require(0 <= code && code <= Index(Law::elastoplastic), "law is not the code of a friction law");
-    return static_cast<Law>(code);
-}
-
 using Numbers3 = std::array<double, 3>;
 
-Elasticity law_of(const Numbers3& elastic) { return {elastic[0], elastic[1], elastic[2]}; }
-
-Stribeck form_of(Index code) {
-    require(0 <= code && code <= Index(Stribeck::capstan), "stribeck is not the code of a form");
-    return static_cast<Stribeck>(code);
-}
+Elasticity elasticity_of(const Numbers3& elastic) { return {elastic[0], elastic[1], elastic[2]}; }
 
 py::tuple pair(const Loss& loss) { return py::make_tuple(loss.kinetic, loss.fading); }
 
 /// A cable whose arrays stay alive with it.
 struct HeldCable {
     HeldCable(
-        const Numbers3& elastic, Index law, Matrix segments, Matrix contacts,
+        const Numbers3& elastic, Law law, Matrix segments, Matrix contacts,
         double first_flux, double last_flux, double dt)
         : segments(std::move(segments)), contacts(std::move(contacts)) {
         require(
@@ -44,8 +35,8 @@ struct HeldCable {
                 this->segments.shape(0) == this->contacts.shape(0) + 1,
             "segments and contacts have not the shapes of their records");
         cable = {
-            law_of(elastic),
-            law_of(law),
+            elasticity_of(elastic),
+            law,
             first_flux,
             last_flux,
             dt,
@@ -70,31 +61,33 @@ struct HeldCable {
 };
 
 void bind_friction(py::module_& core) {
+    bind_kinds<Law>(core, "Law", LAW_NAMES);
+    bind_kinds<Stribeck>(core, "Stribeck", STRIBECK_NAMES);
     core.attr("MINIMUM_TRANSMISSION") = MINIMUM_TRANSMISSION;
     core.attr("BOUND_FLOOR") = BOUND_FLOOR;
     core.def("capstan_transmission", capstan_transmission, "mu"_a, "wrap_angle"_a);
     core.def("stribeck_share", stribeck_share, "slip_speed"_a, "stribeck_speed"_a);
     core.def(
         "sliding_loss",
-        [](double mu_c, double mu_s, double wrap_angle, Index stribeck) {
-            return pair(sliding_loss(mu_c, mu_s, wrap_angle, form_of(stribeck)));
+        [](double mu_c, double mu_s, double wrap_angle, Stribeck stribeck) {
+            return pair(sliding_loss(mu_c, mu_s, wrap_angle, stribeck));
         },
         "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "stribeck"_a);
     core.def(
         "sliding_transmission",
         [](double slip_speed, double mu_c, double mu_s, double stribeck_speed, double wrap_angle,
-           Index stribeck) {
+           Stribeck stribeck) {
             return sliding_transmission(
-                slip_speed, mu_c, mu_s, stribeck_speed, wrap_angle, form_of(stribeck));
+                slip_speed, mu_c, mu_s, stribeck_speed, wrap_angle, stribeck);
         },
         "slip_speed"_a, "mu_c"_a, "mu_s"_a, "stribeck_speed"_a, "wrap_angle"_a, "stribeck"_a);
     core.def("bearing_transmission", bearing_transmission, "wrap_angle"_a, "bearing_ratio"_a);
     core.def(
         "blended_loss",
         [](double rho, double mu_c, double mu_s, double wrap_angle, double bearing_ratio,
-           Index stribeck) {
+           Stribeck stribeck) {
             return pair(
-                blended_loss(rho, mu_c, mu_s, wrap_angle, bearing_ratio, form_of(stribeck)));
+                blended_loss(rho, mu_c, mu_s, wrap_angle, bearing_ratio, stribeck));
         },
         "rho"_a, "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "bearing_ratio"_a, "stribeck"_a);
     core.def(
@@ -105,10 +98,9 @@ void bind_friction(py::module_& core) {
         "kinetic"_a, "static"_a, "share"_a);
     core.def(
         "friction_force",
-        [](Index law, double before, double slip, double stiffness, double bound,
-           double breakaway) {
+        [](Law law, double before, double slip, double stiffness, double bound, double breakaway) {
             const auto [force, by_slip, by_bound] =
-                friction_force(law_of(law), before, slip, stiffness, bound, breakaway);
+                law_of(law).force({before, stiffness, bound, breakaway}, slip);
             return py::make_tuple(force, by_slip, by_bound);
         },
         "law"_a, "before"_a, "slip"_a, "stiffness"_a, "bound"_a, "breakaway"_a);
@@ -137,7 +129,7 @@ void bind_cable(py::module_& core) {
     py::class_<HeldCable>(core, "Cable")
         .def(
             py::init<
-                const Numbers3&, Index, Matrix, Matrix, double, double, double>(),
+                const Numbers3&, Law, Matrix, Matrix, double, double, double>(),
             "elastic"_a, "law"_a, "segments"_a.noconvert(), "contacts"_a.noconvert(),
             "first_flux"_a, "last_flux"_a, "dt"_a)
         .def(
@@ -149,15 +141,15 @@ void bind_cable(py::module_& core) {
             return py::make_tuple(effort.iterations, effort.imbalance);
         });
     core.def(
-        "tolerance", [](const Numbers3& elastic) { return tolerance(law_of(elastic)); },
+        "tolerance", [](const Numbers3& elastic) { return tolerance(elasticity_of(elastic)); },
         "elastic"_a);
     core.def(
-        "acceptable", [](const Numbers3& elastic) { return acceptable(law_of(elastic)); },
+        "acceptable", [](const Numbers3& elastic) { return acceptable(elasticity_of(elastic)); },
         "elastic"_a);
     core.def(
         "element_tension",
         [](const Numbers3& elastic, double length, double material) {
-            return tension_of(law_of(elastic), length, material);
+            return tension_of(elasticity_of(elastic), length, material);
         },
         "elastic"_a, "length"_a, "material"_a);
 }

@@ -7,6 +7,7 @@
 #include "arrays.hpp"
 #include "bind.hpp"
 #include "bind_robot.hpp"
+#include "guide.hpp"
 #include "robot.hpp"
 
 namespace py = pybind11;
@@ -114,6 +115,8 @@ void forget_drums(const HeldRobot& held, Vector& state) {
 }  // namespace
 
 void bind_robot(py::module_& core) {
+    bind_kinds<Guide>(core, "Guide", GUIDE_NAMES);
+    bind_kinds<FrameMotion>(core, "FrameMotion", FRAME_MOTION_NAMES);
     py::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
         .def(
             py::init<Indices, Vector>(), py::arg("plan").noconvert(), py::arg("numbers").noconvert(),

@@ -27,19 +27,18 @@ void require_table(const Given& table, py::ssize_t samples, std::size_t pulleys)
 }
 
 /// (43): kinetic and static loss of every pulley at every sample.
-py::tuple pulley_losses(const Given& wrap, const Matrix& pulleys, Index stribeck) {
+py::tuple pulley_losses(const Given& wrap, const Matrix& pulleys, Stribeck stribeck) {
     const auto rows = pulleys_of(pulleys);
     require(wrap.ndim() == 2, "wrap needs two axes");
     const py::ssize_t samples = wrap.shape(0);
     require_table(wrap, samples, rows.size());
-    require(0 <= stribeck && stribeck <= Index(Stribeck::capstan), "stribeck is not a code");
     Matrix kinetic({samples, py::ssize_t(rows.size())}), fading({samples, py::ssize_t(rows.size())});
     for_samples(samples, [&](py::ssize_t k) {
         for (std::size_t p = 0; p < rows.size(); ++p) {
             const PulleyConstants& one = rows[p];
             const Loss loss = blended_loss(
                 one.rho, one.mu_c, one.mu_s, *wrap.data(k, p), one.bearing_ratio,
-                static_cast<Stribeck>(stribeck));
+                stribeck);
             *kinetic.mutable_data(k, p) = loss.kinetic;
             *fading.mutable_data(k, p) = loss.fading;
         }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "friction.hpp"
+#include "friction_law.hpp"
 
 namespace cdrj {
 namespace {
@@ -25,15 +26,19 @@ struct ContactFriction {
     double force, by_slip, by_pull;
 };
 
+Bristles bristles_of(const Contact& contact, double hardness) {
+    return {
+        contact.bristle_before, contact.stiffness * hardness, contact.bound, contact.breakaway};
+}
+
 /// Friction of a contact after a slip [m]; bristle force and bound are written.
 ContactFriction contact_friction(
-    Contact& contact, double hardness, double slip, double pull, Law law, double dt) {
-    const double bound = contact.loss * pull + contact.drag + BOUND_FLOOR;
+    Contact& contact, double hardness, double slip, double pull, const FrictionLaw& law,
+    double dt) {
+    contact.bound = contact.loss * pull + contact.drag + BOUND_FLOOR;
     const double before = contact.bristle_before;
-    const Friction bristle = friction_force(
-        law, before, slip, contact.stiffness * hardness, bound, contact.breakaway);
+    const Friction bristle = law.force(bristles_of(contact, hardness), slip);
     contact.bristle = bristle.force;
-    contact.bound = bound;
     double force = bristle.force, by_slip = bristle.by_slip;
     double by_pull = bristle.by_bound * contact.loss;
     if (dt > 0.0) {
@@ -94,27 +99,16 @@ double newton_step(const Cable& cable) {
     return shortened(share, -after, segments[0].material);
 }
 
-/// Write flux + share * step into `trial`; stop a step that crosses the elastic range.
-///
-/// The elastic range of the bristles lies between sliding forward and sliding back. A step across
-/// all of it would switch the friction from one bound to the other, and the next iteration would
-/// switch it back; such a step ends where the bristle force is zero.
+/// Write flux + share * step into `trial`, or less where the law shortens the step.
 void try_step(std::span<Contact> contacts, double hardness, Law law, double share) {
+    const FrictionLaw& friction = law_of(law);
     for (Contact& contact : contacts) {
         const double shift = contact.shift;
-        double trial = contact.flux + share * contact.step;
-        const double slip = contact.flux + shift, next_slip = trial + shift;
-        if (law != Law::none && law != Law::lugre) {
-            const double stiffness = contact.stiffness * hardness;
-            const double before = contact.bristle_before, bound = contact.bound;
-            const double was = before + stiffness * slip, is = before + stiffness * next_slip;
-            if ((was > bound && is < -bound) || (was < -bound && is > bound)) {
-                trial = -before / stiffness - shift;
-            }
-        } else if (law == Law::lugre && slip * next_slip < 0.0) {
-            trial = 0.3 * next_slip - shift;  // the slope jumps where the slip reverses
+        contact.trial = contact.flux + share * contact.step;
+        double next_slip = contact.trial + shift;
+        if (friction.shorten(bristles_of(contact, hardness), contact.flux + shift, next_slip)) {
+            contact.trial = next_slip - shift;
         }
-        contact.trial = trial;
     }
 }
 
@@ -243,6 +237,7 @@ double Cable::balance(double hardness) {
     segments[0].material = material;
     double t_left = tension_of(elastic, segments[0].length, material);
     segments[0].tension = t_left;
+    const FrictionLaw& of_contacts = law_of(law);
     for (std::size_t i = 0; i < n; ++i) {
         Segment& right = segments[i + 1];
         Contact& contact = contacts[i];
@@ -254,7 +249,7 @@ double Cable::balance(double hardness) {
         ContactFriction friction{0.0, 0.0, 0.0};
         if (law != Law::none) {
             const double pull = std::max(t_left, t_right);
-            friction = contact_friction(contact, hardness, flux + contact.shift, pull, law, dt);
+            friction = contact_friction(contact, hardness, flux + contact.shift, pull, of_contacts, dt);
         }
         contact.by_slip = friction.by_slip;
         contact.by_pull = friction.by_pull;

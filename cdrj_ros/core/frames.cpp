@@ -62,16 +62,16 @@ void place_frames(
             const Vector3 rate = frame.multiplier * axis;
             Twist& twist = work.twist(f, joint);
             switch (motion) {
-                case Motion::fixed: break;
-                case Motion::revolute:
+                case FrameMotion::fixed: break;
+                case FrameMotion::revolute:
                     turn(twist, rate, origin);
                     turn(pose, frame.axis, q);
                     break;
-                case Motion::prismatic:
+                case FrameMotion::prismatic:
                     twist.linear = twist.linear + rate;
                     origin = combined(1.0, origin, q, axis);
                     break;
-                case Motion::rolling: {
+                case FrameMotion::rolling: {
                     const Vector3 start = rotated(pose.rotation, {frame.rolling_radius, 0.0, 0.0});
                     const Vector3 radius = about(axis, std::cos(q), std::sin(q), start);
                     turn(twist, 2.0 * rate, origin + radius);

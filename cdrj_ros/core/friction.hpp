@@ -1,4 +1,4 @@
-// Friction of a cable on a pulley: (29)-(43) of the source and the dynamic laws.
+// Friction of a cable that slides on a pulley: (29)-(43) of the source.
 //
 // beta: wrap angle [rad], v: slip speed [m/s], eta = T_hold / T_pull: transmission in (0, 1],
 // g: largest difference T_pull - T_hold that friction can carry [N]. docs/model.md, section 4.
@@ -78,59 +78,6 @@ inline Loss cell_loss(const Loss& whole, double share) {
     if (share == 1.0) return whole;
     const double fast = std::pow(1.0 - whole.kinetic, share);
     return {1.0 - fast, fast - std::pow(1.0 - whole.kinetic - whole.fading, share)};
-}
-
-/// A friction force and its derivatives.
-struct Friction {
-    double force;     // [N]
-    double by_slip;   // derivative by the slip [N/m]
-    double by_bound;  // derivative by the bound [-]
-};
-
-/// (33), (E9): bristle force after a slip, exact over the slip for a constant bound.
-///
-/// LuGre (33) without viscous terms is df/dx = sigma0 (1 - sgn(x) f / g), so over a slip x the
-/// distance to the bound shrinks by exp(-sigma0 |x| / g). The elastoplastic law (Dupont, Hayward,
-/// Armstrong, Altpeter 2002) keeps df/dx = sigma0 up to `breakaway` * g and closes the rest
-/// exponentially, continuous in slope; with breakaway = 1 it is an elastic, perfectly plastic
-/// contact whose minor loops close exactly.
-///
-/// `before`: bristle force sigma0 z before the slip [N]; `slip`: material that has moved past the
-/// body's surface [m]; `stiffness`: sigma0 [N/m]; `bound`: g [N], positive; `breakaway`: in [0, 1].
-inline Friction friction_force(
-    Law law, double before, double slip, double stiffness, double bound, double breakaway) {
-    const double sign = slip >= 0.0 ? 1.0 : -1.0;
-    const double x = sign * slip;
-    double f = sign * before;  // mirrored so that the slip is forward
-    if (law == Law::lugre) {
-        const double decay = std::exp(-stiffness * x / bound);
-        const double force = bound + (f - bound) * decay;
-        const double by_slip = -(f - bound) * decay * stiffness / bound;
-        const double by_bound =
-            1.0 - decay + (f - bound) * decay * stiffness * x / (bound * bound);
-        return {sign * force, by_slip, sign * by_bound};
-    }
-    double elastic_by_bound = 0.0;
-    if (f < -bound) {  // the bound has shrunk below the stored force: bristles let go first
-        f = -bound;
-        elastic_by_bound = -1.0;
-    }
-    const double knee = breakaway * bound;
-    const double trial = f + stiffness * x;
-    if (trial <= knee) return {sign * trial, stiffness, sign * elastic_by_bound};
-    if (f >= bound || breakaway >= 1.0) return {sign * bound, 0.0, sign};
-    const double reach = (1.0 - breakaway) * bound / stiffness;
-    if (f >= knee) {
-        const double decay = std::exp(-x / reach);
-        const double gap = bound - f;
-        const double by_bound = 1.0 - decay - gap * decay * x / (reach * bound);
-        return {sign * (bound - gap * decay), gap * decay / reach, sign * by_bound};
-    }
-    const double plastic = x - (knee - f) / stiffness;
-    const double decay = std::exp(-plastic / reach);
-    const double force = bound - (bound - knee) * decay;
-    const double by_bound = 1.0 - decay * (1.0 - elastic_by_bound + stiffness * plastic / bound);
-    return {sign * force, stiffness * decay, sign * by_bound};
 }
 
 }  // namespace cdrj

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "drum.hpp"
+#include "friction_law.hpp"
 #include "laws.hpp"
 #include "robot.hpp"
 

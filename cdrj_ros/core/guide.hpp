@@ -5,10 +5,18 @@
 // goes. docs/model.md, section 13.2.
 #pragma once
 
+#include <cmath>
+
 #include "robot_records.hpp"
 #include "state_records.hpp"
 
 namespace cdrj {
+
+enum class Guide : std::int64_t { point, pulley, swivel, cylinder, sphere, sheath };
+
+/// Their names in `cdrj_ros.robot.space`; the code of a guide is its place here.
+inline constexpr const char* GUIDE_NAMES[]{
+    "point", "pulley", "swivel", "cylinder", "sphere", "sheath"};
 
 /// Where a cable touches a guide.
 struct Meeting {
@@ -17,13 +25,31 @@ struct Meeting {
     Vector3 exit;   // last point of contact
 };
 
+/// The cable beside a guide that it touches.
+struct Passing {
+    Vector3 before, after;  // directions in the base, unit vectors
+    double wrap;            // sum of a constant and tables [rad]; of guides whose wrap is given
+
+    /// Angle between both directions [rad].
+    double bend() const { return std::atan2(norm(cross(before, after)), dot(before, after)); }
+};
+
 /// A kind of guide.
 struct GuideKind {
+    /// Its points of contact are given in frames and do not depend on its neighbours.
+    bool fixed;
+
+    /// `exit_frame` carries the point at which the cable leaves it; otherwise `frame` carries all of it.
+    bool bridges;
+
+    /// It holds the cable in the plane z = 0, on a circle whose sense is given.
+    bool grooved;
+
     /// Find where the cable touches the guide, from `before` and `after`.
     Meeting (*meet)(const NodeConstants& node, Touch& touch);
 
     /// Write angle, length and wrap of the arc from the points of contact.
-    void (*measure)(const NodeConstants& node, Touch& touch);
+    void (*measure)(const NodeConstants& node, const Passing& cable, Touch& touch);
 
     /// Middle of the arc, from which its motion along the body follows (E26).
     ArcMiddle (*middle)(const NodeConstants& node, const Touch& touch);
@@ -34,13 +60,17 @@ extern const GuideKind POINT, SHEATH;
 /// A pulley with a groove, a pulley that swivels about the entering cable, bodies on which cable lies.
 extern const GuideKind PULLEY, SWIVEL, CYLINDER, SPHERE;
 
-/// The kind of a guide; a new kind adds its name to `Guide`, a file and a line here.
+/// A new kind adds its name above, a file and a line here.
 inline const GuideKind& kind_of(Guide guide) {
-    static constexpr const GuideKind* KINDS[]{&POINT, &PULLEY, &SWIVEL, &CYLINDER, &SPHERE, &SHEATH};
-    return *KINDS[static_cast<Index>(guide)];
+    switch (guide) {
+        case Guide::point: return POINT;
+        case Guide::pulley: return PULLEY;
+        case Guide::swivel: return SWIVEL;
+        case Guide::cylinder: return CYLINDER;
+        case Guide::sphere: return SPHERE;
+        case Guide::sheath: return SHEATH;
+    }
+    return POINT;
 }
-
-/// Whether a guide's points of contact do not depend on its neighbours.
-inline bool is_fixed(Guide guide) { return guide == Guide::point || guide == Guide::sheath; }
 
 }  // namespace cdrj

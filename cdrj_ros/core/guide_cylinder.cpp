@@ -25,7 +25,11 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
     return {possible, entry, exit};
 }
 
-void measure(const NodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
+    if (node.inside == 1.0) {
+        touch.wrap = cable.bend();
+        return;
+    }
     touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
                   2.0 * PI * node.turns;
     touch.wrap = touch.angle;
@@ -55,6 +59,8 @@ ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
 
 }  // namespace
 
-const GuideKind CYLINDER{meet, measure, middle};
+const GuideKind CYLINDER{
+    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
+    .middle = middle};
 
 }  // namespace cdrj

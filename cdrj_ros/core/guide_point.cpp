@@ -1,4 +1,4 @@
-// An eyelet, and a sheath whose cable keeps its length between two points.
+// A point: an eyelet, or an anchor at an end.
 #include "guide.hpp"
 
 namespace cdrj {
@@ -6,14 +6,15 @@ namespace {
 
 Meeting meet(const NodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
 
-void measure(const NodeConstants&, Touch&) {}
+void measure(const NodeConstants&, const Passing& cable, Touch& touch) { touch.wrap = cable.bend(); }
 
-/// A point of the body, which never moves in it.
+/// It never moves in the body.
 ArcMiddle middle(const NodeConstants&, const Touch&) { return {Z_AXIS, Z_AXIS, 0.0}; }
 
 }  // namespace
 
-const GuideKind POINT{meet, measure, middle};
-const GuideKind SHEATH{meet, measure, middle};
+const GuideKind POINT{
+    .fixed = true, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
+    .middle = middle};
 
 }  // namespace cdrj

@@ -23,7 +23,7 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
 }
 
 /// (E5): the wrap is continuous within half a turn of that in the reference pose.
-void measure(const NodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, const Passing&, Touch& touch) {
     const Vector3 &first = touch.entry_normal, &last = touch.exit_normal;
     const double angle =
         node.turn * std::atan2(dot(Z_AXIS, cross(first, last)), dot(first, last));
@@ -41,6 +41,8 @@ ArcMiddle middle(const NodeConstants&, const Touch& touch) {
 
 }  // namespace
 
-const GuideKind PULLEY{meet, measure, middle};
+const GuideKind PULLEY{
+    .fixed = false, .bridges = false, .grooved = true, .meet = meet, .measure = measure,
+    .middle = middle};
 
 }  // namespace cdrj

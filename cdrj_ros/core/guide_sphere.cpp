@@ -27,7 +27,11 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
     return {possible, node.radius * touch.entry_normal, node.radius * touch.exit_normal};
 }
 
-void measure(const NodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
+    if (node.inside == 1.0) {
+        touch.wrap = cable.bend();
+        return;
+    }
     touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
                   2.0 * PI * node.turns;
     touch.wrap = touch.angle;
@@ -46,6 +50,8 @@ ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
 
 }  // namespace
 
-const GuideKind SPHERE{meet, measure, middle};
+const GuideKind SPHERE{
+    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
+    .middle = middle};
 
 }  // namespace cdrj

@@ -24,7 +24,7 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
         length > 0.0 && out > 0.0, ZERO, {aside.x, aside.y, radius * std::sin(touch.angle)}};
 }
 
-void measure(const NodeConstants& node, Touch& touch) {
+void measure(const NodeConstants& node, const Passing&, Touch& touch) {
     touch.wrap = touch.angle;
     touch.arc = node.radius * touch.angle;
 }
@@ -38,6 +38,8 @@ ArcMiddle middle(const NodeConstants&, const Touch& touch) {
 
 }  // namespace
 
-const GuideKind SWIVEL{meet, measure, middle};
+const GuideKind SWIVEL{
+    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
+    .middle = middle};
 
 }  // namespace cdrj

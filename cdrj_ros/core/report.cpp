@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "guide.hpp"
+
 namespace cdrj {
 namespace {
 
@@ -32,8 +34,7 @@ Vector3 force_on_pulley(const Step& step, Index p, Route routed, double t_in, do
 double drum_lever(const Step& step, Index c, Index end) {
     const CableTopology& cable = step.topology.cables[c];
     const Index node = cable.first_node + end * cable.elements;
-    if (cable.routed == Route::positions &&
-        step.topology.nodes[node].kind == Guide::pulley) {
+    if (cable.routed == Route::positions && !kind_of(step.topology.nodes[node].kind).fixed) {
         return step.work.touches[node].lever;
     }
     return step.constants.ends[2 * c + end].radius;

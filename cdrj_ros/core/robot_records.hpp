@@ -16,17 +16,17 @@ using Index = std::int64_t;
 /// How the lengths of a cable are given.
 enum class Route : std::int64_t { tables, positions };
 
-/// Friction laws, in the order of the words of a robot file.
-enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
+enum class Law : std::int64_t;  // friction_law.hpp
 
 /// How static friction enters: (35) as printed, or the capstan equation with mu_s.
 enum class Stribeck : std::int64_t { printed, capstan };
+inline constexpr const char* STRIBECK_NAMES[]{"printed", "capstan"};
 
 /// Motion of a frame relative to its parent.
-enum class Motion : std::int64_t { fixed, revolute, prismatic, rolling };
+enum class FrameMotion : std::int64_t { fixed, revolute, prismatic, rolling };
+inline constexpr const char* FRAME_MOTION_NAMES[]{"fixed", "revolute", "prismatic", "rolling"};
 
-/// What a cable given by positions touches.
-enum class Guide : std::int64_t { point, pulley, swivel, cylinder, sphere, sheath };
+enum class Guide : std::int64_t;  // guide.hpp
 
 /// Intervals of a tabulated function over its joint's range.
 inline constexpr std::int64_t TABLE_INTERVALS = 256;
@@ -74,7 +74,7 @@ struct TermTopology {
 /// Place of a frame in the tree of frames; parents come first.
 struct FrameTopology {
     Index parent;  // index of the parent frame; -1 for the base
-    Motion motion;
+    FrameMotion motion;
     Index joint;  // index of the joint that moves the frame; -1 for a fixed frame
 };
 

@@ -50,8 +50,10 @@ struct Path {
         return k;
     }
 
-    /// Whether a node is an end that winds cable.
-    bool winds(Index k) const { return plans[k].kind == Guide::pulley; }
+    const GuideKind& kind(Index k) const { return kind_of(plans[k].kind); }
+
+    /// Whether an end winds cable.
+    bool winds(Index end) const { return !kind(end).fixed; }
 };
 
 /// (E4): where the common tangent of two pulleys with parallel axes leaves one and meets the other.
@@ -91,11 +93,11 @@ double place_nodes(const Path& path, std::span<const Pose> poses) {
         touch.angle = touch.wrap = touch.arc = 0.0;
         touch.share = 0.0;
         touch.normal = Z_AXIS;
-        if (plan.kind == Guide::sheath) {
+        const GuideKind& kind = path.kind(k);
+        if (kind.bridges) {
             const Pose& far = poses[plan.exit_frame];
             touch.exit = far.origin + rotated(far.rotation, node.exit);
-            touch.arc = node.length;
-        } else if (plan.kind != Guide::point) {
+        } else if (!kind.fixed) {
             for (int i = 0; i < 3; ++i) {
                 const auto& own = node.basis.row;
                 const Vector3 row{own[3 * i], own[3 * i + 1], own[3 * i + 2]};
@@ -113,7 +115,7 @@ double place_nodes(const Path& path, std::span<const Pose> poses) {
         if (k == 0) continue;
         Touch& before = path.touches[k - 1];
         size += norm(centre - before.centre) + node.radius;
-        if (plan.kind == Guide::pulley && path.plans[k - 1].kind == Guide::pulley) {
+        if (kind.grooved && path.kind(k - 1).grooved) {
             start_on_tangent(path.nodes[k - 1], before, node, touch);
         }
     }
@@ -156,7 +158,8 @@ Sweep sweep(const Path& path) {
     Sweep found{true, 0.0};
     const Index last = path.last();
     for (Index k = 0; k <= last; ++k) {
-        if (is_fixed(path.plans[k].kind)) continue;
+        const GuideKind& kind = path.kind(k);
+        if (kind.fixed) continue;
         const NodeConstants& node = path.nodes[k];
         Touch& touch = path.touches[k];
         const Vector3 centre = touch.centre;
@@ -166,7 +169,7 @@ Sweep sweep(const Path& path) {
         touch.before = rotated(touch.basis, came - centre);
         touch.after = rotated(touch.basis, goes - centre);
         const double was = touch.touching;
-        auto [possible, entry, exit] = kind_of(path.plans[k].kind).meet(node, touch);
+        auto [possible, entry, exit] = kind.meet(node, touch);
         if (node.lead != 0.0) {  // (G10): height at which the cable leaves a helical groove
             const double height = node.lead * (touch.wound + wound_angle(node, touch, k == 0));
             entry = entry + Vector3{0.0, 0.0, height};
@@ -189,7 +192,7 @@ Sweep sweep(const Path& path) {
 bool find_path(const Path& path, double size) {
     bool coupled = false;  // one sweep is exact if both neighbours of every round body are points
     for (Index k = 1; k <= path.last(); ++k) {
-        coupled |= !(is_fixed(path.plans[k].kind) || is_fixed(path.plans[k - 1].kind));
+        coupled |= !(path.kind(k).fixed || path.kind(k - 1).fixed);
     }
     Sweep found = sweep(path);
     if (!coupled) return found.possible;
@@ -235,25 +238,18 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
         }
         p = q;
     }
+    const auto along = [&](Index e) {
+        const Table& u = work.direction;
+        return Vector3{u(first + e, 0), u(first + e, 1), u(first + e, 2)};
+    };
     for (Index k = 1; k < last; ++k) {
-        const Guide kind = path.plans[k].kind;
         Touch& touch = touches[k];
         if (touch.touching == 0.0) {
             wrap[k - 1] = 0.0;
             continue;
         }
-        if (kind == Guide::point || path.nodes[k].inside == 1.0) {
-            const auto along = [&](Index e) {
-                const Table& u = work.direction;
-                return Vector3{u(first + e, 0), u(first + e, 1), u(first + e, 2)};
-            };
-            const Vector3 u = along(k - 1), v = along(k);
-            touch.wrap = std::atan2(norm(cross(u, v)), dot(u, v));
-        } else if (kind == Guide::sheath) {
-            touch.wrap = wrap[k - 1];  // given by a constant and tables
-        } else {
-            kind_of(kind).measure(path.nodes[k], touch);
-        }
+        const Passing cable{along(k - 1), along(k), wrap[k - 1]};
+        path.kind(k).measure(path.nodes[k], cable, touch);
         wrap[k - 1] = touch.wrap;
         possible = possible && touch.wrap >= 0.0;
         length[k - 1] += 0.5 * touch.arc;
@@ -304,7 +300,7 @@ bool route_cable(
         const Touch& touch = path.touches[k];
         work.arc[own.first_pulley + k - 1] = touch.arc;
         ArcMiddle& middle = work.middles[own.first_node + k];
-        middle = kind_of(path.plans[k].kind).middle(path.nodes[k], touch);
+        middle = path.kind(k).middle(path.nodes[k], touch);
         if (touch.touching == 0.0) middle = {Z_AXIS, ZERO, 0.0};
     }
     for (const Index k : {Index{0}, last}) {  // cable sticks to an end
@@ -320,7 +316,7 @@ bool route_cable(
         // point at which it has left one
         const Vector3 unit = along(e);
         const NodeTopology& from = path.plans[e];
-        const Index left = from.kind == Guide::sheath ? from.exit_frame : from.frame;
+        const Index left = path.kind(e).bridges ? from.exit_frame : from.frame;
         for (Index j = 0; j < topology.sizes.joints; ++j) {
             const Vector3 arrives = velocity_of(
                 work.twist(path.plans[e + 1].frame, j), path.touches[e + 1].entry);

@@ -39,8 +39,8 @@ class CableMotion:
     """Tension-strain law of the cable."""
     constants: Any
     """Constants of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
-    stribeck: int
-    """Form of static friction, an index of ``STRIBECK_FORMS``."""
+    stribeck: _core.Stribeck
+    """Form of static friction."""
 
     def slips(self, tension: Table) -> Table:
         """(E17): slip against every pulley towards the last node [m], shape (n, pulleys).

@@ -35,6 +35,7 @@ from cdrj_ros.identification.friction_chain import (
 )
 from cdrj_ros.model.along import Course, course
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
+from cdrj_ros.model.filling import stribeck_of
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot
@@ -302,7 +303,7 @@ def _motion_of(model: Model, path: Path, c: int) -> CableMotion:
         held_last=isinstance(cable.nodes[-1], Anchor) or not isinstance(cable.nodes[0], Anchor),
         elastic=elasticity_of(cable),
         constants=_constants(model, pulleys, cable.law == "none"),
-        stribeck=int(plan.pulleys[own.first_pulley].stribeck) if own.pulleys else 0,
+        stribeck=stribeck_of(cable),
     )
 
 

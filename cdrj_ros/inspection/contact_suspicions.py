@@ -9,6 +9,7 @@ from typing import Any, Final
 from cdrj_ros.inspection.checks import CableCheck, PulleyCheck, Suspicion
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
 from cdrj_ros.robot.description import Cable, Friction, Pulley
+from cdrj_ros.robot.laws import FRICTION_LAWS
 
 LARGEST_UNSTATED: Final = 0.01
 """Relative error of the tension beyond a pulley that an unstated moving end may cause without being
@@ -96,40 +97,40 @@ def _friction(cable: Cable) -> Iterator[Suspicion]:
 
 def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
     friction = pulley.friction
-    if cable.law == "none":
+    law = FRICTION_LAWS[cable.law]
+    if not law.sliding:
         if friction.mu_c > 0.0 or friction.bearing_friction > 0.0:
-            yield "law is none: mu_c and bearing_friction are without effect"
+            yield f"law is {cable.law}: mu_c and bearing_friction are without effect"
         return
-    euler = cable.law == "euler"
-    yield from _static_without_effect(friction, euler)
+    yield from _static_without_effect(cable, friction)
     bearing = friction.bearing_friction > 0.0 and pulley.bearing_diameter > 0.0
-    if bearing and (friction.rho == 1.0 or euler):
+    if bearing and (friction.rho == 1.0 or not law.bearing):
         yield (
             "bearing_friction is without effect: "
             + (
-                "law euler has sliding friction only"
-                if euler
-                else "rho is 1: sliding friction only"
+                "rho is 1: sliding friction only"
+                if law.bearing
+                else f"law {cable.law} has sliding friction only"
             )
         )
     if friction.bearing_friction > 0.0 and pulley.bearing_diameter == 0.0 and friction.rho < 1.0:
         yield "bearing_friction is without effect: bearing_diameter is 0"
-    sliding = friction.rho > 0.0 or euler
+    sliding = friction.rho > 0.0 or not law.bearing
     if friction.mu_c > 0.0 and not sliding:
         yield f"mu_c = {friction.mu_c:g} is without effect: rho is 0, only the bearing counts"
     if not (bearing or pulley.bearing_torque > 0.0) and (friction.mu_c == 0.0 or not sliding):
         yield f"no friction at all, although law is {cable.law}"
 
 
-def _static_without_effect(friction: Friction, euler: bool) -> Iterator[str]:
+def _static_without_effect(cable: Cable, friction: Friction) -> Iterator[str]:
     """Report mu_s or stribeck_speed if it has no effect."""
     if friction.mu_s == friction.mu_c:
         if friction.stribeck_speed is not None:
             yield "stribeck_speed is without effect: mu_s equals mu_c"
         return
     reason = ""
-    if euler:
-        reason = "law euler has no static friction"
+    if not FRICTION_LAWS[cable.law].static:
+        reason = f"law {cable.law} has no static friction"
     elif friction.rho == 0.0:
         reason = "rho is 0: only the bearing counts"
     elif friction.mu_c == 0.0 and friction.stribeck == "printed":

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from math import exp
 from typing import Final
 
 import numpy as np
@@ -30,10 +29,11 @@ from cdrj_ros.model.elasticity import (
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.filling import bearing_drag, bearing_ratio
-from cdrj_ros.model.friction import RIGID_BRISTLE, STRIBECK_FORMS, blended_loss
+from cdrj_ros.model.filling import bearing_drag, friction_numbers
+from cdrj_ros.model.friction import RIGID_BRISTLE, Stribeck, blended_loss
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
+from cdrj_ros.robot.laws import FRICTION_LAWS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -80,20 +80,14 @@ def visited_poses(robot: Robot) -> Matrix:
 
 def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[float, float]:
     """eta of a pulley at rest and sliding fast, by the cable's law: (37), (41) and their blend."""
-    friction = pulley.friction
-    if cable.law == "none":
+    law = FRICTION_LAWS[cable.law]
+    if not law.sliding:
         return 1.0, 1.0
-    if cable.law == "euler":
-        eta = exp(-friction.mu_c * wrap_angle)
-        return eta, eta
+    values = friction_numbers(pulley, law)
     kinetic, static = blended_loss(
-        friction.rho,
-        friction.mu_c,
-        friction.mu_s,
-        wrap_angle,
-        bearing_ratio(pulley),
-        STRIBECK_FORMS.index(friction.stribeck),
-    )
+        values["rho"], values["mu_c"], values["mu_s"], wrap_angle, values["bearing_ratio"],
+        Stribeck.__members__[pulley.friction.stribeck],
+    )  # fmt: skip
     return 1.0 - kinetic - static, 1.0 - kinetic
 
 
@@ -258,7 +252,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
     worst = followed
     for p in reversed(range(len(cable.pulleys))):  # each pulley adds its loss
         drag = 0.0
-        if cable.law not in ("none", "euler"):
+        if FRICTION_LAWS[cable.law].bearing:
             drag = bearing_drag(cable.pulleys[p])
         worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
     return worst
@@ -266,10 +260,11 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
 
 def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float:
     """Travel from one friction bound to the other: 2 g / sigma0 with g = (1 - eta) T [m]."""
-    if cable.law == "none":
+    law = FRICTION_LAWS[cable.law]
+    if not law.sliding:
         return 0.0
     stiffness = cable.pulleys[p].friction.bristle_stiffness
-    if cable.law in ("euler", "steady"):
+    if not law.bristles:
         stiffness = RIGID_BRISTLE
     return float(np.max(2.0 * (1.0 - eta) * tension)) / stiffness
 

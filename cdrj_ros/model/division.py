@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.robot.description import Cable, Node, Pulley, Robot
+from cdrj_ros.robot.laws import FRICTION_LAWS
 
 Vector = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ def divided(robot: Robot, wrap: Vector) -> Robot:
 def _cells(cable: Cable, pulley: Pulley, wrap: float) -> int:
     if pulley.cells:
         return pulley.cells
-    if cable.law == "none" or pulley.kind == "eyelet":
+    if not FRICTION_LAWS[cable.law].sliding or pulley.kind == "eyelet":
         return 1
     exponent = pulley.friction.rho * pulley.friction.mu_c * wrap
     return min(max(ceil(exponent / EXPONENT_PER_CELL), 1), MOST_CELLS)

@@ -11,13 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.model import geometry
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.friction import (
-    EULER,
     RIGID_BRISTLE,
-    STEADY,
-    STRIBECK_FORMS,
+    Law,
+    Stribeck,
     blended_loss,
 )
 from cdrj_ros.model.in_space import frames_in_space, place_in_space
@@ -30,8 +30,8 @@ from cdrj_ros.model.packing import (
     number_views,
     plan_views,
 )
+from cdrj_ros.model.records import code_of
 from cdrj_ros.robot.description import (
-    LAWS,
     TABLE_INTERVALS,
     Cable,
     MovingEnd,
@@ -41,7 +41,7 @@ from cdrj_ros.robot.description import (
     Robot,
     Winch,
 )
-from cdrj_ros.robot.space import CONTACT_KINDS
+from cdrj_ros.robot.laws import FRICTION_LAWS, FrictionLaw
 
 Vector = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ class _Rows:
                 self._plan.frames,
                 k,
                 parent=self._frames[frame.parent] if frame.parent else -1,
-                motion=geometry.MOTIONS.index(frame.motion),
+                motion=code_of(_core.FrameMotion, frame.motion),
                 joint=self._joints[frame.joint] if frame.joint else -1,
             )
             _fill(
@@ -174,7 +174,7 @@ class _Rows:
             first_contact=self._contact,
             contacts=sum(contact_cells(one) for one in cable.pulleys),
             first_node=self._node,
-            law=LAWS.index(cable.law),
+            law=code_of(Law, cable.law),
             routed=int(cable.spatial or cable.routed),
         )
         _fill(
@@ -204,7 +204,7 @@ class _Rows:
                 radius=winch.reel if winch else node.radius,
                 winding=winch.winding if winch else 0.0,
             )
-        stribeck = _stribeck(cable)
+        stribeck = stribeck_of(cable)
         for k, node in enumerate(cable.pulleys):
             self._pulley(cable, node, stribeck, pulley + k, element + k)
         for k, profiles in enumerate(cable.spans or ((),) * (len(cable.nodes) - 1)):
@@ -214,7 +214,7 @@ class _Rows:
             self._add_node(node)
 
     def _pulley(
-        self, cable: Cable, pulley: Pulley, stribeck: int, place: int, element: int
+        self, cable: Cable, pulley: Pulley, stribeck: Stribeck, place: int, element: int
     ) -> None:
         wrap = self._add_profiles(pulley.wrap, True, place)
         changes = cable.placed or any(profile.joint for profile in pulley.wrap)
@@ -226,11 +226,11 @@ class _Rows:
             cells=contact_cells(pulley),
             surface=self._surface if pulley.cell_width > 0.0 else -1,
             wrap_changes=int(changes),
-            stribeck=stribeck,
+            stribeck=int(stribeck),
         )
         self._contact += contact_cells(pulley)
         self._surface += pulley.cell_width > 0.0
-        values = friction_numbers(pulley, LAWS.index(cable.law))
+        values = friction_numbers(pulley, FRICTION_LAWS[cable.law])
         kinetic, static = blended_loss(
             values["rho"],
             values["mu_c"],
@@ -260,12 +260,12 @@ class _Rows:
         if not self._frames:
             return
         if place is None:
-            _fill(self._plan.nodes, k, kind=0, frame=-1, exit_frame=-1)
+            _fill(self._plan.nodes, k, kind=code_of(_core.Guide, "point"), frame=-1, exit_frame=-1)
             return
         _fill(
             self._plan.nodes,
             k,
-            kind=CONTACT_KINDS.index(place.kind),
+            kind=code_of(_core.Guide, place.kind),
             frame=self._frames[place.frame],
             exit_frame=self._frames[place.exit_frame],
         )
@@ -318,18 +318,20 @@ def _basis(axis: tuple[float, float, float]) -> tuple[float, ...]:
     return tuple(np.array([x, np.cross(z, x), z]).ravel())
 
 
-def _stribeck(cable: Cable) -> int:
-    """Code of the cable's Stribeck form, which all of its pulleys share."""
+def stribeck_of(cable: Cable) -> Stribeck:
+    """The cable's Stribeck form, which all of its pulleys share."""
     forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
-    return STRIBECK_FORMS.index(forms.pop())
+    return Stribeck.__members__[forms.pop()]
 
 
-def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
-    """Friction constants of one pulley; the simpler laws are limiting cases of the full one."""
+def friction_numbers(pulley: Pulley, law: FrictionLaw) -> dict[str, float]:
+    """Friction constants of one pulley; what the law does not take has its neutral value."""
     friction = pulley.friction
-    if law == EULER:  # sliding alone, without static friction
-        friction = replace(friction, rho=1.0, mu_s=friction.mu_c)
-    rigid = law in (EULER, STEADY)
+    if not law.bearing:  # sliding alone
+        friction = replace(friction, rho=1.0)
+    if not law.static:
+        friction = replace(friction, mu_s=friction.mu_c)
+    rigid = not law.bristles
     return {
         "rho": friction.rho,
         "mu_c": friction.mu_c,
@@ -337,7 +339,7 @@ def friction_numbers(pulley: Pulley, law: int) -> dict[str, float]:
         "stribeck_speed": friction.stribeck_speed or NEVER_SLIDES,
         "stribeck_lag": friction.stribeck_lag,
         "bearing_ratio": bearing_ratio(pulley),
-        "drag": 0.0 if law == EULER else bearing_drag(pulley),
+        "drag": bearing_drag(pulley) if law.bearing else 0.0,
         "bristle_stiffness": RIGID_BRISTLE if rigid else friction.bristle_stiffness,
         "bristle_damping": 0.0 if rigid else friction.bristle_damping,
         "viscous": 0.0 if rigid else friction.viscous,

@@ -3,16 +3,18 @@
 Notation: ``wrap_angle`` beta [rad], ``slip_speed`` v [m/s], ``transmission`` eta = T_hold / T_pull
 in (0, 1], ``bound`` g [N] the largest difference T_pull - T_hold that friction can carry.
 Equation numbers are those of docs/model.md, which keeps the numbering of the source.  The laws
-are functions of the core (``core/friction.hpp``).
+are functions of the core (``core/friction.hpp``, ``core/law_*.cpp``).
 """
 
 from __future__ import annotations
 
-from typing import Final, get_args
+from typing import Final
 
 from cdrj_ros._core import (
     BOUND_FLOOR,
     MINIMUM_TRANSMISSION,
+    Law,
+    Stribeck,
     bearing_transmission,
     blended_loss,
     capstan_transmission,
@@ -22,20 +24,13 @@ from cdrj_ros._core import (
     sliding_transmission,
     stribeck_share,
 )
-from cdrj_ros.robot.description import LAWS, StribeckForm
 
 __all__ = [
     "BOUND_FLOOR",
-    "CAPSTAN",
-    "ELASTOPLASTIC",
-    "EULER",
-    "LUGRE",
     "MINIMUM_TRANSMISSION",
-    "NONE",
-    "PRINTED",
     "RIGID_BRISTLE",
-    "STEADY",
-    "STRIBECK_FORMS",
+    "Law",
+    "Stribeck",
     "bearing_transmission",
     "blended_loss",
     "capstan_transmission",
@@ -45,14 +40,6 @@ __all__ = [
     "sliding_transmission",
     "stribeck_share",
 ]
-
-# The code of a law or a form is its place among the words of a robot file.
-NONE, EULER, STEADY, LUGRE, ELASTOPLASTIC = range(len(LAWS))
-
-STRIBECK_FORMS: Final[tuple[StribeckForm, ...]] = get_args(StribeckForm)
-"""How static friction enters: (35) as printed, or the capstan equation with mu_s."""
-
-PRINTED, CAPSTAN = range(len(STRIBECK_FORMS))
 
 RIGID_BRISTLE: Final = 1e9
 """Contact stiffness [N/m] that stands for a rigid contact in the laws ``euler`` and ``steady``."""

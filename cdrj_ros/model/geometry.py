@@ -6,22 +6,15 @@ See docs/model.md.
 
 from __future__ import annotations
 
-from typing import Final, get_args
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.records import record_type
-from cdrj_ros.robot.description import FrameMotion
-from cdrj_ros.robot.space import CONTACT_KINDS
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
-
-MOTIONS: Final[tuple[FrameMotion, ...]] = get_args(FrameMotion)
-"""Types of a frame's motion relative to its parent, in the order of the codes."""
-
-POINT, PULLEY, SWIVEL, CYLINDER, SPHERE, SHEATH = range(len(CONTACT_KINDS))
 
 
 class FramePlan:
@@ -30,7 +23,7 @@ class FramePlan:
     parent: int
     """Index of the parent frame; -1 for the base."""
     motion: int
-    """Code of the motion."""
+    """Code of ``_core.FrameMotion``."""
     joint: int
     """Index of the joint that moves the frame; -1 for a fixed frame."""
 
@@ -56,6 +49,7 @@ class NodePlan:
     """Shape of a node and the frames that carry it."""
 
     kind: int
+    """Code of ``_core.Guide``."""
     frame: int
     """-1 where the node has no position."""
     exit_frame: int

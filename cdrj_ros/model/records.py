@@ -56,6 +56,16 @@ def record_type(fields: type, **vectors: int) -> Any:
     return np.dtype((np.record, columns))
 
 
+def code_of(kinds: Any, word: str) -> int:
+    """Code of a kind in a row, by its word in a robot file.
+
+    Args:
+        kinds: an enumeration of the core: ``Guide``, ``Law``, ``Stribeck`` or ``FrameMotion``.
+        word: the name of a member.
+    """
+    return int(kinds.__members__[word])
+
+
 def words(record: Any) -> int:
     """Number of 8-byte words in a row."""
     return int(record.itemsize) // 8

@@ -24,7 +24,7 @@ from cdrj_ros.robot.description import (
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
-from cdrj_ros.robot.space_reader import ONLY_IN_SPACE, PlaceReader
+from cdrj_ros.robot.space_reader import ONLY_IN_SPACE, PlaceReader, has_bearing
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class CableReader:
                 )
         radius = float(entry.get("radius", 0.0))
         friction = self._friction(f"{path}.friction", *friction_layers, own)
-        if entry["type"] not in ("pulley", "swivel"):  # it does not turn: the cable slides
+        if not has_bearing(entry["type"]):
             return Pulley(radius, replace(friction, rho=1.0, bearing_friction=0.0))
         bearing = float(entry.get("bearing_diameter", Pulley.bearing_diameter))
         if friction.bearing_friction * bearing >= radius:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import hypot, pi
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.robot.laws import Law
 from cdrj_ros.robot.space import SpatialFrame, SpatialPlace
-
-Law = Literal["none", "euler", "steady", "lugre", "elastoplastic"]
-LAWS: Final[tuple[Law, ...]] = get_args(Law)
-"""Friction laws, see docs/model.md, section 4."""
 
 StribeckForm = Literal["printed", "capstan"]
 """Forms of static friction."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from types import MappingProxyType
+from typing import Final, Literal
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[float, ...]
@@ -15,7 +17,30 @@ SpatialMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
 ContactKind = Literal["point", "pulley", "swivel", "cylinder", "sphere", "sheath"]
 """Shape of what a cable touches; a point is an anchor or an eyelet."""
 
-CONTACT_KINDS: Final[tuple[ContactKind, ...]] = get_args(ContactKind)
+
+@dataclass(frozen=True)
+class Guide:
+    """What a kind of guide needs in a robot file."""
+
+    axis: bool = False
+    """Its axis is given."""
+    turn: Literal["needed", "allowed", "meaningless"] = "meaningless"
+    """Whether the sense about the axis is given."""
+    bearing: bool = False
+    """It turns in a bearing; otherwise the cable slides on it."""
+
+
+GUIDES: Final[Mapping[ContactKind, Guide]] = MappingProxyType(
+    {
+        "point": Guide(),
+        "pulley": Guide(axis=True, turn="needed", bearing=True),
+        "swivel": Guide(axis=True, bearing=True),
+        "cylinder": Guide(axis=True, turn="allowed"),
+        "sphere": Guide(),
+        "sheath": Guide(),
+    }
+)
+"""All kinds; their geometry is in ``cdrj_ros/core/guide_*.cpp``."""
 
 IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 

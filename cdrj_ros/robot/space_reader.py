@@ -11,6 +11,7 @@ from typing import Any, Final
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space import (
+    GUIDES,
     IDENTITY,
     ContactKind,
     Matrix3,
@@ -51,6 +52,11 @@ _FRAME_KEYS: Final = ("rpy", "quaternion", "axis", "multiplier", "offset")
 
 UNIT_TOLERANCE: Final = 1e-3
 """Largest deviation of a quaternion's norm from 1."""
+
+
+def has_bearing(node_type: str) -> bool:
+    """Whether a type of node turns in a bearing; on the others the cable slides."""
+    return node_type in KINDS and GUIDES[KINDS[node_type]].bearing
 
 
 def is_spatial(document: Document) -> bool:
@@ -232,17 +238,17 @@ class PlaceReader:
     def _check_axis(self, path: str, entry: Document, kind: ContactKind) -> None:
         """Check axis and turn.
 
-        A pulley needs both, a swivel only the axis; a cylinder needs the axis and may have a turn.
-        Other nodes have neither.
+        ``GUIDES`` says what a kind needs.
         """
-        if (kind == "pulley") != ("turn" in entry) and kind != "cylinder":
+        guide = GUIDES[kind]
+        if guide.turn != "allowed" and (guide.turn == "needed") != ("turn" in entry):
             raise self.refuse(
                 f"{path}.turn",
                 "is missing: ccw or cw, the sense in which the cable goes round the axis"
-                if kind == "pulley"
+                if guide.turn == "needed"
                 else "has no meaning for a point",
             )
-        if (kind in ("pulley", "cylinder", "swivel")) != ("axis" in entry):
+        if guide.axis != ("axis" in entry):
             raise self.refuse(
                 f"{path}.axis",
                 "has no meaning for a point"

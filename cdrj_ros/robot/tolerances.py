@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import Document
+from cdrj_ros.robot.laws import FRICTION_LAWS, Law
 from cdrj_ros.robot.parameters import find_number
-from cdrj_ros.robot.space_reader import is_spatial
+from cdrj_ros.robot.space_reader import has_bearing, is_spatial
 
 ZERO_BY_EYE: Final = pi / 180.0
 """Error of the zero of a joint set by eye or against a mark [rad]."""
@@ -73,9 +74,6 @@ the cable's preload."""
 
 MOST_UNCERTAIN: Final = 7000
 """Largest number of uncertain numbers: their covariance takes 392 MB."""
-
-TURNING: Final = ("pulley", "swivel")
-"""Types of nodes that turn in a bearing."""
 
 Vector = NDArray[np.float64]
 
@@ -285,12 +283,12 @@ def _has_friction(document: Document) -> bool:
     levels += [node for cable in document["cables"] for node in cable["nodes"]]
     return any(not {"mu_c", "law"}.isdisjoint(level.get("friction", {})) for level in levels) and (
         any("mu_c" in level.get("friction", {}) for level in levels)
-        or all(_law(document, cable) == "none" for cable in document["cables"])
+        or not any(FRICTION_LAWS[_law(document, cable)].sliding for cable in document["cables"])
     )
 
 
-def _law(document: Document, cable: Mapping[str, Any]) -> str:
-    laws: Mapping[str, str] = {**document.get("friction", {}), **cable.get("friction", {})}
+def _law(document: Document, cable: Mapping[str, Any]) -> Law:
+    laws: Mapping[str, Law] = {**document.get("friction", {}), **cable.get("friction", {})}
     return laws.get("law", "elastoplastic")
 
 
@@ -328,7 +326,7 @@ def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
         if node["type"] not in ("winch", "anchor"):
             if "radius" in node:
                 radii[f"{here}.radius"] = _drawn(node["radius"])
-            if node["type"] in TURNING and law not in ("none", "euler"):
+            if has_bearing(node["type"]) and FRICTION_LAWS[law].bearing:
                 torque = float(node.get("bearing_torque", 0.0))
                 drag[f"{here}.bearing_torque"] = (
                     DRAG * preload * node["radius"] + HANDBOOK_REST * torque

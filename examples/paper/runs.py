@@ -25,7 +25,8 @@ from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.channels import NODAL_FORCE, TENSION
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
+from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot
+from cdrj_ros.robot.laws import Law
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.friction import PRINTED, bearing_transmission, sliding_transmission
+from cdrj_ros.model.friction import Stribeck, bearing_transmission, sliding_transmission
 
 Vector = NDArray[np.float64]
 
@@ -75,4 +75,4 @@ def _transmission(name: str, p: dict[str, float]) -> float:
     wrap = radians(p["wrap_deg"])
     if name == "eta_r":
         return bearing_transmission(wrap, p["f_d"] * p["bearing_mm"] / p["radius_mm"])
-    return sliding_transmission(p["speed"], p["mu_c"], p["mu_s"], 1.0, wrap, PRINTED)
+    return sliding_transmission(p["speed"], p["mu_c"], p["mu_s"], 1.0, wrap, Stribeck.printed)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from cdrj_ros.evaluation.metrics import ChannelError
 from cdrj_ros.model.friction import (
-    PRINTED,
+    Stribeck,
     bearing_transmission,
     blended_loss,
     sliding_transmission,
@@ -152,9 +152,13 @@ def transmissions(pulley: Pulley) -> tuple[float, float, float, float]:
     ratio = friction.bearing_friction * pulley.bearing_diameter / pulley.radius
 
     def sliding(speed: float) -> float:
-        return sliding_transmission(speed, friction.mu_c, friction.mu_s, stribeck, wrap, PRINTED)
+        return sliding_transmission(
+            speed, friction.mu_c, friction.mu_s, stribeck, wrap, Stribeck.printed
+        )
 
-    kinetic, static = blended_loss(friction.rho, friction.mu_c, friction.mu_s, wrap, ratio, PRINTED)
+    kinetic, static = blended_loss(
+        friction.rho, friction.mu_c, friction.mu_s, wrap, ratio, Stribeck.printed
+    )
     return (
         bearing_transmission(wrap, ratio),
         sliding(0.0),

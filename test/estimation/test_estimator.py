@@ -15,7 +15,8 @@ from cdrj_ros.estimation.estimator import NEVER, Estimates, State, initial_state
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
-from cdrj_ros.robot.description import LAWS, Robot
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.laws import FRICTION_LAWS
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
@@ -84,7 +85,7 @@ def sample(samples: Samples, k: int) -> Sample:
     return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
 
 
-MODELS = {law: law_of(law) for law in LAWS} | {"routed": ROUTED_MODEL}
+MODELS = {law: law_of(law) for law in FRICTION_LAWS} | {"routed": ROUTED_MODEL}
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -17,11 +17,12 @@ from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_st
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of
-from cdrj_ros.model.friction import ELASTOPLASTIC, LUGRE, NONE
+from cdrj_ros.model.friction import Law
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
-from cdrj_ros.robot.description import LAWS, Robot
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.laws import FRICTION_LAWS
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.assembly import divide_contacts
 
@@ -136,7 +137,7 @@ MOTIONS = (
 )
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FRICTION_LAWS)
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.__name__)
 def test_every_sample_is_solved(
     law: str, motion: Callable[[Drive], Samples], variant: Variant, drive: Drive
@@ -348,14 +349,14 @@ def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict
     return {"elastic": elastic, "segments": segments, "work": work}
 
 
-def _residual(problem: dict[str, Any], law: int, flux: np.ndarray) -> np.ndarray:
+def _residual(problem: dict[str, Any], law: Law, flux: np.ndarray) -> np.ndarray:
     work = problem["work"].copy()
     work["trial"] = flux
     cable(problem["elastic"], problem["segments"].copy(), work, 1e-6, -2e-6, law, 1e-3).balance()
     return np.array(work["residual"])
 
 
-def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
+def _jacobian(problem: dict[str, Any], law: Law) -> np.ndarray:
     work, segments = problem["work"].copy(), problem["segments"].copy()
     one = cable(problem["elastic"], segments, work, 1e-6, -2e-6, law, 1e-3)
     one.balance()
@@ -365,13 +366,13 @@ def _jacobian(problem: dict[str, Any], law: int) -> np.ndarray:
     return matrix[:, 1:-1]
 
 
-@pytest.mark.parametrize("law", [NONE, LUGRE, ELASTOPLASTIC], ids=LAWS.__getitem__)
+@pytest.mark.parametrize("law", [Law.none, Law.lugre, Law.elastoplastic], ids=lambda law: law.name)
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(
     "elastic", [LINEAR, Elasticity(6283.0, 0.004, 8.0)], ids=["linear", "soft"]
 )
 def test_the_newton_matrix_is_the_derivative_of_the_imbalance(
-    law: int, seed: int, elastic: Elasticity
+    law: Law, seed: int, elastic: Elasticity
 ) -> None:
     problem = _random_problem(seed, 7, elastic)
     flux = problem["work"]["trial"]
@@ -392,7 +393,7 @@ def test_the_newton_matrix_is_the_derivative_of_the_imbalance(
 
 
 def test_the_frictionless_matrix_is_symmetric_and_negative_definite() -> None:
-    matrix = _jacobian(_random_problem(3, 7), NONE)
+    matrix = _jacobian(_random_problem(3, 7), Law.none)
     np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
     assert np.linalg.eigvalsh(matrix).max() < 0.0
     # (25)-(28) to first order: k of both neighbours on the diagonal, the shared one beside it

@@ -27,7 +27,7 @@ from cdrj_ros.model.elasticity import (
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.friction import ELASTOPLASTIC
+from cdrj_ros.model.friction import Law
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
@@ -204,7 +204,7 @@ def test_the_solver_finds_the_root_that_scipy_finds(seed: int) -> None:
         )
         return np.diff(t) - np.sign(slip) * force
 
-    worst = solve_cable(LAW, segments, contacts, entered, 0.0, ELASTOPLASTIC, 0.0)[1]
+    worst = solve_cable(LAW, segments, contacts, entered, 0.0, Law.elastoplastic, 0.0)[1]
     assert worst <= tolerance(LAW)
     assert np.abs(contacts["flux"]).max() > 1e-5
     other = root(imbalance, 0.9 * contacts["flux"], tol=1e-12)
@@ -219,7 +219,7 @@ def test_a_well_bedded_chain_converges_as_fast_as_a_linear_one() -> None:
         counts = []
         for law in (LAW, LINEAR):
             segments, contacts = chain(8, seed)
-            counts.append(solve_cable(law, segments, contacts, 1e-4, 0.0, 0, 0.0)[0])
+            counts.append(solve_cable(law, segments, contacts, 1e-4, 0.0, Law.none, 0.0)[0])
         assert counts[0] <= counts[1] + 4, counts
 
 

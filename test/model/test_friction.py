@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.model.friction import (
-    CAPSTAN,
-    ELASTOPLASTIC,
-    EULER,
-    LUGRE,
     MINIMUM_TRANSMISSION,
-    PRINTED,
-    STEADY,
+    Law,
+    Stribeck,
     bearing_transmission,
     blended_loss,
     capstan_transmission,
@@ -66,7 +62,10 @@ def test_bearing_transmission_solves_its_quadratic() -> None:
     ids=["at-rest", "fast"],
 )
 def test_sliding_transmission_of_the_sources_tables(speed: float, expected: list[float]) -> None:
-    eta = [sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED) for beta in WRAPS]
+    eta = [
+        sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, Stribeck.printed)
+        for beta in WRAPS
+    ]
     np.testing.assert_allclose(eta, expected, atol=5.1e-5)
 
 
@@ -87,10 +86,10 @@ def test_transmission_lies_between_the_sliding_and_the_bearing_one() -> None:
     for beta, ratio in TABLE:
         eta_r = bearing_transmission(beta, ratio)
         for speed in (0.0, 0.01, STRIBECK_SPEED, 1.0):
-            eta_d = sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, PRINTED)
+            eta_d = sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, Stribeck.printed)
             assert eta_d < eta_r
             for rho in (0.0, 0.11, 0.39, 1.0):
-                kinetic, static = blended_loss(rho, MU_C, MU_S, beta, ratio, PRINTED)
+                kinetic, static = blended_loss(rho, MU_C, MU_S, beta, ratio, Stribeck.printed)
                 eta = 1.0 - kinetic - static * stribeck_share(speed, STRIBECK_SPEED)
                 assert eta == pytest.approx(rho * eta_d + (1.0 - rho) * eta_r, abs=1e-14)
                 assert eta_d - 1e-14 <= eta <= eta_r + 1e-14
@@ -106,37 +105,39 @@ def test_stribeck_share_falls_from_one_to_nothing_alike_in_both_directions() -> 
 
 
 def test_printed_static_friction_never_makes_the_transmission_negative() -> None:
-    kinetic, static = sliding_loss(0.1, 0.4, pi, PRINTED)
+    kinetic, static = sliding_loss(0.1, 0.4, pi, Stribeck.printed)
     assert 1.0 - kinetic - static < 0.0, "(35) as printed: nothing would be left to transmit"
-    assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, PRINTED) == MINIMUM_TRANSMISSION
+    assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, Stribeck.printed) == MINIMUM_TRANSMISSION
     for rho in (1.0, 0.95):
-        kinetic, static = blended_loss(rho, 0.1, 0.4, pi, 0.01, PRINTED)
+        kinetic, static = blended_loss(rho, 0.1, 0.4, pi, 0.01, Stribeck.printed)
         assert static >= 0.0
         assert 1.0 - kinetic - static >= MINIMUM_TRANSMISSION * (1.0 - 1e-9)
     for wrap in (pi, 4 * pi, 20 * pi):
-        kinetic, static = cell_loss(*blended_loss(1.0, 2.0, 2.0, wrap, 0.0, PRINTED), 0.125)
+        kinetic, static = cell_loss(
+            *blended_loss(1.0, 2.0, 2.0, wrap, 0.0, Stribeck.printed), 0.125
+        )
         assert 1.0 - kinetic - static > 0.0
         assert static >= 0.0
 
 
 def test_capstan_form_of_static_friction_is_the_capstan_equation_at_rest_and_at_speed() -> None:
     for beta in (0.3, pi / 2, pi, 2 * pi):
-        kinetic, static = sliding_loss(0.1, 0.4, beta, CAPSTAN)
+        kinetic, static = sliding_loss(0.1, 0.4, beta, Stribeck.capstan)
         assert 1.0 - kinetic == pytest.approx(exp(-0.1 * beta), abs=1e-15)
         assert 1.0 - kinetic - static == pytest.approx(exp(-0.4 * beta), abs=1e-15)
 
 
 def test_equal_coefficients_leave_no_static_friction() -> None:
-    for form in (PRINTED, CAPSTAN):
+    for form in (Stribeck.printed, Stribeck.capstan):
         kinetic, static = sliding_loss(0.15, 0.15, 2.0, form)
         assert static == 0.0
         assert kinetic == pytest.approx(1.0 - exp(-0.3))
         assert sliding_loss(0.0, 0.0, 2.0, form) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("form", [PRINTED, CAPSTAN])
+@pytest.mark.parametrize("form", [Stribeck.printed, Stribeck.capstan])
 @pytest.mark.parametrize("cells", [2.0, 8.0, 100.0])
-def test_cells_transmit_together_what_the_whole_pulley_does(form: int, cells: float) -> None:
+def test_cells_transmit_together_what_the_whole_pulley_does(form: Stribeck, cells: float) -> None:
     for beta, ratio in TABLE:
         whole_kinetic, whole_static = blended_loss(0.2, MU_C, MU_S, beta, ratio, form)
         kinetic, static = cell_loss(whole_kinetic, whole_static, 1.0 / cells)
@@ -150,11 +151,11 @@ def test_lugre_pre_sliding_closed_form() -> None:
     static, sigma0, force = 1.5, 1e5, 1.425
     slip = -(static / sigma0) * log(1.0 - force / static)
     assert slip * 1e6 == pytest.approx(44.936, abs=5e-4)
-    assert friction_force(LUGRE, 0.0, slip, sigma0, static, 1.0)[0] == pytest.approx(force)
+    assert friction_force(Law.lugre, 0.0, slip, sigma0, static, 1.0)[0] == pytest.approx(force)
     # in many steps or in one: the update is exact over any slip
     reached = 0.0
     for _ in range(1000):
-        reached = friction_force(LUGRE, reached, slip / 1000, sigma0, static, 1.0)[0]
+        reached = friction_force(Law.lugre, reached, slip / 1000, sigma0, static, 1.0)[0]
     assert reached == pytest.approx(force, rel=1e-12)
 
 
@@ -169,7 +170,7 @@ def _pulled_block(step: float, count: int) -> tuple[np.ndarray, np.ndarray]:
         for _ in range(30):
             middle = 0.5 * (v + new_v)
             bound = 1.0 + 0.5 * stribeck_share(middle, 1e-3)
-            new_f = friction_force(LUGRE, f, step * middle, sigma0, bound, 1.0)[0]
+            new_f = friction_force(Law.lugre, f, step * middle, sigma0, bound, 1.0)[0]
             friction = 0.5 * (f + new_f) + sigma1 * (new_f - f) / (sigma0 * step) + sigma2 * middle
             at = x + 0.5 * step * middle
             better = v + step * (spring * (pull * (k + 0.5) * step - at) - friction) / mass
@@ -199,16 +200,16 @@ def test_lugre_stick_slip_benchmark() -> None:
 
 
 LAWS_AND_BREAKAWAYS = [
-    (LUGRE, 1.0),
-    (EULER, 1.0),
-    (STEADY, 1.0),
-    (ELASTOPLASTIC, 1.0),
-    (ELASTOPLASTIC, 0.7),
-    (ELASTOPLASTIC, 0.0),
+    (Law.lugre, 1.0),
+    (Law.euler, 1.0),
+    (Law.steady, 1.0),
+    (Law.elastoplastic, 1.0),
+    (Law.elastoplastic, 0.7),
+    (Law.elastoplastic, 0.0),
 ]
 
 
-def _wrong_derivatives(law: int, breakaway: float, befores: list[float]) -> list[object]:
+def _wrong_derivatives(law: Law, breakaway: float, befores: list[float]) -> list[object]:
     """Where the derivatives by slip and bound differ from central differences."""
     # slips: elastic, around and through the knee, far, in both directions
     slips = [-6.0, -2.1, -0.9, -0.33, -0.051, 0.047, 0.31, 0.88, 1.9, 5.0]
@@ -232,20 +233,20 @@ def _wrong_derivatives(law: int, breakaway: float, befores: list[float]) -> list
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
-def test_derivatives_equal_differences_on_every_branch(law: int, breakaway: float) -> None:
+def test_derivatives_equal_differences_on_every_branch(law: Law, breakaway: float) -> None:
     befores = [-0.99, -0.8, -0.3, 0.0, 0.31, 0.72, 0.97]
     assert _wrong_derivatives(law, breakaway, befores) == []
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
 def test_derivatives_equal_differences_where_the_bound_has_shrunk_below_the_force(
-    law: int, breakaway: float
+    law: Law, breakaway: float
 ) -> None:
     assert _wrong_derivatives(law, breakaway, [-1.3, 1.2]) == []
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
-def test_the_force_is_continuous_and_never_falls_with_the_slip(law: int, breakaway: float) -> None:
+def test_the_force_is_continuous_and_never_falls_with_the_slip(law: Law, breakaway: float) -> None:
     slips = np.linspace(-3.0, 3.0, 4001) * BOUND / STIFFNESS
     for before in np.array([-1.4, -1.0, -0.75, 0.0, 0.5, 1.0, 1.1]) * BOUND:
         forces = np.array(
@@ -261,7 +262,7 @@ def test_the_force_is_continuous_and_never_falls_with_the_slip(law: int, breakaw
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
-def test_the_force_never_exceeds_the_bound(law: int, breakaway: float) -> None:
+def test_the_force_never_exceeds_the_bound(law: Law, breakaway: float) -> None:
     generator = np.random.default_rng(11)
     force = 0.0
     for _ in range(5000):
@@ -269,14 +270,14 @@ def test_the_force_never_exceeds_the_bound(law: int, breakaway: float) -> None:
         slip = generator.normal() * 10.0 ** generator.uniform(-9, -3)
         before = force
         force = friction_force(law, before, slip, STIFFNESS, bound, breakaway)[0]
-        if law == LUGRE:  # its bristles relax only while slipping
+        if law == Law.lugre:  # its bristles relax only while slipping
             assert abs(force) <= max(bound, abs(before)) * (1.0 + 1e-12)
         else:
             assert abs(force) <= bound * (1.0 + 1e-12)
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
-def test_mirrored_slips_give_mirrored_forces(law: int, breakaway: float) -> None:
+def test_mirrored_slips_give_mirrored_forces(law: Law, breakaway: float) -> None:
     generator = np.random.default_rng(12)
     for _ in range(2000):
         before, slip = generator.normal() * 3.0, generator.normal() * 5e-6
@@ -287,7 +288,7 @@ def test_mirrored_slips_give_mirrored_forces(law: int, breakaway: float) -> None
 
 
 def _walk(
-    law: int, breakaway: float, slips: np.ndarray, bound: Callable[[int], float], pieces: int
+    law: Law, breakaway: float, slips: np.ndarray, bound: Callable[[int], float], pieces: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Work done on the contact and energy in its bristle after every slip."""
     force, work = 0.0, 0.0
@@ -305,7 +306,7 @@ def _walk(
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_never_returns_more_than_its_bristles_have_stored(
-    law: int, breakaway: float, seed: int
+    law: Law, breakaway: float, seed: int
 ) -> None:
     generator = np.random.default_rng(seed)
     slips = generator.normal(size=150) * 10.0 ** generator.uniform(-7.5, -5.0, size=150)
@@ -316,7 +317,7 @@ def test_friction_never_returns_more_than_its_bristles_have_stored(
     assert work[-1] - stored[-1] > 0.1 * BOUND * np.abs(slips).sum() * 0.1
 
 
-def _minor_loops(law: int, breakaway: float, loops: int) -> tuple[float, float]:
+def _minor_loops(law: Law, breakaway: float, loops: int) -> tuple[float, float]:
     """Force at the beginning and after some small loops amid pre-sliding."""
     force = begin = 0.6 * BOUND
     for _ in range(loops):
@@ -326,12 +327,12 @@ def _minor_loops(law: int, breakaway: float, loops: int) -> tuple[float, float]:
 
 
 def test_minor_loops_close_exactly_where_lugre_creeps() -> None:
-    for law in (EULER, STEADY, ELASTOPLASTIC):
+    for law in (Law.euler, Law.steady, Law.elastoplastic):
         begin, end = _minor_loops(law, 1.0, 1000)
         assert end == pytest.approx(begin, abs=1e-11)
-    begin, end = _minor_loops(ELASTOPLASTIC, 0.7, 1000)
+    begin, end = _minor_loops(Law.elastoplastic, 0.7, 1000)
     assert end == pytest.approx(begin, abs=1e-11), "below break-away"
-    begin, end = _minor_loops(LUGRE, 1.0, 1000)
+    begin, end = _minor_loops(Law.lugre, 1.0, 1000)
     assert end < 0.1 * begin, "the source's law loses its force under ripple"
 
 
@@ -349,7 +350,7 @@ MU_S_RANGE, MU_C_RANGE = np.linspace(0.2, 0.4, 21), np.linspace(0.1, 0.2, 21)
 
 
 def eta_d(speed: float, mu_c: float, mu_s: float, v_s: float, beta: float = pi / 2) -> float:
-    return sliding_transmission(speed, mu_c, mu_s, v_s, beta, PRINTED)
+    return sliding_transmission(speed, mu_c, mu_s, v_s, beta, Stribeck.printed)
 
 
 def test_sliding_transmission_falls_with_either_coefficient_and_rises_with_speed() -> None:
@@ -400,8 +401,8 @@ def test_bearing_transmission_falls_with_friction_and_wrap_and_rises_with_the_ra
     assert np.all(np.diff(by_radius) > 0.0)
 
 
-@pytest.mark.parametrize("form", [PRINTED, CAPSTAN])
-def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int) -> None:
+@pytest.mark.parametrize("form", [Stribeck.printed, Stribeck.capstan])
+def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: Stribeck) -> None:
     for beta, ratio in TABLE:
         kinetic, static = blended_loss(0.0, MU_C, MU_S, beta, ratio, form)
         assert static == 0.0, "a bearing has no Stribeck effect"
@@ -414,7 +415,7 @@ def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: int
 def test_sliding_loses_more_tension_than_the_bearings() -> None:
     # fig. 9: what is left at the far end of all seven pulleys
     left = [
-        np.prod([1.0 - sum(blended_loss(rho, MU_C, MU_S, *row, PRINTED)) for row in TABLE])
+        np.prod([1.0 - sum(blended_loss(rho, MU_C, MU_S, *row, Stribeck.printed)) for row in TABLE])
         for rho in np.linspace(0.0, 1.0, 11)
     ]
     assert left[0] == pytest.approx(0.9169, abs=5e-5)

@@ -10,16 +10,17 @@ import pytest
 
 from cdrj_ros.estimation.estimator import Estimates, State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
+from cdrj_ros.model.friction import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import LAWS, Pulley, Robot
+from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.robot.laws import FRICTION_LAWS
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., Samples]
 
 ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
 """Steps of motor and joint encoder [rad]."""
-WITH_FRICTION = [law for law in LAWS if law != "none"]
+WITH_FRICTION = [law for law in FRICTION_LAWS if law != "none"]
 
 
 def follow(joint: np.ndarray | float) -> np.ndarray:
@@ -75,7 +76,7 @@ def losses(model: Model, joint: np.ndarray) -> np.ndarray:
         mu_s = friction.mu_c if law == "euler" else friction.mu_s
         ratio = friction.bearing_friction * pulley.bearing_diameter / pulley.radius
         for k, wrap in enumerate(wraps[:, p]):
-            eta_d = sliding_transmission(0.0, friction.mu_c, mu_s, 1.0, wrap, 0)
+            eta_d = sliding_transmission(0.0, friction.mu_c, mu_s, 1.0, wrap, Stribeck.printed)
             eta = rho * eta_d + (1.0 - rho) * bearing_transmission(wrap, ratio)
             result[k, p] = 1.0 - eta
     return result
@@ -106,7 +107,7 @@ def test_tension_ratios_stay_within_the_transmission(
     assert share.max() > kinetic, "the bounds are reached"
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FRICTION_LAWS)
 def test_without_friction_every_cable_has_one_tension(
     law: str, variant: Variant, drive: Drive
 ) -> None:
@@ -123,7 +124,8 @@ def test_all_frictionless_laws_agree(variant: Variant, drive: Drive) -> None:
     slippery = {"mu_c": 0.0, "mu_s": 0.0, "bearing_friction": 0.0}
     samples = erratic(drive, 4)
     first, *others = (
-        estimated(prepare(variant(law, **slippery)), samples).values[:, :16] for law in LAWS
+        estimated(prepare(variant(law, **slippery)), samples).values[:, :16]
+        for law in FRICTION_LAWS
     )
     for other in others:
         np.testing.assert_allclose(other, first, atol=1e-6)
@@ -186,7 +188,7 @@ def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(
     assert lost.sum() > 0.01
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FRICTION_LAWS)
 def test_a_mirrored_motion_gives_the_mirrored_loop(
     law: str, variant: Variant, drive: Drive
 ) -> None:
@@ -202,7 +204,7 @@ def test_a_mirrored_motion_gives_the_mirrored_loop(
     np.testing.assert_allclose(two[:, effort], -one[:, effort], atol=1e-6)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FRICTION_LAWS)
 def test_the_error_shrinks_when_the_sample_period_is_halved(
     law: str, variant: Variant, drive: Drive
 ) -> None:

@@ -36,7 +36,8 @@ from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import OK, SLACK
-from cdrj_ros.robot.description import LAWS, Law, Node, PassiveTorque, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
+from cdrj_ros.robot.laws import FRICTION_LAWS, Law
 from cdrj_ros.robot.reader import load_robot
 
 Vector = NDArray[np.float64]
@@ -333,7 +334,7 @@ def check(robot: Robot, course: Course) -> None:
     assert comparison.exact > 0, "some samples are equal to rounding"
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FRICTION_LAWS)
 @pytest.mark.parametrize("file", FILES)
 def test_every_sample_equals_the_reference(file: str, law: Law) -> None:
     robot, course = shipped(file)

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.model.friction import (
-    CAPSTAN,
-    PRINTED,
+    Stribeck,
     bearing_transmission,
     blended_loss,
     capstan_transmission,
@@ -50,12 +49,12 @@ def ratio(k: int) -> float:
     return pulley.friction.bearing_friction * pulley.bearing_diameter / pulley.radius
 
 
-def losses(k: int, rho: float = 0.2, form: int = PRINTED) -> tuple[float, float]:
+def losses(k: int, rho: float = 0.2, form: Stribeck = Stribeck.printed) -> tuple[float, float]:
     friction = UPPER.pulleys[k].friction
     return blended_loss(rho, friction.mu_c, friction.mu_s, WRAPS[k], ratio(k), form)
 
 
-def transmission(share: float, rho: float = 0.2, form: int = PRINTED) -> float:
+def transmission(share: float, rho: float = 0.2, form: Stribeck = Stribeck.printed) -> float:
     """Transmission of all pulleys together with this share of static friction."""
     pairs = (losses(k, rho, form) for k in range(7))
     return float(np.prod([1.0 - kinetic - share * static for kinetic, static in pairs]))
@@ -104,19 +103,23 @@ def equality() -> list[float]:
 
 
 def sign() -> list[float]:
-    kinetic, _ = sliding_loss(0.15, 0.2, pi, PRINTED)
+    kinetic, _ = sliding_loss(0.15, 0.2, pi, Stribeck.printed)
     return [(1.0 - exp(0.15 * pi)) * UPPER.preload, kinetic * UPPER.preload]
 
 
 def static_form() -> list[float]:
-    printed, capstan = (sum(sliding_loss(0.15, 0.2, pi, form)) for form in (PRINTED, CAPSTAN))
+    printed, capstan = (
+        sum(sliding_loss(0.15, 0.2, pi, form)) for form in (Stribeck.printed, Stribeck.capstan)
+    )
     difference = (printed - capstan) * UPPER.preload
     kinetic = 1.0 - capstan_transmission(0.1, pi)
     return [difference, 0.2 * difference, 1.0 - kinetic * 0.4 / 0.1]
 
 
 def lowest() -> list[float]:
-    etas = [sliding_transmission(0.0, 0.15, 0.2, 0.05, beta, PRINTED) for beta in table_wraps()]
+    etas = [
+        sliding_transmission(0.0, 0.15, 0.2, 0.05, beta, Stribeck.printed) for beta in table_wraps()
+    ]
     return [min(etas)]
 
 
@@ -135,7 +138,7 @@ def bearing() -> list[float]:
 
 def order() -> list[float]:
     # with (43) as printed, the loss of the bearing alone would exceed that of sliding
-    sliding = sum(sliding_loss(0.15, 0.2, pi, PRINTED)) * UPPER.preload
+    sliding = sum(sliding_loss(0.15, 0.2, pi, Stribeck.printed)) * UPPER.preload
     return [sliding, (1.0 - bearing_transmission(pi, ratio(5))) * UPPER.preload]
 
 

@@ -12,7 +12,7 @@ from cdrj_ros._core import element_tension, tolerance
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity
-from cdrj_ros.model.friction import NONE
+from cdrj_ros.model.friction import Law
 from examples.paper.stiffness import (
     Stiffness,
     exact_stiffness,
@@ -270,7 +270,7 @@ def solved_chain(
     segments, contacts = np.zeros(count + 1, SEGMENT), np.zeros(count, CONTACT)
     segments["length_before"] = segments["length"] = length
     segments["material_before"] = material
-    _, residual = solve_cable(LINEAR, segments, contacts, first_slip, 0.0, NONE, 1e-3)
+    _, residual = solve_cable(LINEAR, segments, contacts, first_slip, 0.0, Law.none, 1e-3)
     assert residual <= tolerance(LINEAR)
     return contacts["flux"].copy(), segments["tension"].copy()
 

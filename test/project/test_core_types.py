@@ -12,6 +12,10 @@ from cdrj_ros import _core
 STUB = Path(__file__).parents[2] / "cdrj_ros" / "_core.pyi"
 
 
+OF_PYTHON = {"__members__", "__int__"}
+"""What every enumeration has."""
+
+
 def written(body: list[ast.stmt]) -> dict[str, Any]:
     """Names that are declared: those of a class by its name, arguments by a function's."""
     found: dict[str, Any] = {}
@@ -25,7 +29,7 @@ def written(body: list[ast.stmt]) -> dict[str, Any]:
         elif isinstance(node, ast.AnnAssign):
             assert isinstance(node.target, ast.Name)
             found[node.target.id] = None
-    return found
+    return {name: what for name, what in found.items() if name not in OF_PYTHON}
 
 
 def compiled(owner: Any) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.robot.description import (
-    LAWS,
     Anchor,
     Cable,
     FrameMotion,
@@ -25,6 +24,7 @@ from cdrj_ros.robot.description import (
     StribeckForm,
 )
 from cdrj_ros.robot.document import parse_document, schema
+from cdrj_ros.robot.laws import FRICTION_LAWS
 from cdrj_ros.robot.parameters import (
     DEFAULTS,
     allowed_range,
@@ -298,7 +298,7 @@ def test_the_defaults_of_the_schema_are_those_of_the_classes(kind: str) -> None:
 
 def test_laws_and_forms_are_the_same_in_schema_and_types() -> None:
     friction = schema()["$defs"]["friction"]["properties"]
-    assert friction["law"]["enum"] == LAWS
+    assert friction["law"]["enum"] == tuple(FRICTION_LAWS)
     assert friction["stribeck"]["enum"] == get_args(StribeckForm)
     motions = schema()["$defs"]["frame"]["properties"]["motion"]["enum"]
     assert tuple(word for word in motions if word != "continuous") == get_args(FrameMotion)

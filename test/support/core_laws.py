@@ -21,7 +21,7 @@ def cable(
     contacts: Any,
     first_flux: float,
     last_flux: float,
-    law: int,
+    law: _core.Law,
     dt: float,
 ) -> _core.Cable:
     """One cable in one sample, which changes the arrays."""
