@@ -8,12 +8,9 @@ The nodes are started in this process with everything that is on request, and de
 
 import argparse
 import os
-from contextlib import ExitStack
 from pathlib import Path
-from unittest.mock import patch
 
 import rclpy
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cdrj_ros.foundation.files import write_text
@@ -51,7 +48,6 @@ NOTES = {
 }
 
 OWN = ("/rosout", "/parameter_events")
-HIDDEN = ("use_sim_time", "start_type_description_service")
 PARAMETER_SERVICES = (
     "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters",
     "set_parameters", "set_parameters_atomically", "get_type_description",
@@ -92,20 +88,6 @@ def _nodes():
     view = ViewNode(parameter_overrides=_overrides(robot="prototype", port=0))
     view.page.close()
     yield "view", view
-
-
-class Declared:
-    """Collects name, default and descriptor of every declared parameter, by node."""
-
-    def __init__(self):
-        self.by_node = {}
-        self._declare = Node.declare_parameter
-
-    def __call__(self, node, name, value=None, descriptor=None, **options):
-        """Replace ``Node.declare_parameter``."""
-        if descriptor is not None and not name.startswith("qos_overrides."):
-            self.by_node.setdefault(node.get_name(), []).append((name, value, descriptor))
-        return self._declare(node, name, value, *([descriptor] if descriptor else []), **options)
 
 
 def _table(head, rows):
@@ -159,48 +141,43 @@ def _services(node):
     ]
 
 
-def _parameters(declared):
+def _parameters(settings):
     rows = []
-    for name, default, descriptor in declared:
-        if name in HIDDEN:
-            continue
+    for one in settings:
+        default, descriptor = one.default, one.descriptor()
         ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
         limits = f"{ranges[0].from_value:g} to {ranges[0].to_value:g}" if ranges else ""
         kind = default.name.lower() if isinstance(default, Parameter.Type) else ""
         words = ", ".join(default) if isinstance(default, tuple) else repr(default)
         shown = kind.replace("_", " ") or words.replace("'", "").lower() or "empty"
         when = "" if descriptor.read_only else "yes"
-        rows.append((f"`{name}`", shown, limits, when, descriptor.description))
+        rows.append((f"`{one.name}`", shown, limits, when, descriptor.description))
     return rows
 
 
 def page():
     """Return the page."""
-    from cdrj_ros.nodes import markers, view
+    from cdrj_ros.nodes import markers, rig_settings, view
     from cdrj_ros.nodes.parameters import settings
 
-    tables = {"estimator": settings(), "markers": markers.SETTINGS, "view": view.SETTINGS}
-    declared, parts, started = Declared(), [HEAD], []
-
-    def declare(node, name, *more, **options):
-        return declared(node, name, *more, **options)
-
+    tables = {
+        "estimator": settings(),
+        "rig": rig_settings.SETTINGS,
+        "markers": markers.SETTINGS,
+        "view": view.SETTINGS,
+    }
+    parts, started = [HEAD], []
     try:
-        with ExitStack() as stack:
-            stack.enter_context(patch.object(Node, "declare_parameter", declare))
-            for name, node in _nodes():
-                started.append(node)
-                parts += [f"## {name}\n", NOTES[name] + "\n"]
-                if topics := _topics(node):
-                    parts.append(_table(("", "topic", "type", "queue"), topics))
-                if services := _services(node):
-                    parts.append(_table(("service", "type"), services))
-                rows = declared.by_node.get(name, ())
-                if name in tables:
-                    rows = [(one.name, one.default, one.descriptor()) for one in tables[name]]
-                if parameters := _parameters(rows):
-                    head = ("parameter", "default", "range", "changeable", "")
-                    parts.append(_table(head, parameters))
+        for name, node in _nodes():
+            started.append(node)
+            parts += [f"## {name}\n", NOTES[name] + "\n"]
+            if topics := _topics(node):
+                parts.append(_table(("", "topic", "type", "queue"), topics))
+            if services := _services(node):
+                parts.append(_table(("service", "type"), services))
+            if parameters := _parameters(tables.get(name, ())):
+                head = ("parameter", "default", "range", "changeable", "")
+                parts.append(_table(head, parameters))
     finally:
         for node in started:
             node.destroy_node()

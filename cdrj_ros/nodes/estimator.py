@@ -14,11 +14,10 @@ from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
 from cdrj_ros.nodes.parameters import estimator_file
-from cdrj_ros.nodes.settings import add_parameters_option
 from cdrj_ros.nodes.spinning import (
     CheckedClock,
     OneLineParser,
-    add_supervised_option,
+    add_node_options,
     exit_code,
     ros_context,
     spin_until_stopped,
@@ -64,8 +63,7 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
         "--state-file", type=Path, metavar="FILE",
         help="file to which the state is written every second; the next start continues from it",
     )  # fmt: skip
-    add_parameters_option(parser)
-    add_supervised_option(parser)
+    add_node_options(parser)
     return parser.parse_args(arguments)
 
 

@@ -20,14 +20,13 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import (
     Setting,
-    add_parameters_option,
     declare,
     parameter_file,
     values_of,
 )
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
-    add_supervised_option,
+    add_node_options,
     exit_code,
     ros_context,
     spin_until_stopped,
@@ -184,8 +183,7 @@ def _body(argv: Sequence[str]) -> int:
         "nodal_forces, joint_states; out markers (visualization_msgs/MarkerArray), while anybody "
         f"subscribes. Parameters: {', '.join(one.name for one in SETTINGS)}.",
     )
-    add_parameters_option(parser)
-    add_supervised_option(parser)
+    add_node_options(parser)
     with starting():
         own = parser.parse_args(remove_ros_args(arguments)[1:])
     if own.print_parameters:

@@ -17,16 +17,17 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
 from cdrj_ros.nodes.rig_outputs import RigOutputs
-from cdrj_ros.nodes.rig_settings import changed_payload, declare_rig, meant
+from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
+from cdrj_ros.nodes.settings import parameter_file
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
-    add_supervised_option,
+    add_node_options,
     exit_code,
     ros_context,
     spin_until_stopped,
@@ -300,11 +301,14 @@ def _body(argv: Sequence[str]) -> int:
         "commands/position, commands/velocity, commands/effort, motor_commands, "
         "motor_trajectory; out motor_states, joint_states, on request tension_sensors, "
         "truth/tensions, truth/nodal_forces, truth/states and /clock; /diagnostics. Services: "
-        "~/inject_fault, ~/push, ~/reset. Parameters: docs/rig_node.md.",
+        f"~/inject_fault, ~/push, ~/reset. Parameters: {', '.join(one.name for one in SETTINGS)}.",
     )
-    add_supervised_option(parser)
+    add_node_options(parser)
     with starting():
         own = parser.parse_args(remove_ros_args(arguments)[1:])
+    if own.print_parameters:
+        print(parameter_file("rig", SETTINGS), end="")
+        return DONE
     with ros_context(arguments) as stop:
         with starting():
             node = RigNode()

@@ -6,7 +6,6 @@ docs/ros_reference.md.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import wrap
@@ -67,7 +66,7 @@ class Setting:
 
 
 def declare(node: Node, settings: Sequence[Setting], *, fixed: bool = True) -> None:
-    """Declare every parameter of a table.
+    """Declare every parameter of a table; integers are given for doubles, too: 1 means 1.0.
 
     Args:
         node: the node.
@@ -79,7 +78,15 @@ def declare(node: Node, settings: Sequence[Setting], *, fixed: bool = True) -> N
     """
     for one in settings:
         default = list(one.default) if isinstance(one.default, tuple) else one.default
-        declare_with_integers(node, one.name, default, one.descriptor(fixed=fixed))
+        descriptor = one.descriptor(fixed=fixed)
+        try:
+            node.declare_parameter(one.name, default, descriptor)
+        except InvalidParameterTypeException:
+            given = given_parameter(node, one.name)
+            double = as_double(given, default)
+            if double is given:
+                raise
+            node.declare_parameter(one.name, double.value, descriptor, ignore_override=True)
 
 
 def values_of(node: Node, settings: Sequence[Setting]) -> dict[str, Any]:
@@ -95,30 +102,6 @@ def values_of(node: Node, settings: Sequence[Setting]) -> dict[str, Any]:
                 f"{one.name} must be one of {', '.join(one.choices)}, got {values[one.name]!r}"
             )
     return values
-
-
-def declare_with_integers(
-    node: Node, name: str, kind: Any, descriptor: ParameterDescriptor
-) -> Parameter:
-    """Declare a parameter; integers are given for doubles, too: ``timeout:=1`` means 1.0.
-
-    Args:
-        node: the node.
-        name: of the parameter.
-        kind: its default, or its type if it has none.
-        descriptor: its description and range.
-
-    Raises:
-        ParameterException: the given value has another type, or is out of range.
-    """
-    try:
-        return node.declare_parameter(name, kind, descriptor)
-    except InvalidParameterTypeException:
-        given = given_parameter(node, name)
-        double = as_double(given, kind)
-        if double is given:
-            raise
-        return node.declare_parameter(name, double.value, descriptor, ignore_override=True)
 
 
 def given_parameter(node: Node, name: str) -> Parameter:
@@ -146,14 +129,6 @@ _HEADER: Final = """\
 /**/{name}:
   ros__parameters:
 """
-
-
-def add_parameters_option(parser: argparse.ArgumentParser) -> None:
-    """``--print-parameters``."""
-    parser.add_argument(
-        "--print-parameters", action="store_true",
-        help="print a parameter file with every parameter, its default, unit and range, and exit",
-    )  # fmt: skip
 
 
 def parameter_file(

@@ -185,8 +185,12 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
-def add_supervised_option(parser: argparse.ArgumentParser) -> None:
-    """``--supervised``."""
+def add_node_options(parser: argparse.ArgumentParser) -> None:
+    """``--print-parameters`` and ``--supervised``."""
+    parser.add_argument(
+        "--print-parameters", action="store_true",
+        help="print a parameter file with every parameter, its default, unit and range, and exit",
+    )  # fmt: skip
     parser.add_argument(
         "--supervised", action="store_true",
         help="exit with code 0 on SIGINT, which ros2 launch and systemd take for a clean end; "

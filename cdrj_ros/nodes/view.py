@@ -20,14 +20,13 @@ from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import (
     Setting,
-    add_parameters_option,
     declare,
     parameter_file,
     values_of,
 )
 from cdrj_ros.nodes.spinning import (
     OneLineParser,
-    add_supervised_option,
+    add_node_options,
     exit_code,
     ros_context,
     spin_until_stopped,
@@ -148,8 +147,7 @@ def _body(argv: Sequence[str]) -> int:
         "joint_states, truth/tensions; and /diagnostics. Parameters: "
         f"{', '.join(one.name for one in SETTINGS)}. With a BAG: the estimates of a recording.",
     )
-    add_parameters_option(parser)
-    add_supervised_option(parser)
+    add_node_options(parser)
     with starting():
         given = parser.parse_args(own)
     if given.print_parameters:

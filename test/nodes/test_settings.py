@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.nodes import markers, parameters, view
+from cdrj_ros.nodes import markers, parameters, rig_settings, view
 from cdrj_ros.nodes.settings import Setting, declare, parameter_file, values_of
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 TABLES = {
     "estimator": parameters.settings(),
+    "rig": rig_settings.SETTINGS,
     "markers": markers.SETTINGS,
     "view": view.SETTINGS,
     "made_up": (
