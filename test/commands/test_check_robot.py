@@ -16,7 +16,7 @@ from cdrj_ros.commands import check_robot
 from cdrj_ros.inspection.checks import Suspicion, pose_text
 from cdrj_ros.inspection.ranges import inspect_robot, transmissions
 from cdrj_ros.inspection.suspicions import find_suspicions
-from cdrj_ros.model.friction import bearing_transmission, sliding_transmission
+from cdrj_ros.model.friction import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -138,7 +138,9 @@ def test_the_prototypes_transmissions_are_those_of_the_tables() -> None:
                 (0.0, pulley.transmission_at_rest),
                 (100.0, pulley.transmission_sliding),
             ):
-                sliding = 0.2 * sliding_transmission(speed, 0.15, 0.20, 0.05, wrap, 0)
+                sliding = 0.2 * sliding_transmission(
+                    speed, 0.15, 0.20, 0.05, wrap, Stribeck.printed
+                )
                 assert extent.low == pytest.approx(sliding + rolling, abs=1e-12)
         product = np.prod([pulley.transmission_at_rest.low for pulley in cable.pulleys])
         assert cable.transmission_at_rest.low == pytest.approx(product)

@@ -21,7 +21,7 @@ from cdrj_ros.identification.propagation import (
     propagate,
     with_rho,
 )
-from cdrj_ros.model.friction import blended_loss
+from cdrj_ros.model.friction import Stribeck, blended_loss
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import load_robot
@@ -132,7 +132,9 @@ def printed_procedure(rig: Recording, cable: int) -> float:
         tension = [known]
         for k in range(6, 0, -1):  # from element 8 to element 2
             f, ratio = pulleys[k].friction, 0.01 * pulleys[k].bearing_diameter / pulleys[k].radius
-            pairs = np.array([blended_loss(rho, f.mu_c, f.mu_s, b, ratio, 0) for b in wrap[:, k]])
+            pairs = np.array(
+                [blended_loss(rho, f.mu_c, f.mu_s, b, ratio, Stribeck.printed) for b in wrap[:, k]]
+            )
             eta = 1.0 - pairs[:, 0] - pairs[:, 1] * static_share
             tension.append(tension[-1] * np.where(speed[moving] > 0.0, eta, 1.0 / eta))
         before, after = tension[-1], tension[-2]
