@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from math import isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from cdrj_ros.evaluation.channels import QUANTITIES, quantity_of
 from cdrj_ros.evaluation.metrics import FIGURES, ChannelError, Errors, mean_over_channels
-from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.errors import CdrjError, RobotFileError
+from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.untrusted import InputError, read_regular
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.robot.document import check_document
 
 LIMITED: Final = ("n", *FIGURES)
 """Figures that may have limits."""
@@ -23,6 +24,31 @@ JUDGED: Final = ("all", "each")
 
 LARGEST_FILE: Final = 1_000_000
 """Size of the largest file that is read [bytes]."""
+
+
+BOUNDS: Final = {
+    "type": "object",
+    "properties": {"min": {"type": "number"}, "max": {"type": "number"}},
+    "additionalProperties": False,
+    "minProperties": 1,
+    "description": "a mapping with min, max or both.",
+}
+SCHEMA: Final = {
+    "type": "object",
+    "properties": {
+        "judge": {"enum": list(JUDGED)},
+        "channels": {
+            "type": "object",
+            "additionalProperties": {
+                "type": "object",
+                "properties": dict.fromkeys(LIMITED, BOUNDS),
+                "additionalProperties": False,
+            },
+        },
+    },
+    "additionalProperties": False,
+}
+"""JSON schema of a file of limits."""
 
 
 class LimitsError(CdrjError):
@@ -87,47 +113,51 @@ class LimitCheck:
 
 
 def load_limits(path: str | Path) -> Limits:
-    """Read a file of limits.
+    """Read a file of limits, ``channels: {PATTERN: {FIGURE: {min: X, max: X}}}``.
 
     Raises:
         LimitsError: with one line that names the key, what was given and what is allowed.
     """
     try:
-        data = Path(path).read_bytes()
-        text = data[: LARGEST_FILE + 1].decode()
-    except OSError as error:
-        raise LimitsError(f"{path} cannot be read: {error.strerror or error}") from None
+        return parse_limits(read_regular(path, LARGEST_FILE).decode(), str(path))
     except UnicodeDecodeError:
         raise LimitsError(f"{path} is not UTF-8 text") from None
-    if len(data) > LARGEST_FILE:
-        raise LimitsError(f"{path} has {len(data)} bytes and is no file of limits")
-    return parse_limits(text, str(path))
+    except InputError as error:
+        raise LimitsError(f"{path} cannot be read: {error}") from None
 
 
 def parse_limits(text: str, source: str) -> Limits:
-    """The limits of a YAML text: ``channels: {PATTERN: {FIGURE: {min: X, max: X}}}``.
+    """The limits of a YAML text.
 
     Raises:
         LimitsError: as ``load_limits``.
     """
+    import jsonschema  # takes 65 ms, which not every command needs
+
     try:
-        raw = load_yaml(text, source)
-    except YamlError as error:
+        document = load_yaml(text, source)
+        check_document(document, jsonschema.Draft202012Validator(SCHEMA), source)
+    except (YamlError, RobotFileError) as error:
         raise LimitsError(str(error)) from None
-    entries = _mapping(raw, "", ("judge", "channels"), source)
-    judged = entries.get("judge", JUDGED[0])
-    if judged not in JUDGED:
-        raise LimitsError(f"judge must be one of {', '.join(JUDGED)}, got {judged!r} ({source})")
-    channels = _mapping(entries.get("channels"), "channels", None, source)
     limits = []
-    for pattern, figures in channels.items():
-        where = f"channels.{pattern}"
-        _require_quantity(pattern, where, source)
-        for figure, bounds in _mapping(figures, where, LIMITED, source).items():
-            limits.append(_limit(pattern, figure, bounds, f"{where}.{figure}", source))
+    for pattern, figures in document.get("channels", {}).items():
+        prefix = str(pattern).partition("/")[0]
+        if prefix not in QUANTITIES and not any(character in prefix for character in "*?["):
+            known = ", ".join(f"{key}, {key}/…" for key in QUANTITIES)
+            raise LimitsError(
+                f"channels.{printable(pattern)} names no channel; names are {known} ({source})"
+            )
+        for figure, bounds in figures.items():
+            least, most = bounds.get("min"), bounds.get("max")
+            if least is not None and most is not None and least > most:
+                raise LimitsError(
+                    f"channels.{pattern}.{figure}.min must be at most max = {most:g}, "
+                    f"got {least:g} ({source})"
+                )
+            limits.append(Limit(pattern, figure, least, most))
     if not limits:
         raise LimitsError(f"channels names no limit ({source})")
-    return Limits(source, tuple(limits), judged == "each")
+    return Limits(source, tuple(limits), document.get("judge") == "each")
 
 
 def check_limits(limits: Limits, errors: Errors) -> LimitCheck:
@@ -170,46 +200,3 @@ def _matching(pattern: str, errors: Mapping[str, ChannelError]) -> dict[str, Cha
         members = [error for name, error in errors.items() if quantity_of(name) == pattern]
         return {pattern: mean_over_channels(members)} if members else {}
     return {name: error for name, error in errors.items() if fnmatchcase(name, pattern)}
-
-
-def _limit(pattern: str, figure: str, bounds: Any, where: str, source: str) -> Limit:
-    given = _mapping(bounds, where, ("min", "max"), source)
-    for key, value in given.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-            raise LimitsError(f"{where}.{key} must be a finite number, got {value!r} ({source})")
-    if not given:
-        raise LimitsError(f"{where} needs min, max or both ({source})")
-    least, most = given.get("min"), given.get("max")
-    if least is not None and most is not None and least > most:
-        raise LimitsError(f"{where}.min must be at most max = {most:g}, got {least:g} ({source})")
-    return Limit(pattern, figure, least, most)
-
-
-def _mapping(value: Any, where: str, known: Sequence[str] | None, source: str) -> dict[str, Any]:
-    """Check that the value is a mapping with only known keys (None: any keys) and return it."""
-    if not isinstance(value, dict):
-        wanted = f"a mapping of {', '.join(known)}" if known else "a mapping"
-        raise LimitsError(f"{where or 'the file'} must be {wanted}, got {_shown(value)} ({source})")
-    for key in value:
-        path = " ".join((f"{where}.{key}" if where else str(key)).split())
-        if not isinstance(key, str):
-            raise LimitsError(f"{path} must be text, got {_shown(key)} ({source})")
-        if known is not None and key not in known:
-            close = get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
-            raise LimitsError(f"{path} is not a known key; {hint} ({source})")
-    return value
-
-
-def _require_quantity(pattern: str, where: str, source: str) -> None:
-    prefix = pattern.partition("/")[0]
-    if prefix not in QUANTITIES and not any(character in prefix for character in "*?["):
-        known = ", ".join(f"{key}, {key}/…" for key in QUANTITIES)
-        raise LimitsError(
-            f"{' '.join(where.split())} names no channel; names are {known} ({source})"
-        )
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
