@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any, Final
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, StrictUndefined
 
 from cdrj_ros.evaluation.channels import (
     ANGLE,
@@ -86,7 +86,7 @@ def write_report(
         OSError: the file cannot be written; an existing file is then kept.
     """
     robot = inspection.model.robot
-    page = _template("report.html").render(
+    page = _template().render(
         title=title,
         style=style(),
         numbers=key_numbers(errors.pooled),
@@ -107,17 +107,16 @@ def write_report(
     write_text(path, page + "\n")
 
 
-def _template(name: str) -> Any:
-    """A template of ``assets/``, which may import others from there."""
+def _template() -> Any:
+    """The page as a template that escapes all text."""
     environment = Environment(
         autoescape=True,
         finalize=lambda value: printable(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        loader=FunctionLoader(_asset),
     )
-    return environment.get_template(name)
+    return environment.from_string(_asset("report.html"))
 
 
 def style() -> str:

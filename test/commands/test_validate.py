@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.commands import simulate, validate
+from cdrj_ros.commands import validate
 from cdrj_ros.evaluation import metrics
-from cdrj_ros.recordings import BagWriter, read_recording
+from cdrj_ros.recordings import BagWriter
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
@@ -56,61 +56,12 @@ def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
     assert channels["effort/winch"]["r2"] > 0.999
 
 
-def test_several_bags_are_pooled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "figures.json"
-    arguments = [str(HIGH), str(HIGH), "--robot", str(ROBOT), "--json", str(out)]
-    assert validate.main(arguments) == 0
-    figures = _figures(out)
-    one, all_ = figures["bags"][0]["channels"], figures["all"]["channels"]
-    assert all_["tension/upper/1"]["n"] == 2 * one["tension/upper/1"]["n"]
-    assert "all elements" in capsys.readouterr().out
-
-
-def _cut(bag: Path, where: Path, share: float) -> Path:
-    (file,) = bag.glob("*.mcap")
-    data = file.read_bytes()
-    cut = where / "cut.mcap"
-    cut.write_bytes(data[: int(len(data) * share)])
-    return cut
-
-
-def test_everything_intact_in_a_truncated_bag_is_used(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    cut = _cut(HIGH, tmp_path, 0.6)
-    out = tmp_path / "figures.json"
-    assert validate.main([str(cut), "--robot", str(ROBOT), "--json", str(out)]) == 0
-    assert "cut" in capsys.readouterr().out
-    channel = _figures(out)["all"]["channels"]["tension/upper/8"]
-    assert channel["n"] > 2500
-    assert channel["mean_relative_error"] < 0.005
-
-
 def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
     error = capsys.readouterr().err
     lines = [line for line in error.splitlines() if not line.startswith("validating: ")]
     assert len(lines) == 1, error
     for word in words:
         assert word in lines[0]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("mu_c: 0.15", "mu_cc: 0.15"), ["friction.mu_cc", "did you mean 'mu_c'"]),
-        (("radius_mm: 15", "radius_mm: -15"), ["cables[0].nodes[0].radius", "greater than 0"]),
-        (("offset: 0.08, sine: -0.06", "offset: 0.02, sine: -0.06"), ["upper/6", "length"]),
-    ],
-)
-def test_a_wrong_robot_file_is_one_line_and_exit_code_2(
-    change: tuple[str, str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    robot = tmp_path / "robot.yaml"
-    text = ROBOT.read_text()
-    assert change[0] in text
-    robot.write_text(text.replace(*change, 1))
-    assert validate.main([str(HIGH), "--robot", str(robot)]) == 2
-    _one_line(capsys, *words, str(robot))
 
 
 @pytest.mark.parametrize(
@@ -140,28 +91,6 @@ def test_a_motor_that_is_missing_on_a_shared_topic_is_named(
     ]
     assert validate.main([str(ODD / "plain"), *arguments, "--robot", str(ROBOT)]) == 2
     _one_line(capsys, "no motor named winch", "motor")
-
-
-def test_simulate_makes_a_recording_that_validate_reads(tmp_path: Path) -> None:
-    bag, out = tmp_path / "bag", tmp_path / "figures.json"
-    short = ["--duration", "6", "--frequency", "0.5", "--amplitude", "20deg", "--cells", "2"]
-    assert simulate.main([str(bag), "--robot", str(ROBOT), *short]) == 0
-    recording = read_recording(bag)
-    assert recording.motors["winch"].stamp_ns.size == 6001
-    assert validate.main([str(bag), "--robot", str(ROBOT), "--json", str(out)]) == 0
-    assert _figures(out)["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.01
-
-
-@pytest.mark.parametrize(
-    ("mass", "words"), [("nan", "--load-mass"), ("300000", "no winch angle balances")]
-)
-def test_simulate_refuses_loads_that_are_none_or_that_no_winch_angle_balances(
-    mass: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = [str(tmp_path / "bag"), "--robot", str(ROBOT), "--load-mass", mass]
-    assert simulate.main([*arguments, "--duration", "5"]) == 2
-    _one_line(capsys, words)
-    assert not (tmp_path / "bag").exists()
 
 
 def test_a_bag_whose_readings_are_all_refused_is_an_error(

@@ -63,22 +63,11 @@ def test_a_turned_reference_is_seen_in_the_vectors_and_not_in_the_magnitudes(
     assert "7.5°" in table
 
 
-def test_the_report_shows_the_vectors(turned: Path, tmp_path: Path) -> None:
-    page = tmp_path / "report.html"
-    assert run(tmp_path, turned, "--html", page)[0] == 0
-    text = page.read_text()
-    assert "All 14 nodal forces as vectors" in text
-    assert "direction 7.5° mean, 7.5° largest" in text
-    assert "force_vector/upper/3: recorded and estimated over time, direction error below" in text
-
-
 @pytest.mark.parametrize(
     ("limit", "code"),
     [
         ("force_vector/*: {max_direction_error_deg: {max: 7.6}}", 0),
-        ("force_vector/*: {max_direction_error_deg: {max: 7.4}}", 1),
         ("force_vector: {mean_direction_error_deg: {max: 7.4}}", 1),
-        ("force_vector: {mean_relative_error: {max: 0.14}}", 0),
         ("force_vector: {mean_relative_error: {max: 0.12}}", 1),
         ("nodal_force: {mean_direction_error_deg: {max: 90}}", 1),  # magnitudes have no direction
     ],
@@ -110,15 +99,13 @@ def _with_zeros(arrays: Arrays) -> Arrays:
 def test_a_reference_with_only_magnitudes_has_no_vector_figures(
     spoil: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = tmp_path / "report.html"
-    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, spoil), "--html", page)
+    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, spoil))
     assert code == 0
     magnitudes, vectors = split(figures)
     assert len(magnitudes) == 14
     assert not vectors
     assert figures["bags"][0]["notes"] == []
     assert "direction" not in capsys.readouterr().out
-    assert "direction error" not in page.read_text()
 
 
 def test_forces_in_a_named_frame_are_compared_only_with_a_robot_that_has_positions(

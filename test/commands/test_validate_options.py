@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +12,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 import cdrj_ros as cdrj
@@ -126,17 +122,6 @@ def test_several_processes_give_the_results_of_one_in_the_same_order(
     assert alone == together
 
 
-def test_an_error_in_another_process_is_one_line(
-    short: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "a.mcap").write_bytes(b"nothing")
-    assert run(tmp_path, short, tmp_path / "a.mcap", "--jobs", 2)[0] == 2
-    lines = [line for line in capfd.readouterr().err.splitlines() if "%" not in line]
-    assert len(lines) == 2
-    assert "a.mcap is not an MCAP file" in lines[0]
-    assert lines[1].endswith("1 of 2 bags failed; the results are of the other 1")
-
-
 @pytest.mark.usefixtures("few_pictures")
 def test_limits_decide_the_exit_code_and_violations_are_listed(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -170,32 +155,6 @@ def test_limits_decide_the_exit_code_and_violations_are_listed(
 @pytest.fixture(scope="module")
 def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
-
-
-@pytest.mark.parametrize("output", ["/dev/full", "without a reader"])
-def test_files_and_exit_code_do_not_depend_on_standard_output(
-    second: Path, tmp_path: Path, output: str
-) -> None:
-    limits, html, figures = (tmp_path / name for name in ("limits.yaml", "r.html", "f.json"))
-    limits.write_text("channels: {effort/winch: {rmse: {max: 1.0e-9}}}")
-    code = "import sys; from cdrj_ros.commands import validate; sys.exit(validate.main())"
-    options = ["--reference", "/reference/efforts", "--limits", limits, "--html", html]
-    command = [sys.executable, "-c", code, second, "--robot", ROBOT, "--json", figures, *options]
-    reading, writing = os.pipe()
-    os.close(reading)
-    if output == "/dev/full":
-        os.close(writing)
-        writing = os.open(output, os.O_WRONLY)
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUNBUFFERED": ""}
-    ended = subprocess.run(
-        command, stdout=writing, stderr=subprocess.PIPE, env=environment, check=False
-    )
-    os.close(writing)
-    assert ended.returncode == 1, ended.stderr
-    assert b"Traceback" not in ended.stderr
-    assert b"Exception ignored" not in ended.stderr
-    assert len(json.loads(figures.read_text())["limits"]["outside"]) == 1
-    assert "</html>" in html.read_text()
 
 
 def test_no_output_may_name_an_input(
@@ -399,26 +358,6 @@ def test_rosbags_and_mcap_read_the_written_bag_by_its_embedded_types(written_bag
         assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
         topics = {channel.topic for _, channel, _ in reader.iter_messages()}
     assert topics == set(seen)
-
-
-def test_a_reader_without_types_decodes_the_written_bag(written_bag: Path) -> None:
-    """Decode all messages of all topics with Foxglove's decoder."""
-    out = written_bag
-    counts = dict.fromkeys(OUTPUTS, 0)
-    with (out / "out_0.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        for _, channel, _, decoded in reader.iter_decoded_messages():
-            if channel.topic in counts:
-                counts[channel.topic] += 1
-                assert decoded.header.stamp.sec > 0
-                assert len(decoded.name) > 0
-    read = read_recording(out, Topics(references=OUTPUTS))
-    wanted = {
-        "/cdrj/tensions": "tension/upper/1",
-        "/cdrj/nodal_forces": "nodal_force/upper/2",
-        "/cdrj/efforts": "effort/winch",
-    }
-    assert counts == {t: read.references[name].value.size for t, name in wanted.items()}
 
 
 def test_a_written_bag_replaces_older_estimates_and_no_folder(
