@@ -77,7 +77,7 @@ soak: setup
 	@$(IN_ENV) CDRJ_SENSORS=50 python -m pytest -q test/estimation/test_take_back.py
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) CDRJ_DAMAGES=10 python -m pytest -q test/robot/test_reader_fuzz.py \
-		test/recordings/test_fuzz.py test/recordings/test_states.py
+		test/recordings/test_fuzz.py
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 
 # The pictures of the report and of `view` need Chromium on the path.

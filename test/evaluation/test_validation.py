@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import gc
 import tracemalloc
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation import whole_recording
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation import estimating
@@ -23,14 +20,12 @@ from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, write_e
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.evaluation.validation import (
     MAX_GAP_NS,
-    BagTask,
     Validation,
-    compare_bag,
     validate_recording,
 )
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import UNSURE
-from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
+from cdrj_ros.recordings import Series, Topics, read_recording
 
 ROOT = Path(__file__).parents[2]
 BAG = str(ROOT / "bags" / "prototype_preload_36_26")
@@ -99,58 +94,6 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     for name, series in written.items():
         assert np.array_equal(series.stamp_ns, stamps)
         assert np.array_equal(series.value, named[name])
-
-
-HOUR_S: Final = 3600
-PROGRAM: Final = 160e6
-"""Memory that the program itself takes [bytes]."""
-GIGABYTE: Final = 1e9
-SPANS_S: Final = 6, 12
-"""Durations of the two recordings [s]."""
-
-
-def _part_of(recording: Recording, folder: Path, seconds: int) -> Path:
-    """The first seconds of a recording, with references before the first angle and a bad angle."""
-    path = folder / f"{seconds}"
-    with BagWriter(path, chunk_bytes=1 << 15) as bag:
-        for topic, of in ((Topics().motors, recording.motors), (Topics().joints, recording.joints)):
-            for name, one in of.items():
-                kept = slice(20, int(np.searchsorted(one.log_ns, one.log_ns[0] + seconds * 10**9)))
-                value = one.value[kept].copy()
-                value[10] = np.nan
-                bag.write_joint_states(topic, one.stamp_ns[kept], [name], value[:, None])
-        names = [name for name in recording.references if name.startswith("tension/")]
-        stamps = recording.references[names[0]].stamp_ns[: 100 * seconds]
-        tension = [recording.references[name].value[: stamps.size] for name in names]
-        bare = [name.removeprefix("tension/") for name in names]
-        bag.write_tensions(Topics().references[0], stamps, bare, np.transpose(tension))
-    return path
-
-
-def test_an_hour_at_1_khz_takes_less_than_a_gigabyte(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By the growth from a short recording to a longer one, written with estimates."""
-    monkeypatch.setattr(whole_recording, "PIECE", 512)
-    monkeypatch.setattr(estimating, "AT_ONCE", 512)
-    monkeypatch.setattr(estimating, "LOGS_AT_ONCE", 512)
-    model, recording = load_model(ROBOT), read_inputs(BAG, Topics(), load_model(ROBOT))
-    peaks = []
-    for run, seconds in enumerate((1, *SPANS_S)):  # the first run imports modules
-        folder = tmp_path / f"{run}"
-        bag = _part_of(recording, folder, seconds)
-        task = BagTask(str(bag), Topics(), spread=True, written=str(folder / "estimates"))
-        gc.collect()
-        tracemalloc.start()
-        try:
-            found = compare_bag(task, model=model)
-            peaks.append(tracemalloc.get_traced_memory()[1])
-        finally:
-            tracemalloc.stop()
-        assert found.counters["not_finite"] == 2
-        assert found.counters["outside_estimates"] > 0
-    growth = (peaks[2] - peaks[1]) / (SPANS_S[1] - SPANS_S[0])
-    assert PROGRAM + growth * HOUR_S < GIGABYTE
 
 
 def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:

@@ -127,57 +127,6 @@ def test_no_damage_gives_more_than_one_clear_line(originals, tmp_path, damage, d
         tracemalloc.stop()
 
 
-@settings(max_examples=600 if SOAKED else 30, suppress_health_check=NOT_MEANT)
-@given(garbage=st.binary(max_size=300), head=st.sampled_from([b"", b"\x89MCAP0\r\n"]))
-def test_random_bytes_are_refused(tmp_path, garbage, head):
-    path = tmp_path / "a.mcap"
-    path.write_bytes(head + garbage)
-    read_every_way(path)
-    with pytest.raises(BagError):
-        read_recording(path, ONE_TOPIC)
-
-
-def test_cut_at_any_byte_a_file_gives_a_beginning_of_itself(make, tmp_path):
-    path = tmp_path / "a.mcap"
-    count = COUNT if SOAKED else 6
-    content = make.mcap(
-        path, make.swing(count), compression=CompressionType.NONE, chunked=False
-    ).read_bytes()
-    counts = []
-    for length in range(len(content)):
-        path.write_bytes(content[:length])
-        read, refusal = attempt(lambda: read_recording(path, ONE_TOPIC))
-        assert "\n" not in refusal
-        values = read.motors["motor"].value if read else np.zeros(0)
-        np.testing.assert_array_equal(values, np.arange(values.size))
-        counts.append(values.size)
-    assert counts == sorted(counts)
-    assert counts[-1] == count
-
-
-@pytest.mark.parametrize("name", ["lz4", "zstd"])
-def test_a_chunk_that_would_unpack_to_more_than_its_bytes_can_hold_is_left_out(
-    make, tmp_path, name
-):
-    path = make.mcap(
-        tmp_path / "a.mcap", make.swing(COUNT), compression=CompressionType[name.upper()],
-        chunk_size=1500, indexed=False,
-    )  # fmt: skip
-    content = bytearray(path.read_bytes())
-    mark = struct.pack("<I", len(name)) + name.encode()
-    at = content.index(mark, content.index(mark) + 1) - 12  # the first chunk declares the topic
-    content[at : at + 8] = struct.pack("<Q", 2**30 - 1)
-    path.write_bytes(content)
-    tracemalloc.start()
-    try:
-        read = read_recording(path, ONE_TOPIC)
-        assert tracemalloc.get_traced_memory()[1] < MOST_MEMORY
-    finally:
-        tracemalloc.stop()
-    assert any("claims 1073741823 bytes, more than" in note for note in read.notes)
-    assert 0 < read.motors["motor"].value.size < COUNT
-
-
 def test_a_message_that_unpacks_without_end_is_malformed(make, tmp_path):
     bomb = zstandard.compress(bytes(2**27))
     good = make.swing(3)

@@ -1,10 +1,5 @@
-"""Bags in every state: compressed, split, without index or metadata, damaged, truncated.
+"""Bags in every state: compressed, split, without index or metadata, damaged, truncated."""
 
-``make soak`` sets CDRJ_DAMAGES and damages more bytes.
-"""
-
-import os
-import shutil
 import struct
 from pathlib import Path
 
@@ -220,17 +215,6 @@ def test_a_cut_file_that_was_compressed_whole_gives_what_decompresses(make, tmp_
     np.testing.assert_array_equal(read.motors["m"].value, whole[:n])
 
 
-def test_a_tail_of_zeros_is_a_cut(make, tmp_path):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT))
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2] + bytes(100_000))
-    read = read_recording(path, ONE_TOPIC)
-    n = read.motors["motor"].value.size
-    assert COUNT / 3 < n < COUNT
-    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(n))
-    assert read.notes
-
-
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_a_chunk_that_fails_its_checksum_is_left_out_and_noted(make, tmp_path, compression):
     path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT), compression=compression)
@@ -242,22 +226,6 @@ def test_a_chunk_that_fails_its_checksum_is_left_out_and_noted(make, tmp_path, c
     values = read.motors["motor"].value
     assert COUNT / 2 < values.size < COUNT
     assert np.isin(values, np.arange(COUNT)).all()
-
-
-def test_any_wrong_byte_gives_messages_or_a_clear_error(make, tmp_path):
-    content = make.mcap(tmp_path / "a.mcap", make.swing(12), chunk_size=500).read_bytes()
-    path = tmp_path / "b.mcap"
-    rng = np.random.default_rng(7)
-    for at in range(0, len(content), 1 if "CDRJ_DAMAGES" in os.environ else 9):
-        damaged = bytearray(content)
-        damaged[at] = (damaged[at] + int(rng.integers(1, 256))) % 256
-        path.write_bytes(damaged)
-        for read in (
-            lambda: read_recording(path, ONE_TOPIC),
-            lambda: list(read_messages(path, ["/joint_states"])),
-            lambda: list_topics(path),
-        ):
-            assert "\n" not in attempt(read)[1]
 
 
 @pytest.mark.parametrize("length", [3, 21, 2**27, 2**63])
@@ -307,15 +275,3 @@ def test_the_cut_odd_bags_are_a_beginning_of_the_whole():
     assert check_prefix(folder / "truncated_unclean_0.mcap", whole) == 2128
     assert check_prefix(folder / "truncated_uncompressed_0.mcap", whole) == 2128
     assert check_prefix(folder, whole) == 2128
-
-
-def test_a_bag_is_read_while_its_folder_cannot_be_written(make, tmp_path):
-    folder = split_bag(make, tmp_path / "bag", 2)
-    for path in folder.iterdir():
-        path.chmod(0o444)
-    folder.chmod(0o555)
-    try:
-        check_whole(folder)
-    finally:
-        folder.chmod(0o755)
-        shutil.rmtree(folder)
