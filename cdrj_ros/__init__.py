@@ -12,7 +12,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from cdrj_ros.api import Estimator, draw, estimate, identify, load, validate
+    from cdrj_ros.api import (
+        Estimator,
+        draw,
+        estimate,
+        identify,
+        load,
+        validate,
+        write_recording,
+    )
     from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, step
     from cdrj_ros.estimation.samples import Sample
     from cdrj_ros.estimation.session import Options
@@ -79,10 +87,11 @@ __all__ = [
     "step",
     "usual_load",
     "validate",
+    "write_recording",
 ]
 
 _HOMES: Final = {
-    "api": ("Estimator", "draw", "estimate", "identify", "load", "validate"),
+    "api": ("Estimator", "draw", "estimate", "identify", "load", "validate", "write_recording"),
     "estimation.estimator": ("Estimate", "Estimates", "State", "initial_state", "step"),
     "estimation.samples": ("Sample",),
     "estimation.session": ("Options",),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import Errors
     from cdrj_ros.identification.fit import Identification
     from cdrj_ros.recordings import Topics
+    from cdrj_ros.simulation.assembly import Truth
 
 Stamps = NDArray[np.int64]
 
@@ -267,6 +268,35 @@ def draw(model: Model | str | Path, path: str | Path) -> None:
 
     model = model if isinstance(model, Model) else load(model)
     write_png(draw_robot(inspect_robot(model)), str(path))
+
+
+def write_recording(
+    path: str | Path,
+    model: Model | str | Path,
+    truth: Truth,
+    *,
+    rig: str | Path = "",
+    seed: int = 0,
+) -> None:
+    """Write a bag of what a robot's sensors read during a simulation, with references.
+
+    Args:
+        path: folder of the new bag.
+        model: the robot that was simulated, from ``load``, or what ``load`` takes.
+        truth: from ``simulate``.
+        rig: rig file that describes the sensors, or the name of an installed one such as
+            ``"noisy"``, see docs/rig.md; empty: sensors that only quantise.
+        seed: of all random numbers.
+
+    Raises:
+        BagError: the bag exists or cannot be written.
+        UsageError: the rig file is invalid, or its sensors do not fit the robot.
+    """
+    from cdrj_ros.simulation.recorder import Recorder
+    from cdrj_ros.simulation.rig_file import load_rig
+
+    model = model if isinstance(model, Model) else load(model)
+    Recorder(model, load_rig(str(rig)).sensors, seed).write(path, truth)
 
 
 def identify(

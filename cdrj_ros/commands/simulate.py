@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -25,25 +25,14 @@ from cdrj_ros.commands.simulate_options import check_ranges, parser
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.messages.topics import BROADCAST, TENSION_SENSORS, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import BagWriter, Topics
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
+from cdrj_ros.simulation.recorder import Recorder
 from cdrj_ros.simulation.rig_file import RigDescription, load_rig
-from cdrj_ros.simulation.sensor_groups import (
-    CellGroup,
-    EncoderGroup,
-    encoder_groups,
-    truth_table,
-)
-from cdrj_ros.simulation.sensors import LoadCells, ReadingTimes, read_cells
 from cdrj_ros.simulation.truth import Progress, simulate
-
-EPOCH_NS: Final = 1_700_000_000_000_000_000
-"""Stamp of a simulated recording's start [ns]."""
 
 PRELOAD_FACTORS: Final = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Multiples of the preloads, tried in turn after a cable has become slack."""
@@ -61,13 +50,9 @@ def _body(argv: Sequence[str]) -> int:
     _check_output(Path(arguments.out))
     model = load_model(arguments.robot, arguments.preload)
     rig = load_rig(arguments.rig)
-    seed, begin = arguments.seed, arguments.warm_up
-    encoders = encoder_groups(model, rig.sensors, seed, begin)
-    cells = CellGroup(model, rig.sensors, seed, begin)
+    record = Recorder(model, rig.sensors, arguments.seed, arguments.warm_up)
     plan, truth, reason = _simulated(model, rig, arguments)
-    with BagWriter(arguments.out) as bag:
-        _write_readings(bag, truth, begin, encoders, cells)
-        _write_references(bag, model, truth, begin, seed, rig.sensors.references)
+    record.write(arguments.out, truth)
     notes = [
         *truth.notes,
         *_slack_notes(model, truth, arguments.warm_up),
@@ -190,74 +175,6 @@ def _slack_notes(model: Model, truth: Truth, warm_up: float) -> list[str]:
                 f"t = {first:.4g} s"
             )
     return notes
-
-
-def _stamps(times: Vector, begin: float, offset_s: float = 0.0) -> NDArray[np.int64]:
-    """Stamps [ns] of times of the simulation [s], of which ``begin`` is the recording's start."""
-    stamp: NDArray[np.int64] = EPOCH_NS + np.round((times - begin) * 1e9).astype(np.int64)
-    return stamp + round(offset_s * 1e9)
-
-
-def _write_readings(
-    bag: BagWriter, truth: Truth, begin: float, encoders: list[EncoderGroup], cells: CellGroup
-) -> None:
-    """Write what the robot's sensors read, from ``begin`` [s] on."""
-    topics = Topics()
-    angle = np.concatenate([truth.motor_angle, truth.joint_angle], axis=1)
-    effort = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
-    table = truth_table(angle, np.gradient(angle, truth.time, axis=0), effort, truth.tension)
-    for group in encoders:
-        read = group.take(truth.time, table)
-        topic = {"motors": topics.motors, "joints": topics.joints, "all": BROADCAST}[group.kind]
-        arrays = {field: getattr(read, field) for field in group.fields}
-        bag.write_joint_states(
-            topic, _stamps(read.stamps, begin) - group.clock_offset_ns, group.names, **arrays,
-            log_ns=_stamps(read.stamps, begin, group.latency_s) if group.latency_s else None,
-        )  # fmt: skip
-    if cells.names:
-        stamps, tension = cells.take(truth.time, table)
-        bag.write_tensions(
-            in_namespace(TENSION_SENSORS), _stamps(stamps, begin), cells.names, tension,
-            np.full(tension.shape, cells.stddev),
-            log_ns=_stamps(stamps, begin, cells.latency_s),
-        )  # fmt: skip
-
-
-def _write_references(
-    bag: BagWriter, model: Model, truth: Truth, begin: float, seed: int, sensors: LoadCells
-) -> None:
-    """Write the true tensions, forces and efforts with the errors of reference sensors."""
-    generator, layout = np.random.default_rng(seed), model.layout
-    plan = ReadingTimes(sensors, begin, [seed, 3]).until(float(truth.time[-1]))
-
-    def readings_of(values: Table, noise: float, step: float, bias: float) -> Table:
-        return read_cells(values, truth.time, plan.times, noise, step, generator, bias)
-
-    tensions, forces, torques = Topics().references
-    force = (sensors.force_noise, sensors.force_step, sensors.force_bias)
-    torque = (sensors.torque_noise, sensors.torque_step, sensors.torque_bias)
-    at = _stamps(plan.stamps, begin)
-    bag.write_tensions(tensions, at, layout.elements, readings_of(truth.tension, *force))
-    if layout.pulleys:
-        x, y, z = _components(truth.force, lambda one: readings_of(one, *force))
-        magnitude = np.sqrt(x**2 + y**2 + z**2)
-        bag.write_nodal_forces(
-            forces, at, layout.pulleys, magnitude, force_x=x, force_y=y, force_z=z,
-            frame_id=layout.force_frame,
-        )  # fmt: skip
-    both = np.concatenate([truth.motor_effort, truth.joint_effort], axis=1)
-    bag.write_joint_states(
-        torques, at, layout.motors + layout.joints, effort=readings_of(both, *torque)
-    )
-
-
-def _components(
-    force: NDArray[np.float64], read: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> Iterator[NDArray[np.float64]]:
-    """Readings of the components of forces (n, pulleys, 3); a plane's third one is not measured."""
-    for axis in range(3):
-        readings = read(force[:, :, axis])
-        yield readings if force[:, :, axis].any() else np.zeros_like(readings)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
