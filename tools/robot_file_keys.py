@@ -26,6 +26,7 @@ PLACES = {
     "motor": "`motors[]`",
     "joint": "`joints[]`",
     "frame": "`frames[]`",
+    "visual": "`visuals[]`",
     "correction": "`motors[].correction`, `joints[].correction`",
     "friction": "`friction`, `cables[].friction`, `cables[].nodes[].friction`",
     "cable": "`cables[]`",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -35,7 +36,10 @@ from cdrj_ros.nodes.spinning import (
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, middle_of, picture_of
 
-Namespace = Literal["cables", "bodies", "links", "forces", "labels"]
+Namespace = Literal["cables", "bodies", "links", "visuals", "forces", "labels"]
+
+VISUAL: Final = 0.25
+"""Opacity of the shapes of bodies."""
 
 BODY: Final = 0.5
 """Opacity of bodies and links."""
@@ -92,6 +96,7 @@ class MarkersNode(Node):
         shown = self.inputs.snapshot()
         picture = picture_of(self.model, shown, force_scale=self._force_scale)
         markers = [*self._cables(picture), *self._bodies(picture), *self._links(picture)]
+        markers += self._visuals(picture)
         if self._forces:
             markers += self._arrows(picture)
         return MarkerArray(markers=markers)
@@ -143,6 +148,26 @@ class MarkersNode(Node):
             marker.pose.orientation = _turned_to((end - start) / length)
             marker.scale = Vector3(x=size, y=size, z=length)
             marker.color = _rgba(LINKS, BODY)
+            yield marker
+
+    def _visuals(self, picture: Picture) -> Iterator[Marker]:
+        """A marker for every shape of a body."""
+        kinds = {
+            "box": Marker.CUBE, "cylinder": Marker.CYLINDER, "sphere": Marker.SPHERE,
+            "mesh": Marker.MESH_RESOURCE,
+        }  # fmt: skip
+        for k, look in enumerate(picture.visuals):
+            marker = self._marker("visuals", k, kinds[look.shape])
+            w, x, y, z = look.quaternion
+            marker.pose.position = _points(look.centre)[0]
+            marker.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+            x, y, z = look.size.tolist()
+            if look.shape in ("cylinder", "sphere"):  # RViz takes diameters
+                x, y, z = 2.0 * x, 2.0 * y, z if look.shape == "cylinder" else 2.0 * z
+            marker.scale = Vector3(x=x, y=y, z=z)
+            marker.color = _rgba(LINKS, VISUAL)
+            if look.mesh:
+                marker.mesh_resource = Path(look.mesh).resolve().as_uri()
             yield marker
 
     def _arrows(self, picture: Picture) -> Iterator[Marker]:

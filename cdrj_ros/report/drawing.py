@@ -38,6 +38,7 @@ there are more cables."""
 INK: Final = "#1c1c1a"
 MUTED: Final = "#62625d"
 LINK: Final = "#e9e7df"
+SHADE: Final = "#bdb9ab"
 
 FONT_SIZE: Final = 12.0
 """Size of text [px]."""
@@ -142,8 +143,7 @@ def _draw_view(
     for scene in scenes[::-1]:
         bold = scene is scenes[0]
         alpha = 1.0 if bold else FADED
-        for link in scene.links:
-            axes.plot(*(link @ projection).T, color=LINK, linewidth=6.0, alpha=alpha, zorder=1)
+        _draw_shapes(axes, scene, projection, alpha)
         for c, (paths, bodies) in enumerate(by_cable(robot, scene)):
             for body in bodies if bold else ():
                 for line in outlines(body):
@@ -167,6 +167,27 @@ def _draw_view(
         axis.set_label_text(f"{name} [mm]" if name else "", fontsize=FONT_SIZE - 1, color=MUTED)
         axis.set_visible(bool(name))
     axes.set_title(title, fontsize=FONT_SIZE - 1, color=MUTED)
+
+
+def _draw_shapes(axes: Axes, scene: Scene, projection: Points, alpha: float) -> None:
+    """Draw the shapes of the bodies, or the links where they have none."""
+    for visual in scene.visuals:
+        outline = _silhouette(visual.points @ projection)
+        axes.fill(
+            *outline.T, facecolor=LINK, edgecolor=SHADE, linewidth=0.7, alpha=0.8 * alpha, zorder=0
+        )
+    for link in scene.links:
+        axes.plot(*(link @ projection).T, color=LINK, linewidth=6.0, alpha=alpha, zorder=1)
+
+
+def _silhouette(points: Points) -> Points:
+    """Corners of the convex hull of points in the plane, shape (n, 2)."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(points[ConvexHull(points).vertices]) if len(points) > 2 else points
+    except QhullError:  # all in one line
+        return points[:0]
 
 
 def _cut_off(paths: Sequence[Points], room: float) -> list[Points]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cdrj_ros.model.prepared import Model, Shape, placed, shape_at
 from cdrj_ros.model.spatial_paths import Body as SpatialBody
 from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
+from cdrj_ros.report.visuals import PlacedVisual, placed_visuals
 from cdrj_ros.robot.description import Anchor, Frame, Node, Place, Pulley, Robot, Winch
 from cdrj_ros.robot.space import SpatialFrame
 
@@ -32,6 +33,8 @@ class Pose:
     """Origin (x, y) [m] and angle [rad] of every planar frame in the base."""
     origins: dict[str, Vector]
     """Origin of every frame, planar or in space, in the base [m], shape (3,)."""
+    rotations: dict[str, NDArray[np.float64]]
+    """Orientation of every frame in the base, shape (3, 3)."""
     shape: Shape
 
 
@@ -47,7 +50,8 @@ def pose_of(model: Model, joint_angle: Vector) -> Pose:
     names = [frame.name for frame in robot.frames]
     names += [frame.name for frame in robot.spatial_frames]
     origins = {name: row.origin.copy() for name, row in zip(names, rows, strict=True)}
-    return Pose(frames, origins, shape)
+    turned = {n: row.rotation.reshape(3, 3).copy() for n, row in zip(names, rows, strict=True)}
+    return Pose(frames, origins, turned, shape)
 
 
 def _centre_of(pose: Pose, place: Place) -> tuple[float, float]:
@@ -120,7 +124,9 @@ class Scene:
     """In the order of the cables and their nodes."""
     links: tuple[Points, ...]
     """Both ends of every link [m], shape (2, 3): from the origin of a moving frame to the origin of
-    the frame that it carries, or to the farthest node on it."""
+    the frame that it carries, or to the farthest node on it; none where there are visuals."""
+    visuals: tuple[PlacedVisual, ...]
+    """Shapes of the robot's bodies."""
 
 
 def scene_of(model: Model, joint_angle: Vector) -> Scene:
@@ -154,7 +160,9 @@ def scene_of(model: Model, joint_angle: Vector) -> Scene:
             else:
                 body = Body(name, kind, "disc", centre, node.radius, UPWARDS, 0.0)
             bodies.append(replace(body, frame=place.frame if place else ""))
-    return Scene(pose, tuple(elements), tuple(bodies), tuple(_links(robot, pose, bodies)))
+    visuals = tuple(placed_visuals(robot.visuals, pose.origins, pose.rotations))
+    links = () if visuals else tuple(_links(robot, pose, bodies))
+    return Scene(pose, tuple(elements), tuple(bodies), links, visuals)
 
 
 def _kind(node: Node) -> Kind:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.robot.laws import Law
 from cdrj_ros.robot.space import SpatialFrame, SpatialPlace
+from cdrj_ros.robot.visuals import Visual
 
 StribeckForm = Literal["printed", "capstan"]
 """Forms of static friction."""
@@ -364,6 +365,8 @@ class Robot:
     """Frames in space; empty for a robot described in the plane."""
     base_link: str = "base"
     """Name in tf of the frame ``base``, in which positions and forces are given."""
+    visuals: tuple[Visual, ...] = ()
+    """Shapes of bodies, drawn behind the cables."""
 
     @property
     def prismatic_joints(self) -> frozenset[str]:

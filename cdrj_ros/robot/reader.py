@@ -23,6 +23,7 @@ from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_spatial_frames
 from cdrj_ros.robot.tolerances import complete_uncertainty
+from cdrj_ros.robot.visuals import read_visuals
 
 MAXIMUM_BYTES: Final = 1_000_000
 """Largest accepted size of a robot file [bytes]."""
@@ -91,6 +92,9 @@ def build_robot(document: Document, source: str) -> Robot:
         if name in elements:  # both may be the name of a sensor
             raise refuse(f"the name {name!r} of a motor or joint", "is that of an element")
     routed = any(cable.routed for cable in cables)
+    spatial = any(cable.spatial for cable in cables)
+    names = [one.name for one in frames] + [one.name for one in spatial_frames]
+    visuals = tuple(read_visuals(document, names, refuse))
     return Robot(
         document["name"],
         motors,
@@ -100,8 +104,9 @@ def build_robot(document: Document, source: str) -> Robot:
         source,
         _uncertainty(document, cables, refuse),
         document,
-        spatial_frames if any(cable.spatial for cable in cables) else (),
+        spatial_frames if spatial else (),
         document.get("base_link", Robot.base_link),
+        visuals if routed or spatial else (),
     )
 
 

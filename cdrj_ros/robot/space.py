@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import cos, sin
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -94,3 +95,24 @@ class SpatialPlace:
     """Far end of a sheath, or the point on the side [m]."""
     length: float = 0.0
     """Length of a sheath [m]."""
+
+
+def rpy_rotation(roll: float, pitch: float, yaw: float) -> Matrix3:
+    """Rotation about the fixed x, then y, then z axis, as in URDF."""
+    ci, si, cj, sj, ck, sk = (
+        cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw),
+    )  # fmt: skip
+    return (
+        ck * cj, ck * sj * si - sk * ci, ck * sj * ci + sk * si,
+        sk * cj, sk * sj * si + ck * ci, sk * sj * ci - ck * si,
+        -sj, cj * si, cj * ci,
+    )  # fmt: skip
+
+
+def quaternion_rotation(x: float, y: float, z: float, w: float) -> Matrix3:
+    """Rotation matrix of a unit quaternion."""
+    return (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import cos, sin, sqrt
+from math import sqrt
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -19,6 +19,8 @@ from cdrj_ros.robot.space import (
     SpatialMotion,
     SpatialPlace,
     Vector3,
+    quaternion_rotation,
+    rpy_rotation,
 )
 
 KINDS: Final[MappingProxyType[str, ContactKind]] = MappingProxyType(
@@ -166,27 +168,6 @@ def _rotation(path: str, entry: Document, refuse: Refusal) -> Matrix3:
             raise refuse(f"{path}.quaternion", f"must have the length 1, got {norm:g}")
         return quaternion_rotation(x / norm, y / norm, z / norm, w / norm)
     return rpy_rotation(*entry["rpy"]) if "rpy" in entry else IDENTITY
-
-
-def rpy_rotation(roll: float, pitch: float, yaw: float) -> Matrix3:
-    """Rotation about the fixed x, then y, then z axis, as in URDF."""
-    ci, si, cj, sj, ck, sk = (
-        cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw),
-    )  # fmt: skip
-    return (
-        ck * cj, ck * sj * si - sk * ci, ck * sj * ci + sk * si,
-        sk * cj, sk * sj * si + ck * ci, sk * sj * ci - ck * si,
-        -sj, cj * si, cj * ci,
-    )  # fmt: skip
-
-
-def quaternion_rotation(x: float, y: float, z: float, w: float) -> Matrix3:
-    """Rotation matrix of a unit quaternion."""
-    return (
-        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
-        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
-        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

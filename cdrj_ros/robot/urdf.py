@@ -14,6 +14,7 @@ from xml.etree import ElementTree as Xml
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.untrusted import InputError, parse_xml, read_regular
 from cdrj_ros.robot.names import prefixed, renamed
+from cdrj_ros.robot.visuals import urdf_visuals
 
 MAXIMUM_BYTES: Final = 20_000_000
 """Largest accepted size of a URDF [bytes]."""
@@ -83,10 +84,12 @@ def with_urdf_frames(document: Document, source: str) -> Document:
             f"names of those that are measured ({source})"
         )
     if entry["urdf"] == DESCRIPTION:
-        path, joints = Path(DESCRIPTION), parse_urdf(_described(source), Path(DESCRIPTION))
+        path = Path(DESCRIPTION)
+        element = _parsed(_described(source), path)
     else:
         path = _find(entry["urdf"], source)
-        joints = read_urdf(path, source)
+        element = urdf_element(path, source)
+    joints = joints_of(element, path)
     root = joints[0].child if joints and not joints[0].name else ROOT
     document, joints = _with_prefix(document, joints)
     entry = document["frames"]
@@ -97,8 +100,10 @@ def with_urdf_frames(document: Document, source: str) -> Document:
     moving = {frame.get("joint") for frame in frames}
     if "joints" not in entry:
         measured = [name for name in measured if name in moving]
+    carrying = set(measured) if isinstance(measured, list) else set()
     return {
         "base_link": root,
+        "visuals": urdf_visuals(element, joints, kept, carrying, lambda name: _mesh(name, path)),
         **document,
         "frames": frames,
         "joints": _joints(document.get("joints"), measured, joints, source),
@@ -146,6 +151,22 @@ def _find(path: str, source: str) -> Path:
             f"({source})"
         )
     return Path(source).parent / path
+
+
+def _mesh(name: str, urdf: Path) -> Path | None:
+    """Path of a mesh that a URDF names; None if it is not on this machine."""
+    path = Path(name.removeprefix("file://"))
+    if name.startswith("package://"):
+        try:
+            path = _find(name, "")
+        except RobotFileError:
+            return None
+    elif not path.is_absolute():
+        path = urdf.parent / path
+    try:
+        return path.resolve() if path.is_file() else None
+    except (OSError, ValueError):
+        return None
 
 
 def _described(source: str) -> bytes:

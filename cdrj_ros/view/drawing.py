@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import Colour, across
+from cdrj_ros.report.visuals import Mesh, PlacedVisual, mesh_in
 from cdrj_ros.view.picture import (
     LINKS,
     DrawnBody,
@@ -142,6 +143,9 @@ LEAST: Final = 0.006
 CLEAR: Final = 0.5
 """Opacity of a body, so that cables behind it are visible."""
 
+BEHIND: Final = 0.25
+"""Opacity of the shapes of bodies."""
+
 LAYER: Final = 2.5
 """Distance between the layers of two cables in the plane, in widths of a cable."""
 
@@ -150,6 +154,18 @@ def rgb(colour: Colour) -> Bytes:
     """A colour with components from 0 to 255."""
     red, green, blue = (round(255.0 * part) for part in colour)
     return red, green, blue
+
+
+def _unit_mesh(look: PlacedVisual) -> Mesh | None:
+    """A shape of size 1, as its own file has it; None if it cannot be read."""
+    if look.shape == "mesh":
+        return mesh_in(look.mesh)
+    if look.shape == "cylinder":
+        return Mesh(*cylinder(np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 1.0))
+    import trimesh  # of viser
+
+    made = trimesh.creation.box() if look.shape == "box" else trimesh.creation.icosphere()
+    return Mesh(np.array(made.vertices, float), np.array(made.faces, np.uint32))
 
 
 def layers_of(model: Model) -> dict[str, int]:
@@ -176,6 +192,8 @@ class Drawing:
         self.bodies: dict[str, Any] = {}
         """Mesh or ball of every winch, pulley, round body, eyelet and anchor, by name."""
         self._links: dict[int, Any] = {}
+        self.visuals: dict[int, Any] = {}
+        """Mesh of every shape of a body that is known, by its index."""
         self._labels: dict[str, Any] = {}
         self._dashed: dict[str, bool] = {}
         self._arrows: Any = None
@@ -212,6 +230,7 @@ class Drawing:
         for look in picture.bodies:
             self._draw_body(look, f"pulley {look.body.name}" == chosen)
         self._draw_links(picture)
+        self._draw_visuals(picture)
         self._draw_arrows(picture, forces)
 
     def _placed(self, name: str, points: Vector) -> Vector:
@@ -302,6 +321,23 @@ class Drawing:
                 self._scale * picture.link_width, length,
             )  # fmt: skip
             self._links[k] = self._mesh(self._links.get(k), f"/links/{k}", mesh, LINKS)
+
+    def _draw_visuals(self, picture: Picture) -> None:
+        """Shapes of bodies, pale behind the cables; a mesh that cannot be read is left out."""
+        for k, look in enumerate(picture.visuals):
+            position, wxyz = self._placed("", look.centre), look.quaternion
+            handle = self.visuals.get(k)
+            if handle is None and (mesh := _unit_mesh(look)) is not None:
+                self.visuals[k] = self._scene.add_mesh_simple(
+                    f"/visuals/{k}", (mesh.vertices * look.size * self._scale).astype(np.float32),
+                    mesh.faces, color=rgb(LINKS), opacity=BEHIND, side="double", position=position,
+                    wxyz=wxyz, flat_shading=look.shape == "box", cast_shadow=False,
+                    receive_shadow=False,
+                )  # fmt: skip
+            elif handle is not None and not (
+                np.array_equal(handle.position, position) and np.array_equal(handle.wxyz, wxyz)
+            ):
+                handle.position, handle.wxyz = position, np.array(wxyz)
 
     def _mesh(self, handle: Any, name: str, mesh: tuple[Points, Faces], colour: Colour) -> Any:
         """Add a mesh that is seen through, or move it."""

@@ -25,6 +25,7 @@ from cdrj_ros.report.scene import (
     straight_piece,
     tension_colour,
 )
+from cdrj_ros.report.visuals import PlacedVisual
 from cdrj_ros.view.history import Snapshot, usable
 
 Vector = NDArray[np.float64]
@@ -49,6 +50,7 @@ def extent_of(model: Model) -> tuple[Vector, Vector]:
 def _points(model: Model, scene: Scene) -> Iterator[Points]:
     """Points of all elements and bodies but those of long ends; each of shape (n, 3)."""
     yield from scene.links
+    yield from (visual.points for visual in scene.visuals)
     most = LONG_SPAN * inner_size(model, scene)
     for paths, own in by_cable(model.robot, scene):
         first = int(np.linalg.norm(paths[0][-1] - paths[0][0]) > most)
@@ -136,6 +138,8 @@ class Picture:
     """Radius of a link [m]."""
     arrows: tuple[DrawnForce, ...]
     """Of the pulleys of cables given by positions."""
+    visuals: tuple[PlacedVisual, ...]
+    """Shapes of the robot's bodies."""
 
 
 def picture_of(model: Model, shown: Snapshot, *, force_scale: float = 0.0005) -> Picture:
@@ -156,6 +160,7 @@ def picture_of(model: Model, shown: Snapshot, *, force_scale: float = 0.0005) ->
         scene.links,
         LINK * typical_radius(model, scene),
         tuple(_arrows(model, scene, shown, force_scale)),
+        scene.visuals,
     )
 
 

@@ -122,7 +122,7 @@ def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -
     assert any(marker.text for marker in moving.values())
 
 
-@pytest.mark.parametrize("robot", ["finger", "finger3d"])
+@pytest.mark.parametrize("robot", ["finger", "wrist"])
 def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
     drawing: Any, robot: str
 ) -> None:
@@ -149,7 +149,7 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
             round_ones += 1
             assert marker.scale.x == marker.scale.y == pytest.approx(2.0 * body.radius)
     assert round_ones >= 3
-    assert len(scene.links) >= 2
+    assert scene.links
     for k, (start, end) in enumerate(scene.links):
         marker = drawn[f"links/{k}"]
         middle = marker.pose.position
@@ -201,3 +201,40 @@ def test_nothing_is_heard_or_drawn_without_a_subscriber(drawing: Any) -> None:
 def test_a_missing_robot_is_refused(drawing: Any) -> None:
     with pytest.raises(UsageError, match="the parameter robot is missing"):
         drawing(robot="")
+
+
+def test_shapes_of_bodies_are_markers_of_their_size_and_place(drawing: Any, tmp_path: Any) -> None:
+    from visualization_msgs.msg import Marker
+
+    (tmp_path / "part.stl").write_bytes(bytes(84))
+    robot = tmp_path / "robot.yaml"
+    robot.write_text("""
+name: arm
+motors: []
+joints: [{name: q, range: [-1, 1]}]
+base_link: arm/base_link
+frames: [{name: upper, motion: revolute, joint: q, origin: [0, 0, 0.2]}]
+visuals:
+  - {frame: upper, box: [0.2, 0.03, 0.04], origin: [0.1, 0, 0], rpy: [0, 0, 3.141592653589793]}
+  - {cylinder: [0.02, 0.1]}
+  - {sphere: 0.03}
+  - {mesh: part.stl, scale: [0.001, 0.001, 0.001]}
+cables:
+  - name: c
+    axial_stiffness: 1e4
+    preload: 10
+    nodes:
+      - {type: anchor, position: [0.3, 0, 0]}
+      - {type: anchor, position: [0.1, 0, 0], frame: upper}
+""")
+    drawn = markers_of(drawing(robot=str(robot)))
+    box, cylinder, sphere, mesh = (drawn[f"visuals/{k}"] for k in range(4))
+    kinds = (Marker.CUBE, Marker.CYLINDER, Marker.SPHERE, Marker.MESH_RESOURCE)
+    assert tuple(one.type for one in (box, cylinder, sphere, mesh)) == kinds
+    assert (box.pose.position.x, box.pose.position.z) == (0.1, 0.2)
+    assert abs(box.pose.orientation.z) == pytest.approx(1.0)
+    sizes = [(one.scale.x, one.scale.y, one.scale.z) for one in (box, cylinder, sphere, mesh)]
+    assert sizes == [(0.2, 0.03, 0.04), (0.04, 0.04, 0.1), (0.06, 0.06, 0.06), (1e-3, 1e-3, 1e-3)]
+    assert mesh.mesh_resource == (tmp_path / "part.stl").as_uri()
+    assert {one.header.frame_id for one in drawn.values()} == {"arm/base_link"}
+    assert not any(name.startswith("links/") for name in drawn)

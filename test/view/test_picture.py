@@ -11,10 +11,19 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
-from cdrj_ros.view.drawing import dashed_tube, tube
+from cdrj_ros.view.drawing import Drawing, dashed_tube, tube
 from cdrj_ros.view.history import History, Snapshot, choices, columns_of, indices_of, nothing_known
 from cdrj_ros.view.html import table_of
-from cdrj_ros.view.picture import PALE, SLIPPING, STICKING, THIN, UNKNOWN, dashes_of, picture_of
+from cdrj_ros.view.picture import (
+    PALE,
+    SLIPPING,
+    STICKING,
+    THIN,
+    UNKNOWN,
+    dashes_of,
+    extent_of,
+    picture_of,
+)
 
 
 @pytest.fixture(scope="module")
@@ -127,3 +136,31 @@ def test_the_table_escapes_names_and_says_the_status(model: Model, shown: Snapsh
     assert "<b>" not in text
     assert "INVALID" in text
     assert "18.0 ± 1.0 N" in text
+
+
+def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
+    viser = pytest.importorskip("viser")
+    robot = load_model("finger3d")
+    server = viser.ViserServer(host="localhost", port=0, verbose=False)
+    try:
+        drawing = Drawing(server.scene, robot, lambda _: None)
+        still = nothing_known(robot)
+        bent = replace(still, angle=np.array([0.0, 0.8, 0.0]))
+        places = []
+        for shown in (still, bent):
+            drawing.update(picture_of(robot, shown), "", "none", False)
+            places.append({k: (v.position.copy(), v.wxyz.copy())
+                           for k, v in drawing.visuals.items()})  # fmt: skip
+    finally:
+        server.stop()
+    assert len(places[0]) == len(robot.robot.visuals) == 8
+    palm, proximal, sphere = (np.concatenate(places[1][k]) - np.concatenate(places[0][k])
+                              for k in range(3))  # fmt: skip
+    assert not palm.any()
+    assert not sphere[:3].any(), "its centre is that of the joint"
+    (start, *_), (end, turned) = places[0][1], places[1][1]
+    assert 2.0 * np.arccos(abs(turned @ places[0][1][1])) == pytest.approx(0.8, abs=1e-6)
+    scale = drawing.size[0] / np.ptp([low_or_high[0] for low_or_high in extent_of(robot)])
+    # the middle of the bone, 19.89 mm from the joint, moves on a circle by 0.8 rad
+    assert np.linalg.norm(end - start) == pytest.approx(scale * 2 * 0.01989 * np.sin(0.4))
+    assert proximal.any()
