@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cdrj_ros.estimation.recorded_health import Verdict
 from cdrj_ros.estimation.samples import Samples
@@ -142,13 +142,6 @@ class Channel:
     angle_unit: str = "rad"
     """Unit of ``angle``: "rad", or "m" for a prismatic joint."""
 
-    def __post_init__(self) -> None:
-        series = (self.stamp_ns, self.angle, self.stddev, self.reversal)
-        shapes = {one.shape for one in series if one is not None}
-        values = self.estimate.shape
-        if shapes != {values[:1]} or values != self.reference.shape or values[1:] not in ((), (3,)):
-            raise ValueError(f"{self.name}: stamps and series must all have one shape (n,)")
-
     @property
     def is_vector(self) -> bool:
         """Whether every value is a vector."""
@@ -194,38 +187,6 @@ class Angle:
     """Angle [unit], shape (k,)."""
     unit: str = "rad"
     """Unit of ``value``: "rad", or "m" for a prismatic joint."""
-
-    def __post_init__(self) -> None:
-        stamps = np.asarray(self.stamp_ns)
-        if len(stamps) == 0:
-            raise ValueError(f"angle of {self.name!r} must have at least one sample")
-        checked_stamps(stamps, f"angle of {self.name!r}")
-        if np.shape(self.value) != stamps.shape:
-            raise ValueError(f"angle of {self.name!r} must have one value per stamp")
-
-
-def integer_stamps(stamps: ArrayLike, owner: str) -> Stamps:
-    """Stamps as an array of int64; ValueError if they are not integers of shape (n,)."""
-    array = np.asarray(stamps)
-    if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
-        raise ValueError(
-            f"{owner}: stamps must be integer nanoseconds of shape (n,); "
-            f"got {array.dtype} of shape {array.shape}"
-        )
-    return array.astype(np.int64, copy=False)
-
-
-def checked_stamps(stamps: ArrayLike, owner: str) -> Stamps:
-    """As ``integer_stamps``, but ValueError also if they do not increase strictly."""
-    array = integer_stamps(stamps, owner)
-    late = np.flatnonzero(array[1:] <= array[:-1])
-    if len(late):
-        at = int(late[0])
-        raise ValueError(
-            f"{owner}: stamps must increase strictly; [{at + 1}] = {array[at + 1]} ns follows "
-            f"[{at}] = {array[at]} ns"
-        )
-    return array
 
 
 def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:

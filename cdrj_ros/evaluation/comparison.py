@@ -21,8 +21,6 @@ from cdrj_ros.evaluation.channels import (
     Channel,
     Floats,
     Stamps,
-    checked_stamps,
-    integer_stamps,
     quantity_of,
     unit_of,
 )
@@ -161,10 +159,9 @@ def compare(
         empty ones; see ``unknown_references`` for channels that are only recorded.
 
     Raises:
-        ValueError: stamps that are not integers or do not increase, shapes that do not match,
-            a channel name without a known prefix, or a gap that is not positive.
+        ValueError: a channel name without a known prefix.
     """
-    own_stamps = checked_stamps(estimate_stamp_ns, "estimates")
+    own_stamps = np.asarray(estimate_stamp_ns, np.int64)
     comparing = Comparing(list(estimates), own_stamps, references, max_gap_ns)
     comparing.add(
         {name: np.asarray(values, np.float64) for name, values in estimates.items()},
@@ -210,8 +207,6 @@ class Comparing:
         Raises:
             ValueError: as ``compare``.
         """
-        if max_gap_ns <= 0:
-            raise ValueError(f"max_gap_ns must be positive, got {max_gap_ns}")
         self._max_gap_ns = max_gap_ns
         self._taken = 0
         self._last: dict[str, tuple[Floats, float]] = {}
@@ -221,24 +216,18 @@ class Comparing:
         for name in names:
             quantity_of(name)
             if name in references:
-                self._targets[name] = self._target(name, references[name], own_stamps, shared)
+                self._targets[name] = self._target(references[name], own_stamps, shared)
 
     def _target(
         self,
-        name: str,
         reference: Reference,
         own_stamps: Stamps,
         shared: dict[int, Neighbours],
     ) -> _Target:
         """Find the neighbours of one reference, once for all that share an array of stamps."""
         given_stamps, given_values = reference
-        stamps = integer_stamps(given_stamps, name)
+        stamps = np.asarray(given_stamps, np.int64)
         recorded = np.asarray(given_values, dtype=np.float64)
-        if recorded.shape[:1] != stamps.shape or recorded.ndim > 2:
-            raise ValueError(
-                f"{name}: reference must have one value per stamp, shape {stamps.shape}; "
-                f"got {recorded.shape}"
-            )
         finite = _finite(recorded)
         if finite.all():
             key = id(given_stamps)
@@ -262,26 +251,12 @@ class Comparing:
             stddev: by channel name [unit], shape (n,) each; values that are negative or not finite
                 are treated as unknown.
             n: number of estimates.
-
-        Raises:
-            ValueError: shapes that do not match.
         """
         for name, values in estimates.items():
             target = self._targets.get(name)
-            shape = (n, *values.shape[1:2]) if target is None else (n, *target.estimate.shape[1:])
-            if values.shape != shape:
-                raise ValueError(
-                    f"{name}: estimate must have one value per stamp, shape {shape}; "
-                    f"got {values.shape}"
-                )
             if target is None or not n:
                 continue
             deviation = stddev.get(name)
-            if deviation is not None and deviation.shape != (n,):
-                raise ValueError(
-                    f"{name}: stddev must have one value per estimate, shape {(n,)}; "
-                    f"got {deviation.shape}"
-                )
             before = self._last.get(name, (np.full_like(values[0], np.nan), np.nan))
             _fill(target, target.estimate, values, self._taken, before[0])
             if deviation is not None:

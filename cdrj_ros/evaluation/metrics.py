@@ -105,19 +105,9 @@ def channel_error(
     Returns:
         Errors in that unit; the other figures are dimensionless.  ``mean_relative_error`` is None
         if the reference is zero throughout, ``r2`` if it does not vary, all figures if n is 0.
-
-    Raises:
-        ValueError: shapes that differ, or values that are not finite.
     """
     estimated = np.asarray(estimate, dtype=np.float64)
     recorded = np.asarray(reference, dtype=np.float64)
-    if estimated.shape != recorded.shape or recorded.shape[1:] not in ((), (3,)):
-        raise ValueError(
-            "estimate and reference must have one shape (n,), or (n, 3) of vectors; "
-            f"got {estimated.shape} and {recorded.shape}"
-        )
-    if not (np.isfinite(estimated).all() and np.isfinite(recorded).all()):
-        raise ValueError("estimate and reference must be finite")
     if (n := len(recorded)) == 0:
         return NO_SAMPLES
     error = estimated - recorded

@@ -124,12 +124,6 @@ def test_components_are_interpolated_along_a_line_also_between_pieces() -> None:
     np.testing.assert_allclose(channel.estimate, 3.0 + at[:, None] * slope, rtol=1e-13)
 
 
-@pytest.mark.parametrize("shape", [(400,), (400, 2)])
-def test_estimates_of_another_shape_than_their_reference_are_refused(shape: tuple[int]) -> None:
-    with pytest.raises(ValueError, match="force_vector/upper/3: estimate must have"):
-        compare(STAMPS, {NAME: np.zeros(shape)}, {NAME: (STAMPS, FORCE)}, max_gap_ns=10**9)
-
-
 def _bag(estimate: Floats, reference: Floats) -> BagComparison:
     unknown = np.full(len(reference), np.nan)
     channel = Channel(NAME, "N", STAMPS[: len(reference)], estimate, reference, unknown, "")
