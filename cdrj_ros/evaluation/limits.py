@@ -11,8 +11,8 @@ from typing import Final
 from cdrj_ros.evaluation.channels import QUANTITIES, quantity_of
 from cdrj_ros.evaluation.metrics import FIGURES, ChannelError, Errors, mean_over_channels
 from cdrj_ros.foundation.errors import CdrjError, RobotFileError
+from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.foundation.untrusted import InputError, read_regular
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
 from cdrj_ros.robot.document import check_document
 

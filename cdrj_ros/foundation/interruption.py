@@ -9,8 +9,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from traceback import clear_frames
 from types import FrameType
 from typing import Final, NoReturn
@@ -59,3 +60,19 @@ def run_interruptibly(
         clear_frames(error.__traceback__)  # lets go of what would be reported as leaked
         end()
     sys.exit(code)
+
+
+@contextmanager
+def thread_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
+    """A pool of ``workers`` threads for the block.
+
+    ``ThreadPoolExecutor`` itself waits for everything submitted, also after an error or Ctrl-C.
+    This pool drops what has not begun, and does not wait for what has.
+    """
+    pool = ThreadPoolExecutor(workers)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()

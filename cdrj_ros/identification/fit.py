@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.threads import thread_pool
+from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.identification.drums import DrumFinding, compare_drums, drums_in_doubt
 from cdrj_ros.identification.nuisance import Nuisance
 from cdrj_ros.identification.observations import (

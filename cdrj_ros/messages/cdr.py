@@ -16,6 +16,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+import numpy.typing as npt
+
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
 
@@ -198,3 +201,20 @@ def read_layout(payload: bytes, fields: Sequence[Field]) -> Layout:
             start = walk.take(count * size, size, field.name)
             numbers[field.name] = Span(start, count, walk.order + field.code)
     return Layout(len(payload), walk.order, numbers, texts, tuple(walk.fixed))
+
+
+def cable_tensions(
+    payload: bytes,
+) -> tuple[int, tuple[str, ...], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Decode a CableTensions: (stamp_ns, names, tension [N], stddev [N]), arrays of any length.
+
+    Raises:
+        MessageError: not a CableTensions.
+    """
+    layout = read_layout(payload, CABLE_TENSIONS.fields)
+    sec, nanosec = struct.unpack_from(layout.order + "iI", payload, ENCAPSULATION)
+    tension, stddev = (
+        np.frombuffer(payload, span.dtype, span.count, span.offset).astype(np.float64)
+        for span in (layout.numbers["tension"], layout.numbers["stddev"])
+    )
+    return sec * 1_000_000_000 + nanosec, layout.texts["name"], tension, stddev

@@ -22,8 +22,7 @@ from cdrj_ros.estimation.reading_limits import efforts_of
 from cdrj_ros.estimation.session import LiveEstimator, Output
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.text import counted
-from cdrj_ros.messages.cdr import MessageError
-from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.cdr import MessageError, cable_tensions
 from cdrj_ros.messages.estimate_encoder import marked_stale
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,

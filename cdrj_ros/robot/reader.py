@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.untrusted import InputError, read_regular
+from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
 from cdrj_ros.robot.description import Cable, Frame, FrameMotion, Robot, Uncertainty

@@ -12,7 +12,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.untrusted import InputError, parse_xml, read_regular
+from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
 from cdrj_ros.robot.names import prefixed, renamed
 from cdrj_ros.robot.visuals import urdf_visuals
 

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.foundation.untrusted import InputError, read_regular
+from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.model.loading import installed_path
 from cdrj_ros.robot.document import Document, check_document, si_document
 from cdrj_ros.simulation.faults import Fault, check_amount

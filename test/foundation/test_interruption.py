@@ -20,7 +20,7 @@ import atexit, os, signal, threading, time
 from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import run_interruptibly
-from cdrj_ros.foundation.threads import thread_pool
+from cdrj_ros.foundation.interruption import thread_pool
 
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)

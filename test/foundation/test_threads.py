@@ -6,7 +6,7 @@ from threading import Event
 
 import pytest
 
-from cdrj_ros.foundation.threads import thread_pool
+from cdrj_ros.foundation.interruption import thread_pool
 
 PATIENCE_S = 30.0
 

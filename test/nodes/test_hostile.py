@@ -33,9 +33,9 @@ from cdrj_ros.messages.cdr import (
     JOINT_STATE,
     NODAL_FORCES,
     MessageError,
+    cable_tensions,
 )
 from cdrj_ros.messages.cdr import read_layout as layout_of
-from cdrj_ros.messages.decoders import cable_tensions
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model

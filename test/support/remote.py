@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cdrj_ros.messages.decoders import cable_tensions
+from cdrj_ros.messages.cdr import cable_tensions
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 120.0
