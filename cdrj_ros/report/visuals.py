@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.untrusted import InputError, read_regular
+from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.robot.visuals import MESHES, Visual, VisualShape
 
 Vector = NDArray[np.float64]
