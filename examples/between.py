@@ -16,13 +16,15 @@ class Between(Node):
     """Receives /cdrj/wished/MODE and estimates; publishes /cdrj/commands/MODE for every estimate.
 
     Both have one number per motor, in the robot file's order: speeds [rad/s] with the mode
-    ``velocity``, angles [rad] with ``position``.  A subclass overrides ``changed``.
+    ``velocity``, angles [rad] with ``position``.  A subclass overrides ``changed``.  While the
+    parameter ``active`` is false, the wishes are the commands.
     """
 
     def __init__(self, name, mode, message, topic, **options):
         super().__init__(name, namespace="cdrj", **options)
         self.model = cdrj.load(self.declare_parameter("robot", "prototype").value)
         self.motors = len(self.model.robot.motors)
+        self.declare_parameter("active", True)
         self.mode, self.wished, self.wished_ns, self.last_ns = mode, None, 0, 0
         self.publisher = self.create_publisher(Float64MultiArray, f"commands/{mode}", 1)
         self.create_subscription(Float64MultiArray, f"wished/{mode}", self.on_wish, 1)
@@ -39,6 +41,9 @@ class Between(Node):
             message: the estimate; None if none has arrived for ``SILENCE_S``.
         """
         raise NotImplementedError
+
+    def released(self):
+        """Called instead of ``changed`` while the controller is switched off."""
 
     def on_wish(self, message):
         """Store the desired commands if they are one finite number per motor."""
@@ -71,7 +76,11 @@ class Between(Node):
         age_s = (self.get_clock().now().nanoseconds - self.wished_ns) * 1e-9
         if self.mode == "velocity" and not 0.0 <= age_s <= SILENCE_S:
             wished = np.zeros_like(wished)
-        command, warning = self.changed(wished, dt, message)
+        if self.get_parameter("active").value:
+            command, warning = self.changed(wished, dt, message)
+        else:
+            command, warning = wished, ""
+            self.released()
         if warning:
             self.get_logger().warning(warning, throttle_duration_sec=1.0)
         self.publisher.publish(Float64MultiArray(data=np.asarray(command).tolist()))

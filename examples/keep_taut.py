@@ -79,6 +79,10 @@ class TautNode(Between):
         arrays = (np.array(part) for part in (message.tension, message.stddev, message.status))
         return wished + self.law.update(dt, *arrays), ""
 
+    def released(self):
+        """Begin with the robot file's preloads when switched on again."""
+        self.law.share = 0.0
+
 
 if __name__ == "__main__":
     spin(TautNode)

@@ -1,4 +1,4 @@
-"""Wish motor angles that swing a robot's first joint, 50 times a second, with its preloads kept.
+"""Wish motor angles that swing a robot's first joint, 200 times a second, with its preloads kept.
 
     python3 swing.py --ros-args -p robot:=finger
 
@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 
 import cdrj_ros as cdrj
 
-RATE_HZ, PERIOD_S, START_S = 50.0, 3.0, 1.0
+RATE_HZ, PERIOD_S, START_S = 200.0, 5.0, 1.0
 MIDDLE, AMPLITUDE = 0.5, 0.35  # of the joint's angle [rad]
 
 

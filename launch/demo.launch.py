@@ -1,17 +1,29 @@
-"""A robot without hardware: rig, estimator, markers and view, and a controller if one is named.
+"""A robot without hardware: rig, estimator, markers, view, and a controller that can be switched.
 
-ros2 launch cdrj_ros demo.launch.py
-ros2 launch cdrj_ros demo.launch.py controller:=tension_limiter wish:=0.5
+ros2 launch cdrj_ros demo.launch.py controller:=keep_taut
+ros2 launch cdrj_ros demo.launch.py robot:=prototype controller:=tension_limiter wish:=0.5
+ros2 launch cdrj_ros demo.launch.py robot:=prototype wish:=0.5              # without one
+
+The true tensions are printed every two seconds, with those before the controller was switched:
+ros2 param set /cdrj/keep_taut active false
 """
 
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.event_handlers import OnShutdown
 from launch_ros.actions import Node
 
-from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown, view_is_installed
+from cdrj_ros.nodes.launching import PACKAGE, exact_copy, refuse_unknown, view_is_installed
 
 CONTROLLERS = {
     "tension_limiter": "velocity",
@@ -21,11 +33,26 @@ CONTROLLERS = {
 }
 """The examples, and the kind of command that each of them expects as a wish."""
 
+RIGS = {"finger": "hand"}
+"""Rig files of robots that the default load does not suit."""
+
 ARGUMENTS = [
     DeclareLaunchArgument(
         "robot",
-        default_value="prototype",
+        default_value="finger",
         description="Robot file (YAML), or the name of an installed one.",
+    ),
+    DeclareLaunchArgument(
+        "rig",
+        default_value="",
+        description="Rig file, or the name of an installed one; by default one for the robot.",
+    ),
+    DeclareLaunchArgument(
+        "exact",
+        default_value="true",
+        choices=["true", "false"],
+        description="Whether the numbers of the robot file count as exact, since they are those "
+        "of the simulated robot; otherwise as exact as the file states.",
     ),
     DeclareLaunchArgument(
         "motion",
@@ -43,7 +70,8 @@ ARGUMENTS = [
         "wish",
         default_value="",
         description="Wished speeds [rad/s] or angles [rad] of all motors, separated by commas, "
-        "published 50 times a second to the controller.",
+        "published 50 times a second to the controller, or as speeds to the rig if there is none; "
+        "a swing of the first joint by default with a controller of angles.",
     ),
     DeclareLaunchArgument(
         "view",
@@ -57,19 +85,31 @@ ARGUMENTS = [
     ),
 ]
 
+Action = Node | ExecuteProcess | RegisterEventHandler
 
-def _nodes(context: LaunchContext) -> list[Node | ExecuteProcess]:
+
+def _actions(context: LaunchContext) -> list[Action]:
     given = {argument.name: context.launch_configurations[argument.name] for argument in ARGUMENTS}
     refuse_unknown(Path(__file__), context.argv, list(given))
-    robot = {"robot": given["robot"]}
-    controller, wish = given["controller"], given["wish"]
-    kind = CONTROLLERS.get(controller, "")
-    if wish and not kind:
-        able = ", ".join(name for name, one in CONTROLLERS.items() if one)
-        raise RuntimeError(f"wish needs a controller of {able}, got {controller!r}")
-    motion = "none" if wish else given["motion"]
-    rig = {**robot, "motion": motion, "truth_rate": float(given["truth_rate"])}
-    started: list[Node | ExecuteProcess] = [
+    controller, wish, started = given["controller"], given["wish"], []
+    robot = given["robot"]
+    if given["exact"] == "true":
+        folder = tempfile.mkdtemp(prefix="cdrj_demo_")
+        robot = str(exact_copy(robot, Path(folder)))
+        started.append(
+            RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: shutil.rmtree(folder)))
+        )
+    swings = not wish and CONTROLLERS.get(controller) == "position"
+    rig = {
+        "robot": robot,
+        "rig": given["rig"] or RIGS.get(given["robot"], ""),
+        "motion": "none" if wish or swings else given["motion"],
+        "truth_rate": float(given["truth_rate"]),
+    }
+    nodes = {"estimator": {"robot": robot}, "rig": rig, "markers": {"robot": robot}}
+    if given["view"] == "true":
+        nodes["view"] = {"robot": robot}
+    started += [
         Node(
             package=PACKAGE,
             executable=name,
@@ -77,25 +117,40 @@ def _nodes(context: LaunchContext) -> list[Node | ExecuteProcess]:
             arguments=["--supervised"],
             parameters=[parameters],
         )
-        for name, parameters in (
-            ("estimator", robot),
-            ("rig", rig),
-            ("markers", robot),
-            *([("view", robot)] if given["view"] == "true" else []),
-        )
+        for name, parameters in nodes.items()
     ]
-    examples = Path(__file__).resolve().parents[1] / "examples"
+    return [*started, *_examples(robot, controller, wish, swings)]
+
+
+def _examples(robot: str, controller: str, wish: str, swings: bool) -> list[ExecuteProcess]:
+    """The controller, what it is told, and the comparison of the tensions with and without it."""
+
+    def example(name: str, *words: str, parameters: tuple[str, ...] = ()) -> ExecuteProcess:
+        path = Path(__file__).resolve().parents[1] / "examples" / f"{name}.py"
+        options = [part for one in parameters for part in ("-p", one)]
+        command = [
+            sys.executable,
+            str(path),
+            *words,
+            *(["--ros-args"] if options else []),
+            *options,
+        ]
+        return ExecuteProcess(cmd=command, output="screen")
+
+    started = [example("compare", parameters=(f"controller:={controller}",))]
     if controller:
-        options = ["--ros-args", "-p", f"robot:={given['robot']}"]
-        if controller == "tension_limiter":
-            options += ["-p", "creep_speed:=0.3"]
-        command = [sys.executable, str(examples / f"{controller}.py"), *options]
-        started.append(ExecuteProcess(cmd=command, output="screen"))
-    if wish:
-        command = [sys.executable, str(examples / "wish.py"), kind, *wish.split(",")]
-        started.append(ExecuteProcess(cmd=command, output="screen"))
+        creep = ("creep_speed:=0.3",) if controller == "tension_limiter" else ()
+        started.append(example(controller, parameters=(f"robot:={robot}", *creep)))
+    if swings:
+        started.append(example("swing", parameters=(f"robot:={robot}",)))
+    elif wish:
+        kind = CONTROLLERS.get(controller, "velocity")
+        if not kind:
+            raise RuntimeError(f"{controller} takes no wish")
+        direct = () if controller else ("--ros-args", "-r", "wished/velocity:=commands/velocity")
+        started.append(example("wish", kind, *wish.split(","), *direct))
     return started
 
 
 def generate_launch_description() -> LaunchDescription:
-    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=_nodes)])
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=_actions)])

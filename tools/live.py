@@ -1,10 +1,11 @@
-"""Show a simulated finger in the browser while a controller keeps its cables from slack.
+"""Show a simulated finger in the browser, and what a controller does to its cables.
 
-    python tools/live.py [--seconds S]
+    python tools/live.py [--controller NAME] [--seconds S]
 
 It starts the nodes of demo.launch.py without ROS's launch, which is not on PyPI: rig, estimator,
-view, the controller keep_taut and a swing of the first joint. The finger's numbers count as exact,
-as if they had been identified. Ctrl-C, SIGTERM or a closed terminal ends all of them.
+view, a swing of the first joint, and the controller keep_taut, which Enter switches off and on.
+The terminal says what runs, and the tensions with and without the controller. The finger's numbers
+count as exact, as those of a simulated robot are. Ctrl-C, SIGTERM or a closed terminal ends all.
 """
 
 import argparse
@@ -16,41 +17,38 @@ import tempfile
 import time
 from pathlib import Path
 
-from ruamel.yaml import YAML
+from cdrj_ros.nodes.launching import exact_copy
 
 ROOT = Path(__file__).resolve().parent.parent
 EXECUTABLES = ROOT / "install" / "cdrj_ros" / "lib" / "cdrj_ros"
 EXAMPLES = ROOT / "examples"
-FINGER = ROOT / "config" / "robots" / "finger.yaml"
-RIG = ("payload:=0.02", "damping:=0.02", "cells:=4", "truth_rate:=50.0")
+RIG = ("rig:=hand", "cells:=4", "truth_rate:=50.0")
 PATIENCE_S = 10.0
 
 
-def exact_finger(folder):
-    """Write the finger's file with exact numbers; returns its path."""
-    yaml = YAML()
-    document = yaml.load(FINGER.read_text(encoding="utf-8"))
-    document["uncertainty"] = {"others": "exact"}
-    path = Path(folder) / "finger.yaml"
-    with path.open("w", encoding="utf-8") as file:
-        yaml.dump(document, file)
-    return path
-
-
-def commands(robot):
+def commands(robot, controller="keep_taut"):
     """The command line of every node."""
 
     def node(*program, parameters=()):
-        given = [part for one in (f"robot:={robot}", *parameters) for part in ("-p", one)]
+        given = [part for one in parameters for part in ("-p", one)]
         return [*map(str, program), "--ros-args", *given]
 
-    return {
-        "rig": node(EXECUTABLES / "rig", "--supervised", parameters=RIG),
-        "estimator": node(EXECUTABLES / "estimator", "--supervised"),
-        "view": node(EXECUTABLES / "view", "--supervised"),
-        "keep_taut": node(sys.executable, EXAMPLES / "keep_taut.py"),
-        "swing": node(sys.executable, EXAMPLES / "swing.py"),
+    of_robot = (f"robot:={robot}",)
+    started = {
+        "rig": node(EXECUTABLES / "rig", "--supervised", parameters=(*of_robot, *RIG)),
+        "estimator": node(EXECUTABLES / "estimator", "--supervised", parameters=of_robot),
+        "view": node(EXECUTABLES / "view", "--supervised", parameters=of_robot),
+        "compare": node(
+            sys.executable, EXAMPLES / "compare.py", parameters=(f"controller:={controller}",)
+        ),
+        "swing": node(sys.executable, EXAMPLES / "swing.py", parameters=of_robot),
     }
+    if controller:
+        script = EXAMPLES / f"{controller}.py"
+        started[controller] = node(sys.executable, script, parameters=of_robot)
+    else:
+        started["swing"] += ["-r", "wished/position:=commands/position"]
+    return started
 
 
 def end(processes):
@@ -72,15 +70,21 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seconds", type=float, default=float("inf"), help="then end")
-    until = time.monotonic() + parser.parse_args().seconds
+    parser.add_argument(
+        "--controller", default="keep_taut", choices=("keep_taut", ""), help="empty: none"
+    )
+    given = parser.parse_args()
+    until = time.monotonic() + given.seconds
     for end_by in (signal.SIGTERM, signal.SIGHUP):  # no node is left behind
         signal.signal(end_by, signal.default_int_handler)
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
     processes = {}
     with tempfile.TemporaryDirectory() as folder:
         try:
-            for name, command in commands(exact_finger(folder)).items():
-                processes[name] = subprocess.Popen(command, cwd=ROOT, env=environment)
+            robot = exact_copy("finger", Path(folder))
+            for name, command in commands(robot, given.controller).items():
+                keys = None if name == "compare" else subprocess.DEVNULL
+                processes[name] = subprocess.Popen(command, cwd=ROOT, env=environment, stdin=keys)
             while time.monotonic() < until:
                 time.sleep(0.2)
                 for name, process in processes.items():

@@ -45,7 +45,7 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
             "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "IncludeLaunchDescription",
             "OpaqueFunction", "RegisterEventHandler", "SetEnvironmentVariable",
         ),
-        "launch.event_handlers": ("OnProcessStart",),
+        "launch.event_handlers": ("OnProcessStart", "OnShutdown"),
         "launch.events": ("matches_action",),
         "launch.launch_description_sources": ("PythonLaunchDescriptionSource",),
         "launch.substitutions": ("LaunchConfiguration",),
@@ -203,26 +203,51 @@ def test_the_choices_of_the_launch_files_are_those_of_the_parameters(launched: A
     assert sorted(choices(DEMO, "motion")) == sorted(MOTIONS)
 
 
-def test_the_demonstration_starts_rig_estimator_and_markers_of_one_robot(launched: Any) -> None:
-    estimator, rig, markers = launched("robot:=finger", "view:=false", file=DEMO)
-    *_, view = launched("robot:=finger", "view:=true", file=DEMO)
-    assert view.executable == "view"
-    assert [one.executable for one in (estimator, rig, markers)] == ["estimator", "rig", "markers"]
-    assert {one.parameters[0]["robot"] for one in (estimator, rig, markers)} == {"finger"}
-    assert rig.parameters[0]["motion"] == "sine"
+def examples_of(actions: list[Any]) -> dict[str, list[str]]:
+    """The examples that are started, and the words after their paths."""
+    commands = [one.cmd for one in actions if hasattr(one, "cmd")]
+    assert all(Path(command[1]).exists() for command in commands)
+    return {Path(command[1]).stem: command[2:] for command in commands}
+
+
+def nodes_of(actions: list[Any]) -> dict[str, dict[str, Any]]:
+    """The nodes that are started, and their parameters."""
+    return {one.executable: one.parameters[0] for one in actions if hasattr(one, "executable")}
+
+
+def test_the_demonstration_starts_rig_estimator_and_markers_of_one_exact_robot(
+    launched: Any,
+) -> None:
+    actions = launched("view:=false", file=DEMO)
+    nodes = nodes_of(actions)
+    assert list(nodes) == ["estimator", "rig", "markers"]
+    (robot,) = {one["robot"] for one in nodes.values()}
+    assert Path(robot).name == "finger.yaml"
+    assert "others: exact" in Path(robot).read_text()
+    assert (nodes["rig"]["motion"], nodes["rig"]["rig"]) == ("sine", "hand")
+    assert examples_of(actions) == {"compare": ["--ros-args", "-p", "controller:="]}
+    (cleaning,) = [one for one in actions if type(one).__name__ == "RegisterEventHandler"]
+    cleaning.given[0].on_shutdown(None, None)
+    assert not Path(robot).exists()
+    nodes = nodes_of(launched("robot:=hoist", "exact:=false", "view:=true", file=DEMO))
+    assert {one["robot"] for one in nodes.values()} == {"hoist"}
+    assert "view" in nodes
 
 
 def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched: Any) -> None:
-    *nodes, controller, wish = launched(
-        "controller:=tension_limiter", "wish:=0.5", "view:=false", file=DEMO
-    )
-    assert nodes[1].parameters[0]["motion"] == "none"
-    script = Path(controller.cmd[1])
-    assert script == DEMO.parents[1] / "examples" / "tension_limiter.py"
-    assert script.exists()
-    assert [Path(wish.cmd[1]).name, *wish.cmd[2:]] == ["wish.py", "velocity", "0.5"]
-    with pytest.raises(RuntimeError, match="wish needs a controller of tension_limiter"):
-        launched("wish:=0.5", file=DEMO)
+    given = ("robot:=prototype", "exact:=false", "view:=false")
+    actions = launched(*given, "controller:=tension_limiter", "wish:=0.5", file=DEMO)
+    assert nodes_of(actions)["rig"]["motion"] == "none"
+    started = examples_of(actions)
+    assert list(started) == ["compare", "tension_limiter", "wish"]
+    assert started["wish"] == ["velocity", "0.5"]
+    started = examples_of(launched(*given, "wish:=0.5", file=DEMO))
+    assert list(started) == ["compare", "wish"]
+    assert started["wish"][-1] == "wished/velocity:=commands/velocity", "to the rig itself"
+    started = examples_of(launched(*given, "controller:=keep_taut", file=DEMO))
+    assert list(started) == ["compare", "keep_taut", "swing"]
+    with pytest.raises(RuntimeError, match="friction_feedforward takes no wish"):
+        launched(*given, "controller:=friction_feedforward", "wish:=0.5", file=DEMO)
 
 
 def test_the_demonstration_knows_every_controller_and_its_kind_of_wish(launched: Any) -> None:
