@@ -65,6 +65,7 @@ class Estimator(LiveEstimator):
             UsageError: options that exclude each other.
         """
         super().__init__(model if isinstance(model, Model) else load(model), options)
+        self._joints = tuple(joint.name for joint in self.model.robot.as_read.joints)
         self.estimates: tuple[Estimate, ...] = ()
         """All estimates that the last ``update`` completed, the oldest first."""
 
@@ -102,10 +103,9 @@ class Estimator(LiveEstimator):
             self.feed_tensions(stamp_ns, list(tensions), list(tensions.values()), ())
         if efforts:
             self.feed_efforts(stamp_ns, list(efforts), list(efforts.values()))
-        layout = self.model.layout
-        readings = _by_name("motors", motors, layout.motors)
+        readings = _by_name("motors", motors, self.model.layout.motors)
         kind: Kind = "joints" if motors is None else "motors" if joints is None else "both"
-        readings |= _by_name("joints", joints, layout.joints)
+        readings |= _by_name("joints", joints, self._joints)
         self.estimates = ()
         if readings:
             _, outputs = self.feed(kind, stamp_ns, list(readings), list(readings.values()))
@@ -143,17 +143,20 @@ def estimate(
     joints: Mapping[str, ArrayLike] | ArrayLike,
     *,
     joint_stamp_ns: ArrayLike | None = None,
+    efforts: Mapping[str, ArrayLike] | ArrayLike | None = None,
     uncertainty: bool = True,
 ) -> Estimates:
     """Estimate a whole course of readings at once, as the node does with one after another.
 
     Args:
-        model: from ``load``, or what ``load`` takes; every joint has an encoder.
+        model: from ``load``, or what ``load`` takes.
         stamp_ns: when the motors were read, increasing and above 0 [ns], shape (n,).
         motors: angles by name, shape (n,) each, or of all motors in the robot's order [rad], shape
             (n, motors), or (n,) if there is one.
-        joints: angles, likewise; positions [m] of prismatic joints.
+        joints: angles, likewise, of the joints with encoder; positions [m] of prismatic ones.
         joint_stamp_ns: when the joints were read [ns], shape (m,); None: with the motors.
+        efforts: torques of the cables on the motors, likewise [N m], read with their angles; needed
+            where a joint has no encoder, whose angle is then estimated, and not used otherwise.
         uncertainty: whether to estimate standard deviations, which takes half of the time.
 
     Returns:
@@ -167,17 +170,19 @@ def estimate(
     from cdrj_ros.evaluation.estimating import estimate as estimate_segments
 
     model = model if isinstance(model, Model) else load(model)
-    if model.robot.unmeasured:
-        raise UsageError("estimate needs an encoder on every joint; Estimator.update takes efforts")
+    robot = model.robot.as_read
+    if model.robot.unmeasured and efforts is None:
+        raise UsageError("efforts are missing: a joint has no encoder")
     stamps = _stamps("stamp_ns", stamp_ns)
     later = stamps if joint_stamp_ns is None else _stamps("joint_stamp_ns", joint_stamp_ns)
-    layout = model.layout
+    names = tuple(motor.name for motor in robot.motors)
     conditioned = condition(
-        model.robot,
-        _channels("motors", motors, layout.motors, stamps),
-        _channels("joints", joints, layout.joints, later),
+        robot,
+        _channels("motors", motors, names, stamps),
+        _channels("joints", joints, tuple(joint.name for joint in robot.joints), later),
     )
-    found = estimate_segments(model, conditioned, spread=uncertainty)
+    measured = None if efforts is None else _channels("efforts", efforts, names, stamps)
+    found = estimate_segments(model, conditioned, measured, spread=uncertainty)
     refused = {cause: n for cause, n in conditioned.refused.items() if n}
     return replace(found, refused=refused)
 

@@ -167,6 +167,11 @@ class Estimate(Quantities):
         return _named(self.layout.pulleys, self.nodal_force)
 
     @property
+    def joint_angles(self) -> dict[str, float]:
+        """Estimated angles of the joints without encoder [rad], [m] of prismatic ones; or empty."""
+        return {} if self.angles is None else _named(self.angles.names, self.angles.value[-1])
+
+    @property
     def efforts(self) -> dict[str, float]:
         """Torque of the cables on every motor and joint [N m], of prismatic joints [N]."""
         layout = self.layout

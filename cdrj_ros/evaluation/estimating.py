@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table, efforts_at
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
     Ensemble,
@@ -16,11 +16,12 @@ from cdrj_ros.estimation.ensemble import (
     preload_of_elements,
     stddev_columns,
 )
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.estimator import Angles, Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.inputs import in_order
 from cdrj_ros.foundation.interruption import thread_pool
+from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.prepared import Model
@@ -35,16 +36,32 @@ UNKNOWN: Final = np.empty((0, 0))
 """Standard deviations that are not estimated."""
 
 
-def pieces_of(model: Model, samples: Samples, *, spread: bool = False) -> Iterator[Estimates]:
+def pieces_of(
+    model: Model,
+    samples: Samples,
+    efforts: Mapping[str, Series] | None = None,
+    *,
+    spread: bool = False,
+) -> Iterator[Estimates]:
     """Estimate a pass from the initial state; yields the estimates of AT_ONCE samples at a time.
 
     The status is what a node with default parameters publishes for the same readings.
 
     Args:
         model: the prepared robot.
-        samples: of one pass.
-        spread: whether to estimate standard deviations, which about doubles the time.
+        samples: of one pass, with the joints that have encoders.
+        efforts: of the motors by name [N m], from which joints without encoder are estimated.
+        spread: whether to estimate standard deviations, which about doubles the time; those of a
+            robot with joints without encoder are estimated in any case.
     """
+    if model.robot.unmeasured:
+        at = efforts_at(samples.stamp_ns, model.layout.motors, efforts or {})
+        return _pieces_encoderless(model, samples, at)
+    return _pieces(model, samples, spread)
+
+
+def _pieces(model: Model, samples: Samples, spread: bool) -> Iterator[Estimates]:
+    """``pieces_of`` for a robot whose joints have encoders."""
     preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if spread else None
     for piece, estimates in _ahead(_estimated(model, samples)):
         found = estimates if ensemble is None else ensemble.follow(piece, estimates)
@@ -75,13 +92,10 @@ def _ahead(items: Iterator[T]) -> Iterator[T]:
             yield item
 
 
-def pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Iterator[Estimates]:
-    """As ``pieces_of``, for a robot with joints without encoder.
+def _pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Iterator[Estimates]:
+    """``pieces_of`` for a robot with joints without encoder.
 
-    Args:
-        model: the prepared robot.
-        samples: of one pass, with the joints that have encoders.
-        efforts: of the motors [N m], shape (n, motors); NaN where none was heard.
+    ``efforts`` has those of the motors [N m], shape (n, motors); NaN where none was heard.
     """
     alone, preload = EncoderlessEstimator(model), preload_of_elements(model.robot)
     for begin in range(0, samples.stamp_ns.size, AT_ONCE):
@@ -95,7 +109,7 @@ def pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Iterat
 def estimate(
     model: Model,
     conditioned: Conditioned,
-    progress: Callable[[float], None] | None = None,
+    efforts: Mapping[str, Series] | None = None,
     *,
     spread: bool = False,
 ) -> Estimates:
@@ -105,26 +119,36 @@ def estimate(
         model: the prepared robot.
         conditioned: the recording; the estimator restarts for each of its segments.  The result
             holds the segments one after another, so its stamps go back between them.
-        progress: called with the completed fraction, from 0 to 1.
-        spread: whether to estimate standard deviations, which about doubles the time.
+        efforts: as for ``pieces_of``.
+        spread: as for ``pieces_of``.
     """
     total = sum(segment.stamp_ns.size for segment in conditioned.segments)
     stamps = np.concatenate(
         [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
     )
     values = np.empty((total, model.layout.size))
+    spread = spread or bool(model.robot.unmeasured)
     stddev = np.empty((total, stddev_columns(model.layout).size)) if spread else None
+    angles: list[Angles] = []
     done = 0
     for segment in conditioned.segments:
-        for piece in pieces_of(model, segment, spread=spread):
+        for piece in pieces_of(model, segment, efforts, spread=spread):
             place = slice(done, done + piece.stamp_ns.size)
             values[place] = piece.values
             if stddev is not None:
                 stddev[place] = piece.stddev
+            if piece.angles is not None:
+                angles.append(piece.angles)
             done = place.stop
-            if progress:
-                progress(done / total)
-    return Estimates(stamps, values, model.layout, stddev)
+    return Estimates(stamps, values, model.layout, stddev, _joined(angles))
+
+
+def _joined(angles: Sequence[Angles]) -> Angles | None:
+    """Angles one after another; None where there are none."""
+    if not angles:
+        return None
+    value, stddev = (np.concatenate([one[k] for one in angles]) for k in (1, 2))
+    return Angles(angles[0].names, value, stddev)
 
 
 OUTPUTS: Final = (

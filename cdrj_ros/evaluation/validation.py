@@ -12,7 +12,6 @@ from typing import Final, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.encoderless import efforts_at
 from cdrj_ros.estimation.estimator import Angles, Estimates
 from cdrj_ros.estimation.recorded_health import RecordedHealth
 from cdrj_ros.estimation.samples import Samples
@@ -30,7 +29,6 @@ from cdrj_ros.evaluation.comparison import Comparing, summed_up, unknown_referen
 from cdrj_ros.evaluation.estimating import (
     OUTPUTS,
     log_times,
-    pieces_encoderless,
     pieces_of,
     write_estimates,
 )
@@ -139,7 +137,8 @@ class Validation:
         comparing = _comparing(segment.stamp_ns, self._names, self._references)
         found: list[Angles] = []
         done = 0
-        for piece in self._pieces(segment):
+        efforts = in_order(self._recording.motor_efforts, self._conditioned)
+        for piece in pieces_of(self._model, segment, efforts, spread=self._spread):
             if piece.angles is not None:
                 found.append(piece.angles)
             self._friction.add(piece.values)
@@ -154,13 +153,6 @@ class Validation:
                 self._progress(done / segment.stamp_ns.size)
         whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
         self._channels = _channels(self._model, whole, comparing)
-
-    def _pieces(self, segment: Samples) -> Iterator[Estimates]:
-        if not self._model.robot.unmeasured:
-            return pieces_of(self._model, segment, spread=self._spread)
-        measured = in_order(self._recording.motor_efforts, self._conditioned)
-        efforts = efforts_at(segment.stamp_ns, self._model.layout.motors, measured)
-        return pieces_encoderless(self._model, segment, efforts)
 
     def result(self) -> BagComparison:
         """The comparison of all pieces."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support.motor_alone import motion, only_measured, truth_of, without_encoder
 
 import cdrj_ros as cdrj
 from cdrj_ros.estimation.estimator import Estimates as Offline
@@ -210,3 +211,24 @@ def test_a_robot_may_be_named_and_its_numbers_replaced() -> None:
         cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0, 0.0])
     with pytest.raises(cdrj.CdrjError, match="preload"):
         cdrj.load("prototype", {"cables.upper.preloads": 50.0})
+
+
+def test_a_joint_without_encoder_is_estimated_from_efforts() -> None:
+    model = without_encoder("finger", "pip")
+    samples = motion(model, 600)
+    _, efforts = truth_of(model, samples)
+    measured = only_measured(model, samples).joint_angle
+    found = cdrj.estimate(model, samples.stamp_ns, samples.motor_angle, measured, efforts=efforts)
+    assert found.angles is not None
+    hidden = samples.joint_angle[:, model.robot.unmeasured[0]]
+    error = np.abs(found.angles.value[100:, 0] - hidden[100:])
+    assert np.mean(error < 3.0 * found.angles.stddev[100:, 0]) > 0.95
+    estimator = cdrj.Estimator(model)
+    for k, stamp_ns in enumerate(samples.stamp_ns.tolist()):
+        named = dict(zip(model.layout.motors, efforts[k], strict=True))
+        one = estimator.update(stamp_ns, samples.motor_angle[k], measured[k], efforts=named)
+        assert one is not None
+        assert np.array_equal(one.values, found.values[k])
+        assert one.joint_angles == dict(zip(found.angles.names, found.angles.value[k], strict=True))
+    with pytest.raises(cdrj.UsageError, match="efforts are missing"):
+        cdrj.estimate(model, samples.stamp_ns, samples.motor_angle, measured)
