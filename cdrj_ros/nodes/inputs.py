@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -90,23 +91,28 @@ class InputTopic:
     def subscribe(self, callback: Callable[[bytes], None]) -> None:
         """Subscribe; ``callback`` takes every serialised message."""
         self._callback = callback
-        self._subscription = self._subscribe(
+        self.subscription = self._subscribe(
             default_profile(), qos_overriding_options=QoSOverridingOptions.with_default_policies()
         )
 
     def _subscribe(self, profile: QoSProfile, **options: Any) -> Any:
+        """Subscribe without rclpy's warnings of incompatible publishers, which ``adapt`` replaces.
+
+        An event that waits while its subscription is destroyed would end the node.
+        """
         return self._node.create_subscription(
-            self._message, self.topic, self._callback, profile, raw=True, **options
-        )
+            self._message, self.topic, self._callback, profile, raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False), **options,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Unsubscribe."""
-        self._node.destroy_subscription(self._subscription)
+        self._node.destroy_subscription(self.subscription)
 
     @property
     def reliability(self) -> ReliabilityPolicy:
         """Reliability that the subscription currently requests."""
-        return self._subscription.qos_profile.reliability
+        return self.subscription.qos_profile.reliability
 
     def look(self, now_s: float) -> None:
         """Measure the silence; call once a second.
@@ -140,10 +146,10 @@ class InputTopic:
                 f"{who}, but the parameter {reliability_parameter(self.topic)} requires reliable, "
                 "so no messages arrive. Set it to best_effort, or make the publisher reliable"
             )
-        profile = self._subscription.qos_profile
+        profile = self.subscription.qos_profile
         profile.reliability = ReliabilityPolicy.BEST_EFFORT
-        self._node.destroy_subscription(self._subscription)
-        self._subscription = self._subscribe(profile)
+        self._node.destroy_subscription(self.subscription)
+        self.subscription = self._subscribe(profile)
         return (
             f"{who}: subscribed best-effort as well. Readings may be lost under load; a "
             "reliable publisher avoids this"

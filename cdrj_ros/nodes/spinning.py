@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any, Final, NoReturn
 
 import rclpy
-from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.exceptions import InvalidHandle, NameValidationException, ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -234,6 +234,8 @@ def spin_until_stopped(
             while not stop:
                 try:
                     executor.spin_once(timeout_sec=STOP_POLL_S)
+                except InvalidHandle:  # an event of a topic that a callback has closed meanwhile
+                    continue
                 except RuntimeError as error:
                     if not survives(error):
                         raise

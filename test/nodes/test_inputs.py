@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -346,3 +347,41 @@ def test_old_estimates_are_marked_stale_and_reported(bench: Bench) -> None:
     assert float(values_of(status)["age [s]"]) == pytest.approx(10.0, abs=0.2)
     assert len(published) == 100
     assert all(int(flags) & STALE for one in published for flags in one.estimate.status)
+
+
+def test_an_input_has_no_event_that_may_wait_while_its_subscription_is_replaced(
+    bench: Bench,
+) -> None:
+    """rclpy raises for an event of a destroyed subscription: every second start ended so."""
+    for topic in bench.estimator().inputs:
+        assert list(topic.subscription.event_handlers) == []
+
+
+def test_a_node_goes_on_after_an_event_of_a_topic_that_was_closed(
+    ros: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rclpy.exceptions import InvalidHandle
+    from rclpy.node import Node
+
+    from cdrj_ros.nodes import spinning
+
+    stop, spun = spinning.StopRequest(), 0
+
+    class Executor:
+        add_node = shutdown = lambda *_: None
+
+        def spin_once(self, **_: Any) -> None:
+            nonlocal spun
+            spun += 1
+            if spun == 1:
+                raise InvalidHandle("cannot use Destroyable because destruction was requested")
+            stop.ask(signal.SIGTERM, None)
+
+    monkeypatch.setattr(spinning, "EventsExecutor", Executor)
+    before = {number: signal.getsignal(number) for number in spinning.SIGNALS}
+    try:
+        spinning.spin_until_stopped(Node("closing"), stop)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert spun == 2
