@@ -85,7 +85,7 @@ def with_urdf_frames(document: Document, source: str) -> Document:
         )
     if entry["urdf"] == DESCRIPTION:
         path = Path(DESCRIPTION)
-        element = _parsed(_described(source), path)
+        element = parsed_urdf(_described(source), path)
     else:
         path = _find(entry["urdf"], source)
         element = urdf_element(path, source)
@@ -180,19 +180,6 @@ def _described(source: str) -> bytes:
     return text().encode(errors="surrogatepass")
 
 
-def read_urdf(path: Path, source: str) -> list[UrdfJoint]:
-    """All joints of a URDF, parents before children; the first one carries the root link.
-
-    Args:
-        path: the file.
-        source: path of the robot file, for messages.
-
-    Raises:
-        RobotFileError: the URDF cannot be read, or cannot be represented.
-    """
-    return joints_of(urdf_element(path, source), path)
-
-
 def urdf_element(path: Path, source: str) -> Xml.Element:
     """The element ``robot`` of a URDF.
 
@@ -207,15 +194,11 @@ def urdf_element(path: Path, source: str) -> Xml.Element:
         data = read_regular(path, MAXIMUM_BYTES)
     except InputError as error:
         raise RobotFileError(f"frames.urdf: cannot read {path}: {error} ({source})") from error
-    return _parsed(data, path)
+    return parsed_urdf(data, path)
 
 
-def parse_urdf(data: bytes, path: Path) -> list[UrdfJoint]:
-    """As ``read_urdf``, from the text of a URDF; ``path`` names it in messages."""
-    return joints_of(_parsed(data, path), path)
-
-
-def _parsed(data: bytes, path: Path) -> Xml.Element:
+def parsed_urdf(data: bytes, path: Path) -> Xml.Element:
+    """The element ``robot`` of the text of a URDF; ``path`` names it in messages."""
     if len(data) > MAXIMUM_BYTES:
         raise RobotFileError(f"{path} has {len(data)} bytes; a URDF has at most {MAXIMUM_BYTES}")
     try:
@@ -230,7 +213,15 @@ def _parsed(data: bytes, path: Path) -> Xml.Element:
 
 
 def joints_of(root: Xml.Element, path: Path) -> list[UrdfJoint]:
-    """As ``read_urdf``, from the element ``robot``."""
+    """All joints of a URDF, parents before children; the first one carries the root link.
+
+    Args:
+        root: the element ``robot``.
+        path: names the file in messages.
+
+    Raises:
+        RobotFileError: the URDF cannot be represented.
+    """
     links = [link.get("name", "") for link in root.findall("link")]
     joints = [_joint(element, path) for element in root.findall("joint")]
     return _ordered(links, joints, path)

@@ -15,7 +15,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.robot.urdf import parse_urdf, read_urdf
+from cdrj_ros.robot.urdf import joints_of, parsed_urdf, urdf_element
 from cdrj_ros.robot.writer import moved, with_numbers_in_text
 
 URDF = """<?xml version="1.0"?>
@@ -172,7 +172,7 @@ def test_a_document_type_is_refused_in_every_encoding(encoding: str, tmp_path: P
     entities = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
     xml = f'<?xml version="1.0" encoding="{declared}"?>{entities}<robot name="&b;"/>'
     with pytest.raises(RobotFileError, match="declares a document type"):
-        parse_urdf(xml.encode(encoding), tmp_path / "arm.urdf")
+        parsed_urdf(xml.encode(encoding), tmp_path / "arm.urdf")
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "large"])
@@ -186,7 +186,7 @@ def test_only_a_regular_file_of_bounded_size_is_read(kind: str, tmp_path: Path) 
         with path.open("wb") as file:
             file.truncate(10**12)  # without blocks on the disk
     with pytest.raises(RobotFileError, match=r"not a regular file|Is a directory|000 bytes, at mo"):
-        read_urdf(path, "arm.yaml")
+        urdf_element(path, "arm.yaml")
 
 
 def test_the_time_for_a_urdf_grows_with_its_joints_not_with_their_square(tmp_path: Path) -> None:
@@ -196,7 +196,8 @@ def test_the_time_for_a_urdf_grows_with_its_joints_not_with_their_square(tmp_pat
         for k in range(1, 100_001)
     )
     begin = time.process_time()
-    assert len(parse_urdf(f'<robot name="r">{text}</robot>'.encode(), tmp_path)) == 100_001
+    root = parsed_urdf(f'<robot name="r">{text}</robot>'.encode(), tmp_path)
+    assert len(joints_of(root, tmp_path)) == 100_001
     assert time.process_time() - begin < 20.0
 
 
