@@ -50,6 +50,10 @@ def load(robot: str | Path, numbers: Mapping[str, float] | None = None) -> Model
     return with_other_numbers(model, numbers) if numbers else model
 
 
+def _loaded(model: Model | str | Path) -> Model:
+    return model if isinstance(model, Model) else load(model)
+
+
 class Estimator(LiveEstimator):
     """The estimator of the ROS node: readings in, estimates out, one at a time."""
 
@@ -64,7 +68,7 @@ class Estimator(LiveEstimator):
             RobotFileError: as ``load``.
             UsageError: options that exclude each other.
         """
-        super().__init__(model if isinstance(model, Model) else load(model), options)
+        super().__init__(_loaded(model), options)
         self._joints = tuple(joint.name for joint in self.model.robot.as_read.joints)
         self.estimates: tuple[Estimate, ...] = ()
         """All estimates that the last ``update`` completed, the oldest first."""
@@ -86,7 +90,8 @@ class Estimator(LiveEstimator):
 
         Args:
             stamp_ns: when the readings were taken, on one clock for all [ns]; above 0.
-            motors: angles by name, or of all motors in the robot's order [rad].
+            motors: angles by name, or of all motors in the robot's order [rad], as the sensors give
+                them: scale, offset and period of the robot file are applied.
             joints: angles, likewise [rad], of prismatic joints positions [m].
             efforts: torques of the cables on motors by name [N m]; used with
                 ``Options(track_preload=True)``, and for a robot with joints without encoder.
@@ -99,13 +104,16 @@ class Estimator(LiveEstimator):
         Raises:
             UsageError: a name that the robot does not have, or not one value per motor or joint.
         """
-        if tensions:
-            self.feed_tensions(stamp_ns, list(tensions), list(tensions.values()), ())
-        if efforts:
-            self.feed_efforts(stamp_ns, list(efforts), list(efforts.values()))
-        readings = _by_name("motors", motors, self.model.layout.motors)
-        kind: Kind = "joints" if motors is None else "motors" if joints is None else "both"
+        layout = self.model.layout
+        readings = _by_name("motors", motors, layout.motors)
         readings |= _by_name("joints", joints, self._joints)
+        kind: Kind = "joints" if motors is None else "motors" if joints is None else "both"
+        cells = _by_name("tensions", tensions, layout.elements)
+        torques = _by_name("efforts", efforts, layout.motors)
+        if cells:
+            self.feed_tensions(stamp_ns, list(cells), list(cells.values()), ())
+        if torques:
+            self.feed_efforts(stamp_ns, list(torques), list(torques.values()))
         self.estimates = ()
         if readings:
             _, outputs = self.feed(kind, stamp_ns, list(readings), list(readings.values()))
@@ -169,7 +177,7 @@ def estimate(
     from cdrj_ros.estimation.whole_recording import condition
     from cdrj_ros.evaluation.estimating import estimate as estimate_segments
 
-    model = model if isinstance(model, Model) else load(model)
+    model = _loaded(model)
     robot = model.robot.as_read
     if model.robot.unmeasured and efforts is None:
         raise UsageError("efforts are missing: a joint has no encoder")
@@ -251,7 +259,7 @@ def validate(
     from cdrj_ros.evaluation.validation import validate_bag
     from cdrj_ros.recordings import Topics
 
-    model = model if isinstance(model, Model) else load(model)
+    model = _loaded(model)
     paths = [bags] if isinstance(bags, (str, Path)) else bags
     given = topics or Topics()
     return errors_of([validate_bag(model, str(bag), given, spread=uncertainty) for bag in paths])
@@ -271,7 +279,7 @@ def draw(model: Model | str | Path, path: str | Path) -> None:
     from cdrj_ros.inspection.ranges import inspect_robot
     from cdrj_ros.report.drawing import draw_robot, write_png
 
-    model = model if isinstance(model, Model) else load(model)
+    model = _loaded(model)
     write_png(draw_robot(inspect_robot(model)), str(path))
 
 
@@ -300,7 +308,7 @@ def write_recording(
     from cdrj_ros.simulation.recorder import Recorder
     from cdrj_ros.simulation.rig_file import load_rig
 
-    model = model if isinstance(model, Model) else load(model)
+    model = _loaded(model)
     Recorder(model, load_rig(str(rig)).sensors, seed).write(path, truth)
 
 
@@ -344,7 +352,7 @@ def identify(
     )
     from cdrj_ros.recordings import Topics
 
-    model = model if isinstance(model, Model) else load(model)
+    model = _loaded(model)
     robot, document = model.robot, dict(model.robot.document)
     unknowns = known_before(document, robot.uncertainty, parse_unknowns(document, fit))
     if not only:

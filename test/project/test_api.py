@@ -209,6 +209,9 @@ def test_a_robot_may_be_named_and_its_numbers_replaced() -> None:
     assert found.tension[0, 0] == pytest.approx(50.0, abs=0.5)
     with pytest.raises(cdrj.UsageError, match="must be 1 values, of winch"):
         cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0, 0.0])
+    for wrong in ({"efforts": {"elbow": 1.0}}, {"tensions": {"upper/9": 1.0}}):
+        with pytest.raises(cdrj.UsageError, match="there is no"):
+            cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0], joints=[0.0], **wrong)
     with pytest.raises(cdrj.CdrjError, match="preload"):
         cdrj.load("prototype", {"cables.upper.preloads": 50.0})
 
