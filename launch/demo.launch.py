@@ -23,7 +23,9 @@ from launch.actions import (
 from launch.event_handlers import OnShutdown
 from launch_ros.actions import Node
 
-from cdrj_ros.nodes.launching import PACKAGE, exact_copy, refuse_unknown, view_is_installed
+from cdrj_ros.model.loading import robot_path
+from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown, view_is_installed
+from cdrj_ros.robot.writer import exact_copy
 
 CONTROLLERS = {
     "tension_limiter": "velocity",
@@ -95,7 +97,7 @@ def _actions(context: LaunchContext) -> list[Action]:
     robot = given["robot"]
     if given["exact"] == "true":
         folder = tempfile.mkdtemp(prefix="cdrj_demo_")
-        robot = str(exact_copy(robot, Path(folder)))
+        robot = str(exact_copy(robot_path(robot), Path(folder)))
         started.append(
             RegisterEventHandler(OnShutdown(on_shutdown=lambda *_: shutil.rmtree(folder)))
         )

@@ -17,7 +17,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from cdrj_ros.nodes.launching import exact_copy
+from cdrj_ros.model.loading import robot_path
+from cdrj_ros.robot.writer import exact_copy
 
 ROOT = Path(__file__).resolve().parent.parent
 EXECUTABLES = ROOT / "install" / "cdrj_ros" / "lib" / "cdrj_ros"
@@ -81,7 +82,7 @@ def main():
     processes = {}
     with tempfile.TemporaryDirectory() as folder:
         try:
-            robot = exact_copy("finger", Path(folder))
+            robot = exact_copy(robot_path("finger"), Path(folder))
             for name, command in commands(robot, given.controller).items():
                 keys = None if name == "compare" else subprocess.DEVNULL
                 processes[name] = subprocess.Popen(command, cwd=ROOT, env=environment, stdin=keys)

@@ -9,9 +9,6 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
-from cdrj_ros.model.loading import robot_path
-from cdrj_ros.robot.reader import load_document
-
 PACKAGE = "cdrj_ros"
 """The package whose name stands before a launch file on the command line of ros2 launch."""
 
@@ -46,32 +43,6 @@ def _on_command_line(file: Path, argv: Sequence[str]) -> bool:
         Path(one).name == file.name and (before == PACKAGE or Path(one).resolve() == file.resolve())
         for before, one in pairwise(argv)
     )
-
-
-def exact_copy(robot: str, folder: Path) -> Path:
-    """Write a robot file whose numbers count as exact, as those of a simulated robot are.
-
-    Args:
-        robot: the file, or the name of an installed one.
-        folder: where the copy is written.
-
-    Raises:
-        RobotFileError: there is no such file, or it is not valid.
-    """
-    from ruamel.yaml import YAML
-
-    source = robot_path(robot)
-    load_document(source)  # refuses what is none
-    yaml = YAML()
-    document = yaml.load(source.read_text(encoding="utf-8"))
-    document["uncertainty"] = {"others": "exact"}
-    frames = document.get("frames")
-    if isinstance(frames, dict) and (source.parent / str(frames.get("urdf"))).exists():
-        frames["urdf"] = str((source.parent / frames["urdf"]).resolve())
-    copy = folder / source.name
-    with copy.open("w", encoding="utf-8") as file:
-        yaml.dump(document, file)
-    return copy
 
 
 def view_is_installed() -> bool:

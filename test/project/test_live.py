@@ -15,9 +15,9 @@ import pytest
 
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.loading import load_model, robot_path
 from cdrj_ros.model.status import UNSURE
-from cdrj_ros.nodes.launching import exact_copy
+from cdrj_ros.robot.writer import exact_copy
 from cdrj_ros.simulation.follow import follow_joints
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))
 
 
 def test_every_program_exists_and_gets_the_robot(tmp_path: Path) -> None:
-    robot = exact_copy("finger", tmp_path)
+    robot = exact_copy(robot_path("finger"), tmp_path)
     started = LIVE["commands"](robot)
     assert list(started) == ["rig", "estimator", "view", "compare", "swing", "keep_taut"]
     for name, words in started.items():
@@ -61,7 +61,7 @@ def test_no_program_is_left_behind(by: signal.Signals) -> None:
 
 
 def test_the_fingers_tensions_become_sure_with_exact_numbers(tmp_path: Path) -> None:
-    model = load_model(str(exact_copy("finger", tmp_path)))
+    model = load_model(str(exact_copy(robot_path("finger"), tmp_path)))
     time_s = np.arange(3000) * 1e-3
     pose = np.zeros((time_s.size, 2))
     pose[:, 0] = 0.5 * np.minimum(time_s, 1.0) + 0.3 * np.sin(4.0 * time_s)
@@ -73,7 +73,10 @@ def test_the_fingers_tensions_become_sure_with_exact_numbers(tmp_path: Path) -> 
 
 
 def test_an_exact_copy_keeps_the_robot_and_its_urdf(tmp_path: Path) -> None:
-    model, copy = load_model("finger3d"), load_model(str(exact_copy("finger3d", tmp_path)))
+    model, copy = (
+        load_model("finger3d"),
+        load_model(str(exact_copy(robot_path("finger3d"), tmp_path))),
+    )
     assert copy.layout == model.layout
     assert [one.name for one in copy.robot.spatial_frames] == [
         one.name for one in model.robot.spatial_frames
