@@ -8,10 +8,10 @@ modules below this one are the package's own and may change.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
-
+TYPE_CHECKING = False  # as typing.TYPE_CHECKING, which takes longer to import than all of this
 if TYPE_CHECKING:
+    from typing import Any, Final
+
     from cdrj_ros.api import (
         Estimator,
         draw,
@@ -124,6 +124,8 @@ if not TYPE_CHECKING:  # to a type checker, a module with __getattr__ has every 
             home = next((module for module, names in _HOMES.items() if name in names), None)
             if home is None:
                 raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            from importlib import import_module
+
             value = getattr(import_module(f"{__name__}.{home}"), name)
         globals()[name] = value
         return value

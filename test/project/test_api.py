@@ -82,9 +82,7 @@ def test_importing_the_package_imports_nothing_else() -> None:
         "import sys; before = set(sys.modules); import cdrj_ros; print(*set(sys.modules) - before)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    ours = {name for name in done.stdout.split() if name.startswith("cdrj_ros")}
-    assert ours == {"cdrj_ros"}
-    assert "numpy" not in done.stdout
+    assert set(done.stdout.split()) <= {"__future__", "cdrj_ros"}
 
 
 def test_examples_and_pages_import_only_public_names() -> None:
