@@ -4,6 +4,7 @@
 # make check   style, types and import directions only
 # make bench   speed, as ratios to comparable software
 # make figures renew every picture and number of README and docs; DAVINCI=DATA adds those of real recordings
+# make aarch64 the core cross-compiled for aarch64, run by an emulator and compared bit for bit
 # make docs    the site of the documentation, in build/site
 # make soak    longer random campaigns, two million hostile messages, 30 minutes at 1 kHz; MINUTES=10 for less
 #
@@ -33,7 +34,7 @@ IN_ENV := . tools/env.sh &&
 INSTALLED := $(shell find config bags examples launch resource -print 2>/dev/null)
 CORE := $(wildcard cdrj_ros/core/*)
 
-.PHONY: demo live test sanitize check style bench docs soak figures setup lock clean
+.PHONY: demo live test sanitize aarch64 check style bench docs soak figures setup lock clean
 
 demo: $(PACKAGE)
 	@$(IN_ENV) python tools/demo.py
@@ -54,6 +55,10 @@ test: style sanitize
 # Tests of the core, built so that it stops at an invalid address and at undefined behaviour.
 sanitize: setup $(SANITIZED)
 	@tools/sanitize.sh test
+
+# A part of `make test` where a cross-compiler and an emulator are installed.
+aarch64: setup
+	@$(IN_ENV) python -m pytest -q -rs test/project/test_aarch64.py
 
 check: style
 	@$(IN_ENV) tools/types.sh

@@ -138,14 +138,14 @@ def _tables_alone(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Comp
     joints = {joint.name: k for k, joint in enumerate(robot.joints)}
 
     def total(profiles: tuple[Profile, ...]) -> complex:
-        return sum((_profile(p, q[joints[p.joint]] if p.joint else 0j) for p in profiles), 0j)
+        return sum((tabled(p, q[joints[p.joint]] if p.joint else 0j) for p in profiles), 0j)
 
     span = np.array([total(span) for span in cable.spans])
     wrap = np.array([total(pulley.wrap) for pulley in cable.pulleys], complex)
     return span, wrap
 
 
-def _profile(profile: Profile, q: complex) -> complex:
+def tabled(profile: Profile, q: complex) -> complex:
     """Cubic Hermite interpolation of values and slopes."""
     if profile.joint is None:
         return complex(profile.value[0])

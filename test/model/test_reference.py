@@ -26,6 +26,7 @@ import pytest
 from model import reference
 from model.reference import Begun, Drum, History, Outputs
 from model.reference_geometry import Geometry, moved_middle, plane
+from model.reference_in_space import in_space, moved
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
@@ -38,7 +39,7 @@ from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import OK, SLACK
 from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
 from cdrj_ros.robot.laws import FRICTION_LAWS, Law
-from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 Vector = NDArray[np.float64]
 
@@ -124,16 +125,18 @@ def course(robot: Robot) -> Course:
     motor, joint = motion(robot, model)
     tracks = along.course(model, joint).track
     poses = [geometry(robot, model, *both) for both in zip(joint, motor, tracks, strict=True)]
-    if not robot.spatial_frames:
-        for k, (one, other) in enumerate(pairwise(poses)):
-            moved = moved_middle(robot, one, other)
-            np.testing.assert_allclose(moved, tracks[k + 1] - tracks[k], rtol=1e-12, atol=2e-14)
+    for k, (one, other) in enumerate(pairwise(poses)):
+        if robot.spatial_frames:
+            way = moved(robot, joint[k], joint[k + 1])
+        else:
+            way = moved_middle(robot, one, other)
+        np.testing.assert_allclose(way, tracks[k + 1] - tracks[k], rtol=1e-11, atol=2e-14)
     rest = geometry(robot, model, reference_angles(robot), motor[0], 0.0 * tracks[0])
     return Course(motor, joint, rest, poses)
 
 
 def geometry(robot: Robot, model: Model, joint: Vector, motor: Vector, track: Vector) -> Geometry:
-    """The reference's own in the plane, the estimator's in space.
+    """The reference's own, which equals the estimator's.
 
     ``track`` are the places of the middles of the arcs on their bodies, used in space only.
     """
@@ -142,17 +145,15 @@ def geometry(robot: Robot, model: Model, joint: Vector, motor: Vector, track: Ve
         found.length, found.lever_arm, found.wrap, found.direction, views.arc, track,
         drum_levers(robot, model, joint, motor), views.laid,
     )  # fmt: skip
-    if robot.spatial_frames:
-        return given
-    own = plane(robot, joint)
+    own = in_space(robot, joint) if robot.spatial_frames else plane(robot, joint)
     for name, one in vars(own).items():
         other = getattr(given, name)
         if name == "middle" or (
-            name == "direction" and not any(cable.routed for cable in robot.cables)
+            name == "direction" and not any(cable.routed or cable.spatial for cable in robot.cables)
         ):
             continue
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=2e-14, err_msg=name)
-    return own
+    return replace(own, middle=track) if robot.spatial_frames else own
 
 
 def drum_levers(robot: Robot, model: Model, joint: Vector, motor: Vector) -> Vector:
@@ -386,3 +387,36 @@ def test_the_comparison_sees_a_small_difference(file: str) -> None:
     )
     comparison, _ = compare(robot, course, replace(robot, cables=softer))
     assert comparison.worst["tension"] > 10.0
+
+
+BODIES = """
+name: bodies
+motors: [{name: winch}]
+joints:
+  - {name: turn, range: [-0.15, 0.15]}
+  - {name: slide, range: [-0.02, 0.02]}
+frames:
+  - {name: arm, joint: turn, motion: revolute, origin: [0.1, 0.02, 0.01], axis: [0.2, 0.1, 1]}
+  - {name: tip, parent: arm, joint: slide, motion: prismatic, origin: [0.1, 0, 0], axis: [0, 0, 1]}
+cables:
+  - name: only
+    preload: 20
+    axial_stiffness: 500
+    friction: {mu_c: 0.1}
+    nodes:
+      - {type: winch, motor: winch, radius: 0.01, winding: 1, position: [0, 0, 0],
+         axis: [0.1, 0, 1], turn: cw}
+      - {type: cylinder, radius: 0.012, position: [0.05, 0.004, 0], axis: [0, 1, 6], turn: ccw}
+      - {type: sphere, frame: arm, radius: 0.015, position: [0.03, 0.008, 0], side: [0.03, 0.05, 0]}
+      - {type: cylinder, frame: arm, radius: 0.006, position: [0.06, 0.03, 0.01],
+         axis: [0.2, 0.3, 1], inside: true}
+      - {type: pulley, frame: tip, radius: 0.008, position: [0, 0, 0], axis: [0, 0.2, 1], turn: cw}
+      - {type: sphere, frame: tip, radius: 0.01, position: [0.04, -0.03, 0.02], inside: true}
+      - {type: eyelet, frame: tip, position: [0.07, -0.02, 0.02]}
+      - {type: anchor, position: [0.35, -0.03, 0.03]}
+"""
+
+
+def test_bodies_that_no_shipped_robot_has() -> None:
+    robot = prepare(parse_robot(BODIES), check_range=False).robot
+    check(robot, course(robot))
