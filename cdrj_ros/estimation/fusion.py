@@ -25,6 +25,7 @@ from cdrj_ros.estimation.innovation_gate import (
     SensorState,
     finite,
 )
+from cdrj_ros.estimation.lasting_error import BIAS, CELL, EFFORT, FRICTION, LastingError
 from cdrj_ros.estimation.measurements import (
     Measurement,
     PastEstimates,
@@ -32,7 +33,7 @@ from cdrj_ros.estimation.measurements import (
     WaitingMeasurements,
     quantities_of,
 )
-from cdrj_ros.estimation.motor_friction import FRICTION_DRIFT, MotorFriction
+from cdrj_ros.estimation.motor_friction import MotorFriction
 from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
@@ -217,7 +218,10 @@ class SensorFusion:
     def motor_friction(self) -> dict[str, tuple[float, float]]:
         """Friction of every tracked motor beyond the robot file's, its standard deviation [N m]."""
         return {
-            name: (one.error, root_mean_square(one.deviation))
+            name: (
+                float(one.errors.error[FRICTION]),
+                root_mean_square(one.errors.deviation[FRICTION]),
+            )
             for name, one in self._sensors.items()
             if self._quantities[name].is_effort
         }
@@ -309,7 +313,7 @@ class SensorFusion:
         return state
 
     def _use(
-        self, stamp_ns: int, state: State, measured: Measurement, expected: float, factor: float
+        self, stamp_ns: int, state: State, measured: Measurement, expected: float, direction: float
     ) -> State:
         """The same with what is expected of the reading, but for the ensemble's variances.
 
@@ -318,7 +322,7 @@ class SensorFusion:
             state: after that sample.
             measured: at most ``HISTORY_NS`` before the sample; with a positive ``noise``.
             expected: current estimate for the time of the measurement [N] or [N m].
-            factor: change of ``expected`` per unit of the sensor's lasting error [-].
+            direction: change of ``expected`` per unit of the motor's friction [-].
         """
         name, value, what = measured.name, measured.value, self._quantities[measured.name]
         health = self.health[name]
@@ -326,11 +330,11 @@ class SensorFusion:
         passed = self._preloads.drift(name, stamp_ns, shares, self._lasting())
         own = measured.noise**2 + self._model_error(what, value) ** 2
         sensor = self._sensors.get(name)
-        if sensor is not None and what.is_effort:
-            share = FRICTION_DRIFT * passed**0.5
-            sensor.deviation += share * self._unknown_friction(what) * self._draw()
-        error = factor * sensor.error if sensor is not None else 0.0
-        variance = self._variance(what.column, sensor, factor) + own
+        if sensor is not None:
+            sensor.errors.pass_time(passed, self._draw)
+        factors = np.array([1.0, expected, direction])
+        error = float(factors @ sensor.errors.error) if sensor is not None else 0.0
+        variance = self._variance(what.column, sensor, factors) + own
         uncorrected = expected - float(self._past.corrected[what.column])
         usable = health.evaluate(value, expected + error, uncorrected, variance, own)
         if health.dropped:
@@ -339,6 +343,9 @@ class SensorFusion:
             return state
         if sensor is None:
             sensor = self._sensors[name] = self._new_sensor(what, abs(value - expected))
+        if not what.is_effort:
+            most = max(sensor.model_error, MODEL_ERROR * max(abs(value), health.largest))
+            sensor.model_error = most
         innovation = value - expected - error
         accepted = self._accept(name, sensor, stamp_ns, innovation, variance)
         if not usable:  # counted already
@@ -346,23 +353,21 @@ class SensorFusion:
         if not accepted:
             health.refused += 1
             return state
-        if not what.is_effort:
-            sensor.grow(MODEL_ERROR * max(abs(value), health.largest), self._draw)
         health.used += 1
-        state = self._apply(what, sensor, Innovation(innovation, own, factor), state)
-        if not what.is_effort:
-            sensor.evidence.follow(uncorrected, enough(own, uncorrected))
-            self._leave_open(sensor, what)
-            health.dropped = sensor.wrong
+        state = self._apply(what, sensor, Innovation(innovation, own, factors), state)
+        sensor.evidence.follow(uncorrected, enough(own, uncorrected))
+        self._leave_open(sensor, what)
+        health.dropped = sensor.errors.wrong(factors, sensor.history_error)
         return state
 
     def _new_sensor(self, what: Quantity, first: float) -> SensorState:
         """The state of a sensor at its first correction, of size ``first`` [N] or [N m]."""
-        if what.is_effort:
-            return SensorState(self._unknown_friction(what) * self._draw())
-        nothing = np.zeros(len(self.ensemble.states))
+        scale = self._preloads.scale(what.column, what.cables)
+        friction = self._friction.stddev(what.motor, scale) if what.is_effort else 0.0
+        kind = EFFORT if what.is_effort else CELL
+        errors = LastingError.of(kind, scale, friction, self._draw)
         evidence = PreloadEvidence(first)
-        return SensorState(nothing, history_error=HISTORY_ERROR * first, evidence=evidence)
+        return SensorState(errors, history_error=HISTORY_ERROR * first, evidence=evidence)
 
     def _accept(
         self, name: str, sensor: SensorState, stamp_ns: int, innovation: float, variance: float
@@ -403,35 +408,37 @@ class SensorFusion:
         known.append(ensemble.deviation[:, what.column])  # a view: it follows the change
         self._preloads.widen(size, what.column, what.cables, known)
         if not what.is_effort:
-            sensor.deviation += size * standard(ensemble.generator, len(ensemble.states), known)
+            bias = sensor.errors.deviation[BIAS]
+            bias += size * standard(ensemble.generator, len(ensemble.states), known)
         for one in self._sensors.values():
             one.forget()
-            one.evidence.renew()
+            if not what.is_effort:
+                one.evidence.renew()
 
     def _leave_open(self, sensor: SensorState, what: Quantity) -> None:
-        """Leave open whether a load cell drifts or the preload creeps, (U10)."""
-        (cable,) = what.cables
-        stddev = self._preloads.stddev(cable)
-        size = sensor.evidence.contradicted(float(self._changed[cable]), stddev)
+        """Leave open whether a sensor drifts or the preloads creep, (U10)."""
+        change = self._preloads.total(self._changed, what)
+        size = sensor.evidence.contradicted(change, self._preloads.stddev(what))
         if size > 0.0:
-            sensor.deviation -= self._preloads.exchange(size, what.column, cable, self._lasting())
+            bias = sensor.errors.deviation[BIAS]
+            bias -= self._preloads.exchange(size, what, self._lasting())
 
     # --- errors -----------------------------------------------------------------------------------
 
     def _lasting(self) -> list[Vector]:
         """Lasting errors of all sensors in every member."""
-        return [one.deviation for one in self._sensors.values()]
+        return [row for one in self._sensors.values() for row in one.errors.deviation if row.any()]
 
-    def _draw(self) -> Vector:
-        """Numbers for a lasting error, independent of those of all sensors, shape (members,)."""
-        known = [one for one in self._lasting() if one.any()]
+    def _draw(self, apart: Sequence[Vector]) -> Vector:
+        """See ``lasting_error.Draw``."""
+        known = [*self._lasting(), *(one for one in apart if one.any())]
         return standard(self.ensemble.generator, len(self.ensemble.states), known)
 
-    def _variance(self, column: int, sensor: SensorState | None, factor: float) -> float:
-        """Variance of a quantity and ``factor`` times the lasting error of its sensor together."""
+    def _variance(self, column: int, sensor: SensorState | None, factors: Vector) -> float:
+        """Variance of a quantity together with the lasting error of its sensor."""
         h = self.ensemble.deviation[:, column]
         if sensor is not None:
-            h = h + factor * sensor.deviation
+            h = h + factors @ sensor.errors.deviation
         return float(h @ h) / h.size
 
     def _model_error(self, what: Quantity, value: float) -> float:
@@ -440,11 +447,6 @@ class SensorFusion:
             return MODEL_ERROR * abs(value)
         scale = self._preloads.scale(what.column, what.cables)
         return max(MODEL_ERROR * abs(value), EFFORT_ERROR * scale)
-
-    def _unknown_friction(self, what: Quantity) -> float:
-        """Standard deviation of the motor's friction before its effort was read [N m]."""
-        scale = self._preloads.scale(what.column, what.cables)
-        return self._friction.stddev(what.motor, scale)
 
     def _drift_of(self, cable: int, stamp_ns: int) -> float:
         """Random-walk spread of a preload after 1 s, as a fraction of it.

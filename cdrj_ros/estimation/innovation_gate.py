@@ -13,7 +13,7 @@ is expected of its readings: only another sensor can decide (docs/reliability.md
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, sqrt
 from typing import Any, Final, Literal, NamedTuple
@@ -21,7 +21,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.draws import root_mean_square
+from cdrj_ros.estimation.lasting_error import LastingError
 
 Vector = NDArray[np.float64]
 
@@ -30,9 +30,6 @@ GATE: Final = 9.0
 
 PLAIN: Final = 16.0
 """Beyond this multiple one reading shows a contradiction; up to it, two in a row do."""
-
-CERTAIN: Final = 3.0
-"""A sensor is wrong if its lasting error is more standard deviations than this from zero."""
 
 LASTING: Final = 5
 """So many failures in a row, all on the same side, are taken for a real change."""
@@ -67,6 +64,10 @@ friction history was formed at another preload."""
 UNSETTLED: Final = 0.2
 """The same until the cell has followed a motion to and fro since then: the cable on the drum and
 most of the friction belong to another preload until then."""
+
+CLEARER: Final = 0.7
+"""A statement about a preload replaces an earlier one if its standard deviation is smaller by this
+factor: if every smaller one did, a slow drift would take the evidence along."""
 
 Gated = Literal["agrees", "contradicts", "changed"]
 """A reading agrees with the estimate, contradicts it, or is one of several that contradict it."""
@@ -121,11 +122,10 @@ class PreloadEvidence:
         Returns:
             The standard deviation to add [N]; 0 where the statements agree.
         """
-        if stddev < self.stddev:
-            self.change, self.stddev, self.opened = change, stddev, 0.0
-            return 0.0
         error = (HISTORY_ERROR if self.settled else UNSETTLED) * self.first
         beyond = (change - self.change) ** 2 - self.stddev**2 - error**2
+        if beyond <= 0.0 and stddev < CLEARER * self.stddev:
+            self.change, self.stddev, self.opened = change, stddev, 0.0
         more = EITHER * beyond - self.opened**2
         if more <= 0.0:
             return 0.0
@@ -147,18 +147,17 @@ class Baseline(NamedTuple):
 class SensorState:
     """A trusted sensor: its own error that lasts, and its latest corrections."""
 
-    deviation: Vector
-    """Its lasting error in every member, less ``error``, shape (members,) [N] or [N m]."""
-    error: float = 0.0
-    """Estimate of this error [N] or [N m]."""
-    proportional: float = 0.0
-    """Standard deviation of the part of this error that is in proportion to the readings so far."""
+    errors: LastingError
+    """Its bias, gain and friction."""
+    model_error: float = 0.0
+    """Standard deviation of what the model leaves out, in proportion to the largest reading so far
+    [N] or [N m]."""
     history_error: float = 0.0
     """Standard deviation of changes that follow from its first correction [N] or [N m]."""
     checked_by_effort: bool = False
     """Whether it is a load cell for which ``LONG_WINDOW_NS`` holds."""
     evidence: PreloadEvidence = field(default_factory=PreloadEvidence)
-    """What a load cell says of its cable's preload."""
+    """What it says of the preloads."""
     contradiction: float = 0.0
     """How far the last reading contradicted the estimate [N] or [N m]."""
     _correction: float = 0.0
@@ -169,25 +168,16 @@ class SensorState:
     contradicts: bool = False
     """Whether its last readings contradicted the estimate."""
 
-    @property
-    def wrong(self) -> str:
-        """Why the sensor is wrong, if its lasting error is certain; else empty."""
-        size = root_mean_square(self.deviation)
-        if abs(self.error) <= CERTAIN * max(size, self.proportional, self.history_error):
-            return ""
-        ratio = abs(self.error) / size
-        return f"off by {self.error:.3g}, {ratio:.1f} standard deviations of that"
-
     def gate(self, stamp_ns: int, innovation: float, variance: float, drift: float) -> Gated:
         """Compare a reading with the estimate, and with all estimates of the last second, (U8).
 
         Args:
             stamp_ns: time of the sample that the reading corrects [ns].
-            innovation: reading minus estimate minus ``error``.
+            innovation: reading minus estimate minus its lasting error.
             variance: expected variance of the innovation.
             drift: variance per second of the random walk of what is expected.
         """
-        own = self.proportional**2 + self.history_error**2  # need not be constant
+        own = self.model_error**2 + self.history_error**2  # need not be constant
         allowed = variance + own
         self.contradiction, square = innovation, innovation**2 / allowed
         baselines = self._baselines
@@ -213,35 +203,16 @@ class SensorState:
         self.contradicts = square > PLAIN or abs(self._in_a_row) > 1
         return "contradicts" if abs(self._in_a_row) < LASTING else "changed"
 
-    def grow(self, size: float, draw: Callable[[], Vector]) -> None:
-        """Let the part of the error in proportion to the readings grow to ``size`` [N].
-
-        Args:
-            size: its standard deviation by now.
-            draw: gives independent numbers of variance 1, shape (members,).
-        """
-        if size > self.proportional:
-            self.deviation += sqrt(size**2 - self.proportional**2) * draw()
-            self.proportional = size
-
-    def correct(self, change: Vector, error: float, correction: float) -> None:
-        """Take part in a correction.
-
-        Args:
-            change: of ``deviation`` and ``error`` together in every member, shape (members,).
-            error: change of ``error``.
-            correction: change of what is expected of its readings.
-        """
-        self.deviation += change - error
-        self.error += error
+    def note(self, correction: float) -> None:
+        """Note a change of what is expected of its readings, by one of them [N] or [N m]."""
         self._correction += correction
 
     def memory(self) -> dict[str, Any]:
         """What it is known by, as JSON; ``recalled`` reads it."""
         evidence = self.evidence
         return {
-            "deviation": self.deviation.tolist(),
-            "own": [self.error, self.proportional, self.history_error],
+            "errors": self.errors.memory(),
+            "own": [self.model_error, self.history_error],
             "evidence": [
                 evidence.first,
                 evidence.change,
@@ -258,11 +229,11 @@ class SensorState:
         Raises:
             KeyError, TypeError, ValueError: not such a memory.
         """
-        deviation = finite(memory["deviation"], members)
-        error, proportional, history = finite(memory["own"], 3).tolist()
+        errors = LastingError.recalled(memory["errors"], members)
+        model_error, history = finite(memory["own"], 2).tolist()
         first, change, stddev, opened = finite(memory["evidence"], 4).tolist()
         evidence = PreloadEvidence(first, bool(memory["settled"]), change, stddev, opened)
-        return cls(deviation, error, proportional, history, evidence=evidence)
+        return cls(errors, model_error, history, evidence=evidence)
 
     def forget(self) -> None:
         """Discard the latest corrections; its error remains."""

@@ -206,7 +206,7 @@ class PastEstimates:
             motor: index of the motor whose effort it is; -1 for a load cell.
 
         Returns:
-            The expected quantity, and its change per unit of its sensor's lasting error [-].
+            The expected quantity, and its change per unit of the motor's friction [-].
         """
         history, index = self._history, int(self._columns[column])
         if not history or not history[0].stamp_ns <= stamp_ns <= history[-1].stamp_ns:
@@ -216,7 +216,7 @@ class PastEstimates:
 
         def then(past: _Past) -> tuple[float, float]:
             value = float(past.values[index]) + (now - float(past.corrected[column]))
-            return value, past.direction[motor] if motor >= 0 else 1.0
+            return value, past.direction[motor] if motor >= 0 else 0.0
 
         k = len(history) - 1
         while k > 0 and history[k - 1].stamp_ns >= stamp_ns:

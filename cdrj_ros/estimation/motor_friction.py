@@ -25,9 +25,6 @@ FRICTION_SHARE: Final = 0.1
 FRICTION_KNOWN: Final = 0.3
 """The same as a fraction of the friction that the robot file states."""
 
-FRICTION_DRIFT: Final = 0.05
-"""Random-walk spread of that friction after 1 s, as a fraction of its first standard deviation."""
-
 COUNTS: Final = 2.0
 """The direction follows the motor after a turn by as many counts of its encoder at least."""
 

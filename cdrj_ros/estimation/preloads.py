@@ -42,8 +42,8 @@ class Innovation(NamedTuple):
     """Reading minus what was expected of it [N] or [N m]."""
     variance: float
     """Variance of the errors that are new in every reading."""
-    factor: float
-    """Change of the reading per unit of its sensor's lasting error [-]."""
+    factors: Vector
+    """Change of the reading per unit of every unknown of its sensor, see ``LastingError``."""
 
 
 class MemberCable(NamedTuple):
@@ -122,19 +122,21 @@ class Preloads:
         ensemble = self.ensemble
         deviation = ensemble.deviation
         members = len(deviation)
-        h = deviation[:, what.column] + innovation.factor * sensor.deviation
+        errors = sensor.errors
+        h = deviation[:, what.column] + innovation.factors @ errors.deviation
         variance = float(h @ h) / members + innovation.variance
         gain = deviation.T @ h / (members * variance)
         gain[what.others] = 0.0
-        errors = sqrt(innovation.variance) * standard(ensemble.generator, members, lasting)
-        differences = innovation.size - h + errors
+        noise = sqrt(innovation.variance) * standard(ensemble.generator, members, lasting)
+        differences = innovation.size - h + noise
         change = differences[:, None] * gain
         for c in what.cables:
             elements = self.indices[c].elements
             self._correct(c, values, gain[elements] * innovation.size, change[:, elements])
-        own_gain = float(sensor.deviation @ h) / (members * variance)
-        moved = float(gain[what.column]) + (own_gain if sensor.checked_by_effort else 0.0)
-        sensor.correct(differences * own_gain, own_gain * innovation.size, moved * innovation.size)
+        gains = errors.deviation @ h / (members * variance)
+        errors.correct(differences, gains, innovation.size)
+        own_gain = float(innovation.factors @ gains) if sensor.checked_by_effort else 0.0
+        sensor.note((float(gain[what.column]) + own_gain) * innovation.size)
         deviation += change - gain * innovation.size
         ensemble.variance_is_old = True
         return gain
@@ -162,14 +164,22 @@ class Preloads:
             seconds: the time [s].
             shares: as for ``drift``, of every cable.
         """
-        for c, share in enumerate(shares):
-            normal = standard(self.ensemble.generator, len(self.ensemble.states))
-            size = min(share * np.sqrt(seconds), START_SHARE) * self._preload[c]
+        shares = [min(share * sqrt(seconds), START_SHARE) for share in shares]
+        self.vary(np.multiply(shares, self._preload))
+
+    def vary(self, sizes: Vector) -> None:
+        """Add independent changes of these standard deviations [N], shape (cables,), to them."""
+        for c, size in enumerate(sizes):
+            change = size * standard(self.ensemble.generator, len(self.ensemble.states))
             if self.ensemble.started:
-                self._shift(c, size * normal)
+                self._shift(c, change)
             else:
-                self.indices[c].preload(self.ensemble.numbers, size * normal)
+                self.indices[c].preload(self.ensemble.numbers, change)
         self.ensemble.renew_variance()
+
+    def mean_tensions(self, tension: Vector) -> Vector:
+        """Mean tension of every cable [N], which slip along it does not change, shape (cables,)."""
+        return np.array([tension[one.elements] @ one.weight for one in self.indices])
 
     def widen_before_start(self, size: float, column: int, cables: list[int]) -> None:
         """Add to every preload what would change a measured quantity by ``size``, before a start.
@@ -225,27 +235,40 @@ class Preloads:
                 c, size / abs(arm) * standard(ensemble.generator, len(ensemble.states), apart)
             )
 
-    def stddev(self, c: int) -> float:
-        """Standard deviation of the preload of a cable, that is of its mean tension [N]."""
-        return root_mean_square(self._cables[c].tension @ self.indices[c].weight)
+    def total(self, changes: Vector, what: Quantity) -> float:
+        """What changes of all preloads [N], shape (cables,), are worth in a quantity."""
+        arms = self._arms(what.column, what.cables)
+        return sum(arm * float(changes[c]) for c, arm in arms)
 
-    def exchange(self, size: float, column: int, c: int, apart: Sequence[Vector]) -> Vector:
-        """Vary a preload by itself, with a standard deviation of ``size`` [N].
+    def stddev(self, what: Quantity) -> float:
+        """Standard deviation of what the preloads, that is the mean tensions, are worth in it."""
+        arms = self._arms(what.column, what.cables)
+        return root_mean_square(
+            sum(arm * (self._cables[c].tension @ self.indices[c].weight) for c, arm in arms)
+        )
+
+    def exchange(self, size: float, what: Quantity, apart: Sequence[Vector]) -> Vector:
+        """Vary the preloads by themselves so that a quantity varies by ``size``.
 
         Args:
-            size: the standard deviation [N].
-            column: of a tension in that cable, with which the change is not correlated.
-            c: the cable.
+            size: standard deviation of the quantity [N] or [N m].
+            what: the quantity, with which the changes are not correlated.
             apart: see ``standard``.
 
         Returns:
-            The change of that tension in every member [N], shape (members,).
+            The change of the quantity in every member, shape (members,).
         """
         ensemble = self.ensemble
-        known = [*apart, ensemble.deviation[:, column]]
-        change = size * standard(ensemble.generator, len(ensemble.states), known)
-        self._shift(c, change)
-        return change
+        known = [*apart, ensemble.deviation[:, what.column]]
+        arms = self._arms(what.column, what.cables)
+        changes = np.zeros(len(ensemble.states))
+        for c, arm in arms:
+            normal = standard(ensemble.generator, changes.size, known)
+            change = size / sqrt(len(arms)) * normal
+            known.append(change)
+            self._shift(c, change / arm)
+            changes += change
+        return changes
 
     def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
         """Cables that act on a measured quantity, and its change per newton in each of them."""

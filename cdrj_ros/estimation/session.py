@@ -32,7 +32,7 @@ from cdrj_ros.estimation.ensemble import (
 )
 from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import SensorFusion
-from cdrj_ros.estimation.preloads import START_SHARE
+from cdrj_ros.estimation.preloads import START_SHARE, Preloads
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -201,8 +201,10 @@ class LiveEstimator:
         self._watch = RestWatch()
         if self.encoderless is not None:
             self.encoderless.reset()
-        if self.ensemble is not None:
+        if self.ensemble is not None and known:
             self.ensemble.reset()
+        elif self.ensemble is not None:
+            self.ensemble.restore_preloads()
         if self.fusion is not None:
             self.fusion.restart(known=known)
 
@@ -249,10 +251,28 @@ class LiveEstimator:
         self.state = self.uncorrected = state
         if earlier.uncorrected is not None:
             self.uncorrected = State(state.stamp_ns, earlier.uncorrected)
-        if self.ensemble is not None and earlier.has_moved(sample):
-            self.ensemble.reset()
+        if self.ensemble is not None:
+            if earlier.has_moved(sample):
+                self.ensemble.reset()
+            self._doubt_pose(self.ensemble, earlier, sample)
         if late > 0 and self.fusion is not None:
             self.fusion.drift_unmeasured(late * 1e-9)
+
+    def _doubt_pose(self, ensemble: Ensemble, earlier: EarlierRun, sample: Sample) -> None:
+        """Leave open whether the robot has moved since an earlier run, or an encoder has slipped.
+
+        What the difference of the poses is worth in the mean tensions is added to their standard
+        deviations, until other sensors narrow it or ``reset`` confirms the angles.
+        """
+        motor, joint = earlier.motor_angle, earlier.joint_angle
+        if motor is None or joint is None:
+            return
+        preloads = Preloads(ensemble)
+        then, now = (
+            preloads.mean_tensions(step(self.model, self.state, one)[1].tension)
+            for one in (sample._replace(motor_angle=motor, joint_angle=joint), sample)
+        )
+        preloads.vary(now - then)
 
     def feed(
         self,

@@ -224,6 +224,31 @@ def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
     assert found == [pytest.approx(0.8, abs=0.05)]
 
 
+@pytest.mark.parametrize(
+    ("axis", "size", "stop_ns"),
+    [("elbow", 0.02, 30 * MS), ("elbow", -0.005, 2 * SECOND), ("winch", 0.13, SECOND)],
+)
+def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
+    axis: str, size: float, stop_ns: int, model: Model, course: Course, tmp_path: Path
+) -> None:
+    """The difference of the poses counts by what it is worth in tension; a reset confirms it."""
+    slip = [(axis, BEGIN + stop_ns // 2, size)]
+    faults = Faults(slips=slip, restart_ns=BEGIN, stop_ns=stop_ns)
+
+    def confirm(live: LiveEstimator) -> None:
+        assert live.ensemble is not None
+        drawn = LiveEstimator(model).ensemble
+        assert drawn is not None
+        assert not np.array_equal(live.ensemble.numbers, drawn.numbers)
+        live.reset()
+        assert np.array_equal(live.ensemble.numbers, drawn.numbers)
+
+    outputs = run(model, course, faults, scratch=tmp_path, watch=confirm)
+    verdict = judge(course, outputs, BEGIN, course.duration_ns)
+    assert verdict.judged > 16 * 500
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+
+
 def test_a_turn_while_the_process_is_down_is_part_of_the_standard_deviation(
     model: Model, all_courses: list[Course], tmp_path: Path
 ) -> None:

@@ -27,6 +27,8 @@ from support.campaign import (
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.draws import standard
 from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, SensorState
+from cdrj_ros.estimation.lasting_error import CELL as CELL_ERRORS
+from cdrj_ros.estimation.lasting_error import LastingError
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
@@ -125,6 +127,36 @@ def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
     _assert_law(model, slow, faults)
 
 
+@pytest.mark.parametrize(
+    ("name", "lie", "sensors"),
+    [
+        (EFFORT, Lie("drifts", 0, 0.01), (CELL, EFFORT)),
+        (EFFORT, Lie("drifts", 6 * SECOND, -0.02), (CELL, EFFORT)),
+        (EFFORT, Lie("drifts", 0, 0.02), (EFFORT,)),
+        (CELL, Lie("scales", 0, -0.1), (CELL, EFFORT)),
+        (CELL, Lie("scales", 0, -0.1), (CELL,)),
+    ],
+)
+def test_a_sensor_whose_bias_or_gain_is_wrong_keeps_to_the_law(
+    name: str, lie: Lie, sensors: tuple[str, ...], model: Model, slow: Course
+) -> None:
+    """Alone, or beside the other one, which is right; the preloads are those of the file."""
+    faults = Faults(quarter_rate(), sensors=sensors, lies={name: lie}, cell_ns=SELDOM)
+    outputs = run(model, slow, faults)
+    verdict = judge(slow, outputs, 0, slow.duration_ns)
+    assert verdict.ratio.size > 0.2 * verdict.judged
+    assert verdict.beyond(5.0) <= 0.001
+
+
+def test_good_sensors_leave_the_same_share_with_status_0(model: Model, longer: Course) -> None:
+    """Unknown biases and gains do not make them useless."""
+    for sensors, least in (((CELL,), 0.44), ((CELL, EFFORT), 0.80)):
+        outputs = run(model, longer, Faults(quarter_rate(), sensors=sensors, cell_ns=SELDOM))
+        verdict = judge(longer, outputs, 0, longer.duration_ns)
+        assert verdict.ratio.size >= least * verdict.judged
+        assert verdict.beyond(2.0) <= 0.08
+
+
 def test_a_cell_that_says_the_same_leaves_nothing_open() -> None:
     evidence = PreloadEvidence()
     generator = np.random.default_rng(0)
@@ -158,7 +190,9 @@ def test_a_first_correction_allows_more_until_a_motion_to_and_fro() -> None:
 
 
 def _sensor() -> SensorState:
-    sensor = SensorState(0.4 * standard(np.random.default_rng(0), 32), proportional=0.4)
+    generator = np.random.default_rng(0)
+    errors = LastingError.of(CELL_ERRORS, 36.85, 0.0, lambda apart: standard(generator, 32, apart))
+    sensor = SensorState(errors, model_error=0.4)
     for k in range(100):
         assert sensor.gate(k * 10_000_000, 0.1, 0.2, 0.01) == "agrees"
     return sensor
@@ -192,7 +226,7 @@ def test_a_change_in_small_steps_is_one_all_the_same() -> None:
     answers = []
     for k in range(50):
         answers.append(sensor.gate(SECOND + k * 10_000_000, 0.2, 0.2, 0.01))
-        sensor.correct(np.zeros(32), 0.0, 0.2)
+        sensor.note(0.2)
     assert answers[0] == "agrees"
     assert "changed" in answers
 
@@ -205,7 +239,7 @@ def test_a_slow_change_is_one_where_an_effort_can_decide(checked_by_effort: bool
     answers = set()
     for k in range(250):
         answers.add(sensor.gate(SECOND + 20 * MS * k, 0.01, 0.2, 0.01))
-        sensor.correct(np.zeros(32), 0.0, 0.01)
+        sensor.note(0.01)
     assert ("changed" in answers) == checked_by_effort
     assert checked_by_effort or answers == {"agrees"}
 

@@ -210,7 +210,7 @@ def test_a_memory_that_is_not_one_is_refused_and_changes_nothing(
 ) -> None:
     assert unchanged.fusion is not None
     memory = unchanged.fusion.memory()
-    own = {key: memory["sensors"][CELL][key] for key in ("deviation", "own", "evidence")}
+    own = {key: memory["sensors"][CELL][key] for key in ("errors", "own", "evidence")}
     wrong = [
         _damaged(memory, "known", value=[0.0]),
         _damaged(memory, "changed", value="much"),
