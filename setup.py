@@ -147,6 +147,7 @@ setup(
             *scripts(
                 "commands",
                 "check_robot",
+                "commission",
                 "identify",
                 "import_robot",
                 "simulate",

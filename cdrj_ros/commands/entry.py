@@ -19,6 +19,17 @@ def check_robot() -> NoReturn:
     run_interruptibly("check_robot", load)
 
 
+def commission() -> NoReturn:
+    """Run ``commission``."""
+
+    def load() -> Callable[[], int]:
+        from cdrj_ros.commands.commission import main
+
+        return main
+
+    run_interruptibly("commission", load)
+
+
 def identify() -> NoReturn:
     """Run ``identify``."""
 

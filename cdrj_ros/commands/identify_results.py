@@ -175,7 +175,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
         "parameters": [
             {
                 "paths": list(unknown.paths),
-                "signs": list(unknown.signs),
+                "factors": list(unknown.factors),
                 "start": unknown.start,
                 "value": outcome.values[unknown.paths[0]],
                 "stddev": float(stddev),

@@ -13,7 +13,7 @@ from cdrj_ros.robot.writer import yaml_number
 
 Table = NDArray[np.float64]
 
-COVARIANCE_LIMIT: Final = 64
+COVARIANCE_LIMIT: Final = 128
 """Parameters whose covariance a robot file can hold."""
 
 NOTICEABLE: Final = 0.02
@@ -53,7 +53,7 @@ def uncertainty_section(
     kept = _kept(before, fitted.paths)
     if not 0 < len(fitted.paths) + len(kept.paths) <= COVARIANCE_LIMIT:
         return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
-    return "\n".join([*lines, *_matrix(_joined(found, fitted, kept))])
+    return "\n".join([*lines, *stated_lines(*_joined(found, fitted, kept))])
 
 
 class _Numbers(NamedTuple):
@@ -68,17 +68,19 @@ class _Numbers(NamedTuple):
 
 def _of_the_fit(found: Identification) -> _Numbers:
     """All places of the numbers on which the data depend."""
-    which, signs = _places(found)
+    which, factors = _places(found)
+    signs = np.sign(factors)
     paths = tuple(path for k in found.seen.tolist() for path in found.unknowns[k].paths)
     correlation = found.correlation[np.ix_(which, which)] * np.outer(signs, signs)
-    return _Numbers(paths, tuple(found.stddev[which].tolist()), correlation)
+    stddev = found.stddev[which] * np.abs(factors)
+    return _Numbers(paths, tuple(stddev.tolist()), correlation)
 
 
 def _places(found: Identification) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Index and sign of the unknown at every place of those on which the data depend."""
+    """Index and factor of the unknown at every place of those on which the data depend."""
     unknowns = [(k, found.unknowns[k]) for k in found.seen.tolist()]
     which = np.array([k for k, unknown in unknowns for _ in unknown.paths], dtype=np.int64)
-    return which, np.array([s for _, unknown in unknowns for s in unknown.signs], dtype=float)
+    return which, np.array([f for _, unknown in unknowns for f in unknown.factors], dtype=float)
 
 
 def _kept(before: Mapping[str, Any], fitted: Sequence[str]) -> _Numbers:
@@ -107,7 +109,8 @@ def _joined(found: Identification, fitted: _Numbers, kept: _Numbers) -> _Numbers
     stddev = [*fitted.stddev, *kept.stddev]
     if others is not None:
         columns = np.array([index.get(path, -1) for path in rest], dtype=np.int64)
-        which, signs = _places(found)
+        which, factors = _places(found)
+        signs = np.sign(factors)
         cross = np.pad(others.with_fitted, ((0, 0), (0, 1)))[np.ix_(which, columns)]
         together[:size, size:] = cross * signs[:, None]
         together[size:, :size] = together[:size, size:].T
@@ -137,15 +140,15 @@ def _noticeable(found: Identification, fitted: _Numbers, kept: _Numbers, most: i
     return chosen
 
 
-def _matrix(numbers: _Numbers) -> list[str]:
+def stated_lines(paths: Sequence[str], stddev: Sequence[float], correlation: Table) -> list[str]:
     """The lines of the parameters, their standard deviations and correlation."""
     return [
         "  parameters:",
-        *(f"    - {path}" for path in numbers.paths),
-        f"  stddev: [{', '.join(yaml_number(s, 3) for s in numbers.stddev)}]",
+        *(f"    - {path}" for path in paths),
+        f"  stddev: [{', '.join(yaml_number(s, 3) for s in stddev)}]",
         "  correlation:",
         *(
             "    - [" + ", ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in row) + "]"
-            for row in numbers.correlation
+            for row in correlation
         ),
     ]

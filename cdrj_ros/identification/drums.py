@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 
 from cdrj_ros.identification.observations import samples_of, thinned
 from cdrj_ros.identification.problem import Loss, Problem, Progress
-from cdrj_ros.identification.residual_statistics import effective_variance, independent_states
+from cdrj_ros.identification.residual_statistics import (
+    effective_variance,
+    independent_states,
+    lasting_squares,
+)
 from cdrj_ros.identification.solver import solve, with_priors
 from cdrj_ros.robot.description import Robot, Winch
 
@@ -93,7 +97,7 @@ class _Misfit(NamedTuple):
     """How far some numbers are from the recordings, and from what was known before."""
 
     squares: float
-    """Weighted sum of squares of the residuals."""
+    """Weighted sum of squares of the residuals, as of ``lasting_squares``."""
     strain: float
     """Sum of squares of the deviations from the priors [their standard deviations squared]."""
     coordinates: Vector
@@ -102,7 +106,8 @@ class _Misfit(NamedTuple):
 def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> _Misfit:
     residuals = problem.residuals(coordinates)
     priors = with_priors(problem, coordinates, residuals)[residuals.size :] / problem.prior_scale
-    return _Misfit(float(weights @ residuals**2), float(priors @ priors), coordinates)
+    squares = lasting_squares(problem, residuals * np.sqrt(weights))
+    return _Misfit(squares, float(priors @ priors), coordinates)
 
 
 def _fitted(

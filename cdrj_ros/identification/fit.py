@@ -70,6 +70,9 @@ Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
 
+DISTRUST: Final = 1.25
+"""Factor by which (I6) exceeds (I2) where the fit has trusted its residuals too much."""
+
 SCOUT: Final = 4
 """The search for the minimum uses only every n-th of the thinned samples, and of the residuals."""
 
@@ -183,6 +186,17 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     here = rough.residuals(coordinates)
     weights = robust_weights(loss, here, thresholds(rough, here))
     known = accuracy(rough, coordinates, here, slopes, weights)
+    trusted = DISTRUST * effective_variance(rough, here * np.sqrt(weights))
+    if known.variance > trusted and any(one.prior for one in rounds.unknowns):
+        # what is known before would otherwise be given up for residuals that tell less
+        say("fitting once more, with residuals that tell less")
+        for one in (rough, last):
+            one.least_variance, one.prior_scale = known.variance, float(np.sqrt(known.variance))
+        coordinates = solve(rough, coordinates, loss, COARSE_STEPS, say).coordinates
+        coordinates, slopes, unsettled = settle(last, rough, coordinates, loss, say)
+        here = rough.residuals(coordinates)
+        weights = robust_weights(loss, here, thresholds(rough, here))
+        known = accuracy(rough, coordinates, here, slopes, weights)
     coordinates = np.where(known.silent, 0.0, coordinates)
     residuals = last.residuals(coordinates)
     left = unexplained(last, residuals)

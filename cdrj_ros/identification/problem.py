@@ -61,6 +61,8 @@ class Settings:
     """Time at the beginning of each recording that is excluded from the comparison [s]."""
     coarse: bool = False
     """Whether to skip the last round, which uses all samples."""
+    samples: int = 20_000
+    """Samples of the first rounds, over all recordings; friction hardly depends on the rate."""
     sought: tuple[str, ...] = ()
     """Paths of numbers that are first sought over their whole range."""
     compares_drums: bool = False
@@ -127,6 +129,9 @@ class Problem:
         self.prior_scale = 1.0
         """Factor of a prior's residual: the standard deviation that a residual would have if all
         residuals were independent."""
+        self.least_variance = 0.0
+        """Variance of a residual below which the fit does not trust it, if all residuals were
+        independent."""
         self.evaluations = 0
         """Number of runs over all recordings so far."""
         self.pool = pool
@@ -257,9 +262,6 @@ def _slice(samples: Samples, part: slice) -> Samples:
     return Samples(samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part])
 
 
-COARSE_SAMPLES: Final = 20_000
-"""Samples of the first rounds, over all recordings; the friction laws hardly depend on the rate."""
-
 LOWEST_RATE: Final = 100.0
 """Lowest sampling rate in those rounds [Hz]."""
 
@@ -289,14 +291,16 @@ class Rounds:
         """The problem of a round, over thinned samples or over all samples.
 
         Args:
-            coarse: whether the samples are thinned, see ``COARSE_SAMPLES``.
+            coarse: whether the samples are thinned, see ``Settings.samples``.
             scout: further divisor of the samples and of the largest number of residuals.
         """
         moving = changes_conditioning(path for one in self.unknowns for path in one.paths)
         total = sum(samples.stamp_ns.size for samples in self.samples)
+        wanted = self.settings.samples
         observations = [
             observe(
-                self.model, one, samples, self.sigmas, scout * _stride(one, total) if coarse else 1,
+                self.model, one, samples, self.sigmas,
+                scout * _stride(one, total, wanted) if coarse else 1,
                 MOST_RESIDUALS // (scout**2 * len(self.recordings)), self.settings.settle_s,
                 moving,
             )
@@ -319,9 +323,9 @@ def sample_count(problem: Problem) -> int:
     return sum(samples(one) for one in problem.observations)
 
 
-def _stride(recorded: Recorded, total: int) -> int:
+def _stride(recorded: Recorded, total: int, wanted: int) -> int:
     """Thinning factor of the first rounds, which keeps at least ``LOWEST_RATE``."""
     stamps = next(iter({**recorded.motors, **recorded.joints}.values())).stamp_ns
     duration = max(float(stamps[-1] - stamps[0]) * 1e-9, 1e-9)
     rate = stamps.size / duration
-    return int(max(1, min(round(total / COARSE_SAMPLES), rate // LOWEST_RATE)))
+    return int(max(1, min(round(total / wanted), rate // LOWEST_RATE)))

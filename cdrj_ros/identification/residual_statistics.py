@@ -152,7 +152,27 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
     white = min(noise / size, mean)
     independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
     pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
-    return max(white + (mean - white) * size / pieces, 1e-300)
+    return max(white + (mean - white) * size / pieces, problem.least_variance, 1e-300)
+
+
+def lasting_squares(problem: Problem, residuals: Vector) -> float:
+    """Sum of squares of the residuals if each were the mean over its share of the recordings.
+
+    The shares are those of ``independent_states``: white noise nearly vanishes in such means, and
+    what lasts stays.
+
+    Args:
+        problem: problem with the observations of the residuals.
+        residuals: residuals with robust weights applied, shape (n,).
+    """
+    at, noise = 0, 0.0
+    for observed in problem.observations:
+        for channel in observed.channels:
+            noise += white_power(residuals[at : at + channel.reference.size])
+            at += channel.reference.size
+    whole = float(residuals[:at] @ residuals[:at])
+    noise = min(noise, whole)
+    return whole - noise + noise * independent_states(problem) / max(at, 1)
 
 
 def white_power(residuals: Vector) -> float:

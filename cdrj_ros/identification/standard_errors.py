@@ -64,6 +64,8 @@ class Accuracy(NamedTuple):
     """Which numbers have neither influence on the data nor a prior, shape (p,)."""
     others: Nuisance
     """Numbers that are not fitted."""
+    variance: float
+    """(I6)."""
 
 
 def accuracy(
@@ -80,7 +82,7 @@ def accuracy(
     """
     root = np.sqrt(weights)
     causes = nuisance_causes(problem.begin.robot.uncertainty, problem.unknowns)
-    covariance, absorbed, information = _covariance(
+    covariance, absorbed, information, variance = _covariance(
         problem, coordinates, causes, residuals * root, jacobian * root[:, None], root
     )
     slope = np.array(
@@ -99,6 +101,7 @@ def accuracy(
         findings(problem, coordinates, information, covariance),
         without_influence(information) & [u.prior is None for u in problem.unknowns],
         nuisance_correlation(causes, absorbed, stddev),
+        variance,
     )
 
 
@@ -109,8 +112,8 @@ def _covariance(
     residuals: Vector,
     slopes: Table,
     root: Vector,
-) -> tuple[Table, Table, Table]:
-    """(I3): covariance of the numbers, their change by each cause, and the data's information.
+) -> tuple[Table, Table, Table, float]:
+    """(I3): covariance of the numbers, their change by each cause, the data's information, (I6).
 
     All are in coordinates; the information is that of the data alone.
 
@@ -139,7 +142,7 @@ def _covariance(
     absorbed = -fitted @ (slopes.T @ others) / variance
     own = fitted @ (square * (left / variance**2) + np.diag(known)) @ fitted
     covariance = np.asarray(own + absorbed @ absorbed.T, dtype=np.float64)
-    return covariance, absorbed, square / left
+    return covariance, absorbed, square / left, left
 
 
 def remaining_step(

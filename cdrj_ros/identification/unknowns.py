@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from itertools import repeat
 from math import exp, inf, isfinite, log
 from typing import Final
 
@@ -98,8 +99,8 @@ class Unknown:
     """One number to identify, at one place of the robot file or tied at several."""
 
     paths: tuple[str, ...]
-    signs: tuple[int, ...]
-    """The number at ``paths[k]`` is ``signs[k]`` times this one."""
+    factors: tuple[float, ...]
+    """The number at ``paths[k]`` is ``factors[k]`` times this one, plus ``shifts[k]``."""
     start: float
     """Starting value [SI]."""
     lower: float
@@ -110,6 +111,8 @@ class Unknown:
     """Change of the number per unit of the coordinate [SI]; 0 if the coordinate is logarithmic."""
     prior: tuple[float, float] | None = None
     """Mean and standard deviation of prior knowledge [SI]."""
+    shifts: tuple[float, ...] = ()
+    """Empty: zeros."""
 
     @property
     def name(self) -> str:
@@ -146,9 +149,11 @@ class Unknown:
 def values_by_path(unknowns: Sequence[Unknown], values: Iterable[float]) -> dict[str, float]:
     """The numbers [SI] by path, tied paths included."""
     return {
-        path: sign * value
+        path: factor * value + shift
         for unknown, value in zip(unknowns, values, strict=True)
-        for path, sign in zip(unknown.paths, unknown.signs, strict=True)
+        for path, factor, shift in zip(
+            unknown.paths, unknown.factors, unknown.shifts or repeat(0.0), strict=False
+        )
     }
 
 
@@ -397,7 +402,7 @@ def known_before(
     for one in unknowns:
         own = [stddev.get(_level_of(path, stddev), 0.0) for path in one.paths]
         values = [find_number(document, path).value for path in one.paths]
-        apart = np.std(np.multiply(values, one.signs))  # tied numbers that the file has apart
+        apart = np.std(np.multiply(values, one.factors))  # tied numbers that the file has apart
         prior = (one.start, float(np.hypot(np.mean(own), apart)))
         result.append(replace(one, prior=prior) if min(own) > 0.0 else one)
     return tuple(result)
@@ -445,3 +450,34 @@ def fitted_along(
             if taken.isdisjoint(one.paths) and min(spread) > 0.0 and alike:
                 along.append(replace(one, prior=(one.start, float(np.mean(spread)))))
     return tuple(along)
+
+
+FAR: Final = 5.0
+"""Largest deviation of a cause of error [standard deviations]."""
+
+
+def unknown_causes(
+    document: Document, causes: Iterable[Mapping[str, float]]
+) -> tuple[Unknown, ...]:
+    """Causes of error as unknowns: each the number of its standard deviations, 0 in the file.
+
+    Args:
+        document: content of the robot file.
+        causes: one standard deviation of numbers that deviate together [SI], by path.
+    """
+    found = []
+    for cause in causes:
+        numbers = [find_number(document, path) for path in cause]
+        lower, upper = -FAR, FAR
+        for number, path, size in zip(numbers, cause, cause.values(), strict=True):
+            low, high = _allowed(number)
+            if number.key == "reference_angle" and path.startswith("joints."):
+                ends = (f"{path.rsplit('.', 1)[0]}.range.{end}" for end in (1, 2))
+                low, high = (find_number(document, end).value for end in ends)
+            reach = sorted(((low - number.value) / size, (high - number.value) / size))
+            lower, upper = max(lower, reach[0]), min(upper, reach[1])
+        values = tuple(number.value for number in numbers)
+        found.append(
+            Unknown(tuple(cause), tuple(cause.values()), 0.0, lower, upper, 1.0, (0.0, 1.0), values)
+        )
+    return tuple(one for one in found if one.lower < one.upper)

@@ -6,7 +6,7 @@ and the motors follow.  The change of a tension is the cause's contribution (U7)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -79,7 +79,7 @@ def uncertainty_shares(model: Model) -> Shares | None:
             causes.append(Tolerance(one.what, one.measure, factor))
     if len(causes) > MOST_CAUSES:
         return None
-    effect = _effects(model, causes)
+    effect = tension_effects(model, [cause.factor for cause in causes])
     correlation = np.eye(len(causes))
     scale = np.where(stddev > 0.0, stddev, 1.0)[: known.stated]
     correlation[: known.stated, : known.stated] = known.covariance[
@@ -96,15 +96,15 @@ def uncertainty_shares(model: Model) -> Shares | None:
     )
 
 
-def _effects(model: Model, causes: Sequence[Tolerance]) -> NDArray[np.float64]:
-    """Changes of the tensions by each cause [N], shape (causes, samples, elements)."""
+def tension_effects(model: Model, causes: Sequence[Mapping[str, float]]) -> NDArray[np.float64]:
+    """Changes of the tensions by each cause [N], shape (causes, samples, elements).
+
+    Args:
+        model: the robot.
+        causes: deviations of numbers by path [SI].
+    """
     robot = model.robot
-    phase = np.linspace(0.0, 2.0, SAMPLES)[:, None] * 2.0 * np.pi
-    lower = np.array([joint.lower for joint in robot.joints])
-    upper = np.array([joint.upper for joint in robot.joints])
-    ratio = 1.0 + 0.5 * np.arange(len(robot.joints))  # so that the joints do not move in step
-    joints = 0.5 * (lower + upper) + REACH * (upper - lower) * np.sin(ratio * phase)
-    motors = following_motors(model, joints)
+    motors, joints = sweep(model)
     before = _tensions(model, motors, joints)
     effects = np.zeros((len(causes), *before.shape))
     for k, cause in enumerate(causes):
@@ -116,13 +116,28 @@ def _effects(model: Model, causes: Sequence[Tolerance]) -> NDArray[np.float64]:
     return effects
 
 
-def _deviating(model: Model, cause: Tolerance) -> Model | None:
+def sweep(model: Model, samples: int = SAMPLES) -> tuple[Table, Table]:
+    """A motion of ``DURATION_S`` in which all joints move through their ranges.
+
+    Returns:
+        Angles of the motors, which follow, and of the joints [rad], shape (samples, axes) each.
+    """
+    robot = model.robot
+    phase = np.linspace(0.0, 2.0, samples)[:, None] * 2.0 * np.pi
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    ratio = 1.0 + 0.5 * np.arange(len(robot.joints))  # so that the joints do not move in step
+    joints = 0.5 * (lower + upper) + REACH * (upper - lower) * np.sin(ratio * phase)
+    return following_motors(model, joints), joints
+
+
+def _deviating(model: Model, cause: Mapping[str, float]) -> Model | None:
     """The robot with one cause deviating by a standard deviation; None if neither sign works."""
     document: Any = model.robot.document
     numbers = {**document, "uncertainty": {"others": "exact"}}  # numbers alone matter
     for sign in (1.0, -1.0):
         values = {}
-        for path, stddev in cause.factor.items():
+        for path, stddev in cause.items():
             values[path] = float(within_range(document, path, np.array([sign * stddev]))[0])
         try:
             return prepare(

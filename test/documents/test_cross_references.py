@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.commands import check_robot, identify_options, simulate_options, validate
+from cdrj_ros.commands import check_robot, commission, identify_options, simulate_options, validate
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
@@ -22,6 +22,7 @@ TESTS = re.compile(r"(?<![\w/])(test_\w+\.py)\b")
 MODULE = re.compile(r"`([a-z_]+/[a-z_]+\.py)`")
 PARSERS: dict[str, Callable[[], ArgumentParser]] = {
     "check_robot": check_robot._parser,
+    "commission": commission._parser,
     "identify": identify_options.parser,
     "simulate": simulate_options.parser,
     "validate": validate._parser,

@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 import cdrj_ros
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = ("check_robot", "identify", "import_robot", "simulate", "validate", "view")
+COMMANDS = ("check_robot", "commission", "identify", "import_robot", "simulate", "validate", "view")
 NOT_SOURCES = (
     ".git", ".venv", "build", "install", "log", "test", "bench", "docs", "__pycache__", ".*_cache",
 )  # fmt: skip

@@ -1,0 +1,221 @@
+"""``commission``: from a new robot file to tensions with status OK, by cheap measurements."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from cdrj_ros.commands.commission_steps import (
+    Commissioned,
+    Judged,
+    begin,
+    fitted,
+    foretold,
+    judged,
+    preloaded,
+    provenance,
+    tared,
+)
+from cdrj_ros.commands.identify import recorded
+from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.shared import add_topic_options, topics_of
+from cdrj_ros.evaluation.inputs import read_inputs
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.files import check_new, check_outputs, write_text
+from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.progress import progress_text
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.model.channels import EFFORT, TENSION
+from cdrj_ros.model.loading import robot_path
+from cdrj_ros.recordings import Topics
+from cdrj_ros.robot.writer import moved, with_section
+
+ASKED: Final = {
+    "rest": "1. Tare: hold the robot at rest in its reference pose and record a second: bag",
+    "preload": "2. Read every cable's tension there on a spring scale: CABLE=NEWTON,...",
+    "motion": "3. Move every joint through its range for 60 s, with the motors' efforts: bag",
+    "cells": "4. The same with one or two borrowed load cells in the cables: bag",
+}
+"""What each step asks for, the cheapest first."""
+
+
+class Step(NamedTuple):
+    """A step that was taken."""
+
+    name: str
+    judged: Judged
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = CommandParser(
+        prog="commission",
+        description="Lead from a new robot file to tensions with status OK: tare, preloads by "
+        "spring scale, a motion with the motors' efforts, the same with borrowed load cells. "
+        "After each step it says what the file knows, and what the next step would bring.",
+        epilog="Record bags with `ros2 bag record`. docs/commission.md",
+    )
+    parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
+    parser.add_argument("--out", required=True, metavar="FILE", help="robot file to write")
+    parser.add_argument("--force", action="store_true", help="replace an existing --out")
+    group = parser.add_argument_group("measurements, in the order in which they are used")
+    group.add_argument("--rest", metavar="BAG", help="at rest in the reference pose")
+    group.add_argument(
+        "--preload", metavar="CABLE=N,...", help="tensions there, read on a spring scale [N]"
+    )
+    group.add_argument(
+        "--motion", action="append", metavar="BAG", default=[],
+        help="60 s in motion, with the motors' efforts; repeatable",
+    )  # fmt: skip
+    group.add_argument(
+        "--cells", action="append", metavar="BAG", default=[],
+        help="the same with load cells in cables; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--yes", action="store_true", help="ask nothing: take the given measurements alone"
+    )
+    parser.add_argument("--json", metavar="FILE", help="write what each step brought as JSON")
+    parser.add_argument(
+        "--png", metavar="FILE", help="draw standard deviation over tension, step by step"
+    )
+    add_topic_options(parser)
+    return parser
+
+
+def _body(argv: Sequence[str]) -> int:
+    arguments = _parser().parse_args(argv)
+    path = robot_path(arguments.robot)
+    bags = [bag for bag in (arguments.rest, *arguments.motion, *arguments.cells) if bag]
+    outputs = {"--out": arguments.out, "--json": arguments.json, "--png": arguments.png}
+    check_outputs(outputs, [*bags, path])
+    check_new({"--out": arguments.out}, force=arguments.force)
+    now = begin(path.read_text(encoding="utf-8"), str(path))
+    steps = [Step("new file", judged(now.model))]
+    _show(steps[-1])
+    for name, take in _measurements(topics_of(arguments)):
+        given = getattr(arguments, name)
+        if not given and not arguments.yes:
+            say(f"the next step would bring: {_words(foretold(now, name))}")
+            given = _asked(name)
+        if not given:
+            continue
+        now = take(now, given)
+        steps.append(Step(name, judged(now.model)))
+        for sentence in now.found.findings[:1] if now.found else ():
+            say(f"note: {sentence}")
+        _show(steps[-1])
+        _write(arguments, now, steps)
+    _write(arguments, now, steps)
+    for name, written in outputs.items():
+        if written:
+            say(f"{name[2:]}: {written}")
+    return DONE
+
+
+Taken = Callable[[Commissioned, str], Commissioned]
+
+
+def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
+    """The steps in their order, each with the function that takes what was measured."""
+
+    def rest(now: Commissioned, bag: str) -> Commissioned:
+        return tared(now, _read(now, bag, topics))
+
+    def preload(now: Commissioned, text: str) -> Commissioned:
+        return preloaded(now, _tensions(text))
+
+    def recordings(now: Commissioned, bags: str | Sequence[str]) -> Commissioned:
+        listed = [bags] if isinstance(bags, str) else bags
+        with progress_text(lambda text: "samples" in text) as progress:
+            return fitted(now, [_read(now, bag, topics) for bag in listed], progress)
+
+    return [("rest", rest), ("preload", preload), ("motion", recordings), ("cells", recordings)]
+
+
+def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
+    """A bag; where no reference has a motor's effort, that on the topic of its angle is taken."""
+    recording = read_inputs(bag, topics, now.model, motor_efforts=True)
+    own = {f"{EFFORT}/{name}": one for name, one in recording.motor_efforts.items()}
+    chosen = {
+        name: one
+        for name, one in {**own, **recording.references}.items()
+        if name.startswith((EFFORT, TENSION))
+    }
+    return recorded(replace(recording, references=chosen), Path(bag).name)
+
+
+def _tensions(text: str) -> dict[str, float]:
+    """Tensions by cable.
+
+    Raises:
+        UsageError: not CABLE=N.
+    """
+    found = {}
+    for part in text.split(","):
+        name, _, given = part.partition("=")
+        try:
+            found[name.strip()] = float(given)
+        except ValueError as error:
+            raise UsageError(f"--preload must be CABLE=N,..., got {text!r}") from error
+    return found
+
+
+def _asked(name: str) -> str:
+    """The user's answer; empty to leave the step out."""
+    try:
+        return input(f"{ASKED[name]} (empty: leave it out) > ").strip()
+    except EOFError:
+        return ""
+
+
+def _show(step: Step) -> None:
+    say(f"{step.name}: {_words(step.judged)}")
+
+
+def _words(one: Judged) -> str:
+    cables = ", ".join(f"{name} {share:.1%}" for name, share in one.relative.items())
+    return f"OK {one.ok:.0%}; standard deviation over tension: {cables}"
+
+
+def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Step]) -> None:
+    text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text
+    write_text(arguments.out, moved(text, now.source, arguments.out))
+    if arguments.json:
+        rows = [
+            {"step": one.name, "ok": one.judged.ok, "relative": dict(one.judged.relative)}
+            for one in steps
+        ]
+        write_text(arguments.json, json.dumps({"steps": rows}, indent=2) + "\n")
+    if arguments.png:
+        _draw(steps, arguments.png)
+
+
+def _draw(steps: Sequence[Step], path: str) -> None:
+    """Standard deviation over tension of every cable, step by step."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((7.0, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    places = range(len(steps))
+    for name in steps[0].judged.relative:
+        shares = [100.0 * one.judged.relative[name] for one in steps]
+        axes.plot(places, shares, marker="o", label=name)
+    axes.set_yscale("log")
+    axes.set_ylabel("standard deviation over tension [%]")
+    axes.set_xticks(list(places), [f"{one.name}\nOK {one.judged.ok:.0%}" for one in steps])
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path, format="png", dpi=120)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return run_command("commission", _body, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""``commission``: what its steps bring for robots that differ from their file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from truth import robots
+
+from cdrj_ros.commands import commission
+from cdrj_ros.commands import commission_steps as steps
+from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.foundation.series import Series
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.writer import with_section
+from cdrj_ros.simulation.motion import random
+from cdrj_ros.simulation.truth import simulate
+
+PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
+RATE = 50.0
+EPOCH_NS = 1_700_000_000_000_000_000
+TRUTH = {
+    "joints.elbow.offset": np.radians(-0.8), "joints.elbow.reference_angle": np.radians(1.1),
+    "cables.upper.preload": 33.0, "friction.mu_c": 0.175,
+}  # fmt: skip
+"""Each number is off by about one of its default standard deviations."""
+
+
+def moved(seed: int) -> tuple[np.ndarray, Any, dict[str, np.ndarray]]:
+    """Stamps, truth of the rig with eight contact cells per pulley, and what the encoders read."""
+    document = load_document(PROTOTYPE)[0]
+    robot = build_robot(with_numbers(document, TRUTH), "truth")
+    time = np.arange(0.0, 25.0, 1.0 / RATE)
+    course = random(np.radians(33.0), 0.4, seed, 0.5)(time)
+    torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+    truth = simulate(robot, time, course.angle, torque, 20.0, allow_slack=True)
+    readings = {
+        "winch": truth.motor_angle[:, 0],
+        "elbow": truth.joint_angle[:, 0] - TRUTH["joints.elbow.offset"],
+    }
+    return EPOCH_NS + np.round(time * 1e9).astype(np.int64), truth, readings
+
+
+def write(path: Path, stamps: np.ndarray, readings: dict[str, np.ndarray],
+          effort: np.ndarray | None = None, cell: np.ndarray | None = None) -> str:  # fmt: skip
+    """A bag as a robot's drivers fill it."""
+    topics = Topics()
+    with BagWriter(path) as bag:
+        bag.write_joint_states(
+            topics.motors, stamps, ["winch"], readings["winch"][:, None], effort=effort
+        )
+        bag.write_joint_states(topics.joints, stamps, ["elbow"], readings["elbow"][:, None])
+        if cell is not None:
+            bag.write_tensions(topics.references[0], stamps, ["upper/8"], cell)
+    return str(path)
+
+
+def covered(model: Model, stamps: np.ndarray, motors: dict[str, np.ndarray],
+            joints: dict[str, np.ndarray], tension: np.ndarray) -> float:  # fmt: skip
+    """Share of true tensions within two standard deviations, after the first fifth."""
+    series = [{name: Series(stamps, stamps, np.ascontiguousarray(read)) for name, read in
+               axes.items()} for axes in (motors, joints)]  # fmt: skip
+    found = estimate(model, condition(model.robot, *series), spread=True)
+    assert found.stddev is not None
+    late = found.stamp_ns > stamps[len(stamps) // 5]
+    true = np.stack([np.interp(found.stamp_ns, stamps, one) for one in tension.T], axis=1)[late]
+    error = np.abs(found.values[late][:, model.layout.tension] - true)
+    return float(np.mean(error <= 2.0 * found.stddev[late][:, : true.shape[1]]))
+
+
+def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Path) -> None:
+    robot, out = tmp_path / "robot.yaml", tmp_path / "commissioned.yaml"
+    fresh = with_section(PROTOTYPE.read_text(encoding="utf-8"), "uncertainty", None)
+    robot.write_text(fresh, encoding="utf-8")
+    generator = np.random.default_rng(0)
+    stamps, truth, readings = moved(1)
+    effort = truth.motor_effort + generator.normal(0.0, 0.02, (stamps.size, 1))
+    cell = truth.tension[:, 7:8] + generator.normal(0.0, 0.1, (stamps.size, 1))
+    still = {
+        "winch": np.zeros(100),
+        "elbow": np.full(100, TRUTH["joints.elbow.reference_angle"] - TRUTH["joints.elbow.offset"]),
+    }
+    code = commission.main(
+        [
+            "--robot", str(robot), "--out", str(out), "--yes",
+            "--rest", write(tmp_path / "rest", stamps[:100], still),
+            "--preload", "upper=32.3,lower=26.8",
+            "--motion", write(tmp_path / "motion", stamps, readings, effort),
+            "--cells", write(tmp_path / "cells", stamps, readings, effort, cell),
+            "--json", str(tmp_path / "steps.json"), "--png", str(tmp_path / "steps.png"),
+        ]
+    )  # fmt: skip
+    assert code == 0
+    rows = json.loads((tmp_path / "steps.json").read_text(encoding="utf-8"))["steps"]
+    assert [row["step"] for row in rows] == ["new file", "rest", "preload", "motion", "cells"]
+    relative = [np.mean(list(row["relative"].values())) for row in rows]
+    assert np.all(np.diff(relative) < 0.01), relative
+    assert rows[0]["ok"] == 0.0
+    assert rows[-1]["ok"] > 0.85
+    assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
+    written = yaml.safe_load(out.read_text(encoding="utf-8"))
+    origin = written["identified"]["numbers"]
+    assert origin["motors.winch.reference_angle"] == "tare, rest"
+    assert origin["cables.upper.preload"] == "fit to motion, cells"
+    other, wanted, read = moved(2)
+    model = prepare(build_robot(load_document(out)[0], str(out)))
+    inside = covered(model, other, {"winch": read["winch"]}, {"elbow": read["elbow"]},
+                     wanted.tension)  # fmt: skip
+    assert inside > 0.95
+
+
+def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
+    """The truth is a solver of its own, with contact cells fixed to the bodies."""
+    scene, off = robots.skew_cylinders(18.0, 50), np.radians(1.2)
+    read = scene.joint - np.array([off, 0.0])
+    document = yaml.safe_load(scene.robot_file())
+    document.pop("uncertainty", None)
+    for joint, angles in zip(document["joints"], read.T, strict=True):
+        joint["range"] = [float(angles.min()) - 0.1, float(angles.max()) + 0.1]
+    truth, generator = scene.truth(), np.random.default_rng(0)
+    stamps = EPOCH_NS + np.round(scene.time * 1e9).astype(np.int64)
+    motors = dict(zip(scene.motors, scene.motor.T, strict=True))
+    joints = dict(zip(scene.joints, read.T, strict=True))
+    element = build_robot(document, "test").cables[0].element_names[-1]
+    noise = generator.normal(0.0, (0.02, 0.1), (stamps.size, 2)).T
+    references = {
+        f"effort/{scene.motors[0]}": (stamps, truth.motor_effort[:, 0] + noise[0]),
+        f"tension/{element}": (stamps, truth.tension[:, -1] + noise[1]),
+    }
+
+    def series(angles: dict[str, np.ndarray], rest: bool) -> dict[str, Series]:
+        return {name: Series(stamps, stamps, np.full(stamps.size, one[0]) if rest else one.copy())
+                for name, one in angles.items()}  # fmt: skip
+
+    now = steps.begin(yaml.safe_dump(document, sort_keys=False), "test")
+    before = steps.judged(now.model)
+    now = steps.tared(now, Recorded("rest", series(motors, True), series(joints, True), {}))
+    now = steps.preloaded(now, {"cable": 40.8})
+    motion = Recorded("motion", series(motors, False), series(joints, False), references)
+    now = steps.fitted(now, [motion])
+    after = steps.judged(now.model)
+    assert before.ok < 0.1
+    assert after.ok > 0.8
+    assert covered(now.model, stamps, motors, joints, truth.tension) > 0.95
+    assert now.found is not None
+    names = [unknown.name for unknown in now.found.unknowns]
+    k = names.index(f"joints.{scene.joints[0]}.offset (+1)")
+    default = np.radians(1.0)  # causes are in units of their standard deviations
+    assert now.found.values[k] == pytest.approx(off / default, abs=3.0 * now.found.stddev[k])
+
+
+def test_a_measurement_that_is_none_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None), "utf-8")
+    stamps, _, readings = moved(1)
+    moving = write(tmp_path / "moving", stamps, readings)
+    given = ["--robot", str(robot), "--out", str(tmp_path / "out.yaml"), "--yes"]
+    for option, value, words in (
+        ("--rest", moving, "not at rest"),
+        ("--preload", "upper", "CABLE=N"),
+        ("--preload", "left=30", "there is no cable 'left'"),
+    ):
+        assert commission.main([*given, option, value]) == 2
+        assert words in capsys.readouterr().err

@@ -1,0 +1,265 @@
+#!/usr/bin/env python3
+"""What the steps of ``commission`` bring, over truths with three mismatches.
+
+python tools/commission_table.py prototype --draws 20    the rig, whose joint a motor balances
+python tools/commission_table.py wrist --draws 20        four cables in space, three joints
+
+Three causes of error are drawn for every truth among the documented defaults, each with its own
+standard deviation.  The truth has eight contact cells per pulley.  It is recorded at rest, and for
+60 s with the motors' efforts (noise 20 mN m, of the wrist 2 mN m) and load cells (0.1 N); the file
+of every step is then judged on another motion.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cdrj_ros.commands import commission_steps as steps  # noqa: E402
+from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
+from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
+from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
+from cdrj_ros.foundation.errors import RobotFileError  # noqa: E402
+from cdrj_ros.foundation.series import Series  # noqa: E402
+from cdrj_ros.identification.observations import Recorded  # noqa: E402
+from cdrj_ros.model.joint import RollingLoad  # noqa: E402
+from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.robot.description import Robot  # noqa: E402
+from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
+from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
+from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range  # noqa: E402
+from cdrj_ros.robot.writer import with_section  # noqa: E402
+from cdrj_ros.simulation.assembly import Truth  # noqa: E402
+from cdrj_ros.simulation.follow import follow_joints  # noqa: E402
+from cdrj_ros.simulation.motion import random  # noqa: E402
+from cdrj_ros.simulation.truth import simulate  # noqa: E402
+
+Vector = NDArray[np.float64]
+
+MISMATCHES: Final = 3
+SECONDS: Final = 60.0
+RATE: Final = 200.0
+PULL: Final = 0.05
+"""Angle by which every motor of the wrist turns beyond what the joints ask for [rad]."""
+START_S: Final = 5.0
+"""Beginning of a judged motion, in which the friction history is unknown [s]."""
+EFFORT_NOISE: Final = {"prototype": 0.02, "wrist": 0.002}
+"""Standard deviation of the motors' efforts [N m]: some 5 % of what the preloads make of them."""
+CELL_NOISE: Final = 0.1
+SCALE_NOISE: Final = 0.03
+EPOCH_NS: Final = 1_700_000_000_000_000_000
+
+
+def file_text(name: str) -> str:
+    """A shipped robot file without statements on its accuracy."""
+    text = (ROOT / "config" / "robots" / f"{name}.yaml").read_text(encoding="utf-8")
+    return with_section(text, "uncertainty", None)
+
+
+def drawn(document: Any, seed: int) -> tuple[Any, list[str]]:
+    """A possible truth, and what differs from the file."""
+    generator = np.random.default_rng([seed, 7])
+    causes = default_tolerances(document)
+    while True:
+        truth, wrong = _draw(document, causes, generator)
+        try:
+            prepare(build_robot(truth, "truth"))
+        except RobotFileError:  # two pulleys overlap, for instance
+            continue
+        return truth, wrong
+
+
+def _draw(
+    document: Any, causes: Sequence[Tolerance], generator: np.random.Generator
+) -> tuple[Any, list[str]]:
+    chosen = generator.choice(len(causes), MISMATCHES, replace=False)
+    values: dict[str, float] = {}
+    for k in chosen.tolist():
+        size = float(generator.standard_normal())
+        for path, stddev in causes[k].factor.items():
+            change = np.array([size * stddev])
+            values[path] = float(within_range(document, path, change)[0])
+    return with_numbers(document, values), [causes[k].what for k in chosen.tolist()]
+
+
+class Moved(NamedTuple):
+    """A motion of the truth."""
+
+    stamp_ns: NDArray[np.int64]
+    truth: Truth
+    motors: dict[str, Series]
+    joints: dict[str, Series]
+
+
+def moved(robot: Robot, seed: int) -> Moved:
+    """A random motion over most of the joints' ranges, and what the encoders read."""
+    time = np.arange(0.0, SECONDS, 1.0 / RATE)
+    if len(robot.joints) == 1:
+        course = random(np.radians(33.0), 0.3, seed, 0.5)(time)
+        torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+        truth = simulate(robot, time, course.angle, torque, 20.0, allow_slack=True)
+    else:
+        joints = np.stack(
+            [
+                random(0.4 * (joint.upper - joint.lower), 0.3, seed + 100 * k, 0.5)(time).angle
+                for k, joint in enumerate(robot.joints)
+            ],
+            axis=1,
+        )
+        motors = follow_joints(prepare(robot), joints).motor_angle
+        for k in range(len(robot.motors)):  # a controller changes the tensions by some 4 N
+            motors[:, k] += random(PULL, 0.5, seed + 1000 + k, 0.5)(time).angle
+        truth = simulate(robot, time, joints, motor_angle=motors, allow_slack=True)
+    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+    return Moved(stamps, truth, *_read(robot, stamps, truth.motor_angle, truth.joint_angle))
+
+
+def _read(
+    robot: Robot, stamps: NDArray[np.int64], motors: Vector, joints: Vector
+) -> tuple[dict[str, Series], dict[str, Series]]:
+    """Readings of all encoders."""
+    found: list[dict[str, Series]] = []
+    for axes, angles in ((robot.motors, motors), (robot.joints, joints)):
+        own = {}
+        for axis, angle in zip(axes, angles.T, strict=True):
+            reading = (angle - axis.sensor.offset) / axis.sensor.scale
+            count = axis.sensor.resolution or 1e-5
+            own[axis.name] = Series(stamps, stamps, np.round(reading / count) * count)
+        found.append(own)
+    return found[0], found[1]
+
+
+def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorded, ...]:
+    """At rest in the reference pose; in motion with efforts; the same with one cell, two cells."""
+    generator = np.random.default_rng([seed, 8])
+    stamps = EPOCH_NS + np.arange(200, dtype=np.int64) * 5_000_000
+    pose = [np.full((200, len(axes)), [axis.reference_angle for axis in axes])
+            for axes in (robot.motors, robot.joints)]  # fmt: skip
+    rest = Recorded("rest", *_read(robot, stamps, *pose), {})
+    motion = moved(robot, seed)
+    at = np.ascontiguousarray(motion.stamp_ns[::2])
+    layout = prepare(robot).layout
+    efforts = {
+        f"effort/{name}": (
+            at,
+            column[::2] + generator.normal(0.0, EFFORT_NOISE[robot.name], at.size),
+        )
+        for name, column in zip(layout.motors, motion.truth.motor_effort.T, strict=True)
+    }
+    found = [rest, Recorded("motion", motion.motors, motion.joints, efforts)]
+    references = dict(efforts)
+    for k, cell in enumerate(cells):
+        column = motion.truth.tension[::2, layout.elements.index(cell)]
+        noise = generator.normal(0.0, CELL_NOISE, at.size)
+        references = {**references, f"tension/{cell}": (at, column + noise)}
+        name = f"{k + 1} cells"
+        found.append(Recorded(name, motion.motors, motion.joints, references))
+    return tuple(found)
+
+
+class Figures(NamedTuple):
+    """How a file does on another motion."""
+
+    ok: float
+    covered: float
+    relative: float
+    """Median of standard deviation over tension."""
+    false2: float
+    """Share of the tensions with status OK that are off by more than two standard deviations."""
+    false5: float
+    error: float
+
+
+def compared(model: Model, motion: Moved) -> Figures:
+    """Estimates of another motion beside the truth."""
+    found: Estimates = estimate(
+        model, condition(model.robot, motion.motors, motion.joints), spread=True
+    )
+    late = found.stamp_ns >= motion.stamp_ns[0] + round(START_S * 1e9)
+    true = np.stack([np.interp(found.stamp_ns, motion.stamp_ns, column)
+                     for column in motion.truth.tension.T], axis=1)[late]  # fmt: skip
+    assert found.stddev is not None
+    elements = true.shape[1]
+    values, stddev = found.values[late], found.stddev[late][:, :elements]
+    error = np.abs(values[:, model.layout.tension] - true)
+    ok = values[:, elements : 2 * elements] == 0.0
+    off = error / np.maximum(stddev, 1e-12)
+    return Figures(
+        float(ok.mean()), float(np.mean(off <= 2.0)),
+        float(np.median(stddev / np.maximum(true, 1e-6))),
+        float(np.mean(ok & (off > 2.0))), float(np.mean(ok & (off > 5.0))),
+        float(np.mean(error / np.maximum(true, 1.0))),
+    )  # fmt: skip
+
+
+def course(name: str, seed: int, verbose: bool) -> Iterator[tuple[str, Figures]]:
+    """The steps for one truth."""
+    text = file_text(name)
+    document: Any = load_document(ROOT / "config" / "robots" / f"{name}.yaml")[0]
+    document = {key: value for key, value in document.items() if key != "uncertainty"}
+    truth, wrong = drawn(document, seed)
+    robot = build_robot(truth, "truth")
+    layout = prepare(robot).layout
+    ends = [cable.element_names[-1] for cable in robot.cables]
+    rest, motion, *with_cells = recordings(robot, seed, tuple(ends[:2]))
+    other = moved(robot, seed + 50_000)
+    generator = np.random.default_rng([seed, 9])
+    preloads = {
+        cable.name: cable.preload * (1.0 + SCALE_NOISE * float(generator.standard_normal()))
+        for cable in robot.cables
+    }
+    assert layout.elements
+    print(f"  {seed}: {', '.join(wrong)}", flush=True)
+    source = str(ROOT / "config" / "robots" / f"{name}.yaml")
+    now = steps.begin(text, source)
+    yield "fresh", compared(now.model, other)
+    now = steps.preloaded(steps.tared(now, rest), preloads)
+    yield "tare, preloads", compared(now.model, other)
+    for what, recorded in (("+ efforts", motion), ("+ one cell", with_cells[0]),
+                           ("+ two cells", with_cells[1])):  # fmt: skip
+        begin = perf_counter()
+        after = steps.fitted(now, [recorded], print if verbose else None)
+        if verbose:
+            print(f"    {what}: {perf_counter() - begin:.0f} s; {after.found.drums}")
+        yield what, compared(after.model, other)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("robot", choices=("prototype", "wrist"))
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
+    parser.add_argument("--verbose", action="store_true")
+    arguments = parser.parse_args()
+    rows: dict[str, list[Figures]] = {}
+    for seed in range(arguments.first, arguments.first + arguments.draws):
+        for what, figures in course(arguments.robot, seed, arguments.verbose):
+            rows.setdefault(what, []).append(figures)
+            print(f"    {what}: " + ", ".join(f"{k} {v:.1%}" for k, v in
+                                              figures._asdict().items()), flush=True)  # fmt: skip
+    print("| after | OK | within 2σ (worst) | σ/T | OK and beyond 2σ (worst) | beyond 5σ | error |")
+    print("|---|---|---|---|---|---|---|")
+    for what, found in rows.items():
+        mean, worst = Figures(*np.mean(found, axis=0)), Figures(*np.max(found, axis=0))
+        least = min(one.covered for one in found)
+        print(
+            f"| {what} | {mean.ok:.0%} | {mean.covered:.0%} ({least:.0%}) | {mean.relative:.1%} "
+            f"| {mean.false2:.1%} ({worst.false2:.1%}) | {mean.false5:.2%} | {mean.error:.1%} |"
+        )
+
+
+if __name__ == "__main__":
+    main()
