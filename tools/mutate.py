@@ -40,6 +40,9 @@ SOURCES = {
 }
 """Beginnings of the files that are mutated, and their tests, likely killers first."""
 
+BUILD = ("setup.py", "-q", "build_ext", "--inplace")
+PATIENCE_S = 900.0
+
 OPERATORS = {
     "+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "+=": ["-="], "-=": ["+="], "*=": ["/="],
     "<": ["<=", ">="], "<=": ["<", ">"], ">": [">=", "<="], ">=": [">", "<"],
@@ -131,21 +134,27 @@ def copy_tree(to: Path) -> None:
         shutil.copy2(ROOT / name, to / name, follow_symlinks=False)
 
 
-def run(tree: Path, *command: str, seconds: float = 900.0) -> str:
-    """Run Python in the copy; return "" on success, or else how it ended."""
+def run(tree: Path, *command: str) -> tuple[int, str]:
+    """Run Python in the copy; return exit code and output."""
     paths = f"{tree}:{os.environ.get('PYTHONPATH', '')}"
     env = os.environ | {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+    ended = subprocess.run(
+        [sys.executable, *command], cwd=tree, env=env, timeout=PATIENCE_S, check=False,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    return ended.returncode, ended.stdout.decode()
+
+
+def killer(tree: Path, tests: str) -> str:
+    """The first test that fails, or how the tests end otherwise; "" if they pass."""
     try:
-        ended = subprocess.run(
-            [sys.executable, *command], cwd=tree, env=env, timeout=seconds, check=False,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+        code, output = run(tree, "-m", "pytest", "-qx", "-p", "no:cacheprovider", *tests.split())
     except subprocess.TimeoutExpired:
-        return f"no end within {seconds:g} s"
-    if ended.returncode == 0:
-        return ""
-    failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", ended.stdout.decode(), re.MULTILINE)
-    return failed[0] if failed else f"exit code {ended.returncode}"
+        return f"no end within {PATIENCE_S:g} s"
+    failed = re.findall(r"^(?:FAILED|ERROR) (\S+)", output, re.MULTILINE)
+    if code > 0 and not failed:
+        sys.exit(f"the tests cannot be run:\n{output[-2000:]}")
+    return failed[0] if failed else "" if code == 0 else f"ended by signal {-code}"
 
 
 def test(tree: Path, mutant: Mutant) -> str | None:
@@ -158,10 +167,9 @@ def test(tree: Path, mutant: Mutant) -> str | None:
     tests = next(tests for begin, tests in SOURCES.items() if re.match(begin, mutant.file))
     try:
         path.write_text("\n".join(lines), encoding="utf-8")
-        if path.suffix != ".py" and run(tree, "setup.py", "-q", "build_ext", "--inplace"):
+        if path.suffix != ".py" and run(tree, *BUILD)[0]:
             return None
-        pytest = ("-m", "pytest", "-qx", "-p", "no:cacheprovider")
-        return next(filter(None, (run(tree, *pytest, *some.split()) for some in tests)), "")
+        return next(filter(None, (killer(tree, some) for some in tests)), "")
     finally:
         path.write_text(source, encoding="utf-8")
 
@@ -178,19 +186,19 @@ def main() -> None:
     shutil.rmtree(args.folder, ignore_errors=True)
     tree = args.folder / "cdrj_ros"
     copy_tree(tree)
-    if fault := run(tree, "setup.py", "-q", "build_ext", "--inplace"):
-        sys.exit(f"the sources cannot be built: {fault}")
+    if run(tree, *BUILD)[0]:
+        sys.exit("the sources cannot be built")
     results = []
     for mutant in chosen(tree, args.seed, args.only):
         if len(results) == args.count:
             break
-        if (killer := test(tree, mutant)) is None:
+        if (found := test(tree, mutant)) is None:
             continue
-        results.append({**mutant._asdict(), "killer": killer})
+        results.append({**mutant._asdict(), "killer": found})
         killed = sum(bool(one["killer"]) for one in results)
         where = f"{mutant.file}:{mutant.line + 1}:{mutant.column + 1}"
         print(f"{killed}/{len(results)} {where} {mutant.old!r} -> {mutant.new!r}: ", end="")
-        print(killer or f"SURVIVES {mutant.text.strip()}", flush=True)
+        print(found or f"SURVIVES {mutant.text.strip()}", flush=True)
         (args.folder / "results.json").write_text(json.dumps(results, indent=1))
     print(f"{killed / len(results):.0%} of {len(results)} mutants killed")
 

@@ -11,7 +11,7 @@ from cdrj_ros.estimation.conditioner import MODES, Mode
 from cdrj_ros.evaluation.answers import Answers, Floats, Tally, channels_of
 from cdrj_ros.evaluation.channels import FORCE_VECTOR, BagComparison
 from cdrj_ros.evaluation.inputs import counters_of
-from cdrj_ros.evaluation.validation import ByChannel, compare_with_references
+from cdrj_ros.evaluation.validation import compare_with_references
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Recording
@@ -186,12 +186,7 @@ class Outcome:
         values = dict(zip(names, answers.value.T, strict=True))
         for k, name in enumerate(layout.pulleys):
             values[f"{FORCE_VECTOR}/{name}"] = answers.force[:, :, k]
-        estimates = ByChannel(
-            answers.stamp_ns.size,
-            values,
-            {name: answers.stddev[:, k] for k, name in enumerate(names) if known[k]},
-        )
+        stddev = {name: answers.stddev[:, k] for k, name in enumerate(names) if known[k]}
         return compare_with_references(
-            self.model, path, recording, answers.conditioned, answers.stamp_ns, estimates, facts,
-            self.notes(),
-        )  # fmt: skip
+            self.model, path, recording, answers.conditioned, values, stddev, facts, self.notes()
+        )

@@ -61,17 +61,6 @@ PRELOAD_DIFFERS: Final = 0.1
 """Relative difference of all mean tensions of a cable beyond which its preload is questioned."""
 
 
-class ByChannel(NamedTuple):
-    """Consecutive estimates by channel name."""
-
-    n: int
-    """Number of estimates."""
-    estimates: Mapping[str, Floats]
-    """Estimated values [unit of the channel], shape (n,) each, of vectors (n, 3)."""
-    stddev: Mapping[str, Floats]
-    """Standard deviations where they are known [unit of the channel], shape (n,) each."""
-
-
 class Sensors(NamedTuple):
     """Readings of the sensors that the health monitor compares with the robot file."""
 
@@ -142,8 +131,7 @@ class Validation:
             if piece.angles is not None:
                 found.append(piece.angles)
             self._friction.add(piece.values)
-            named = _named(piece)
-            comparing.add(named.estimates, named.stddev, named.n)
+            comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size
             if self._health:
                 self._health.follow(segment.part(slice(done, end)), piece.stddev)
@@ -186,14 +174,15 @@ def validate_recording(
     return validation.result()
 
 
-def _named(piece: Estimates) -> ByChannel:
+def _by_channel(piece: Estimates) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Estimates and standard deviations by channel name."""
     estimates = estimate_channels(piece.layout, piece.values)
     stddev = stddev_channels(piece.layout, piece.stddev)
     if piece.angles is not None:
         for k, name in enumerate(piece.angles.names):
             estimates[f"{ANGLE}/{name}"] = piece.angles.value[:, k]
             stddev[f"{ANGLE}/{name}"] = piece.angles.stddev[:, k]
-    return ByChannel(piece.stamp_ns.size, estimates, stddev)
+    return estimates, stddev
 
 
 def _jump_notes(conditioned: Conditioned) -> list[str]:
@@ -208,10 +197,10 @@ def compare_with_references(
     path: str,
     recording: Recording,
     conditioned: Conditioned,
-    stamps: NDArray[np.int64],
-    estimates: ByChannel,
-    facts: Mapping[str, str] | None = None,
-    notes: tuple[str, ...] = (),
+    estimates: Mapping[str, Floats],
+    stddev: Mapping[str, Floats],
+    facts: Mapping[str, str],
+    notes: tuple[str, ...],
 ) -> BagComparison:
     """Compare estimates of one pass, from any source, with the recorded references.
 
@@ -219,9 +208,9 @@ def compare_with_references(
         model: the prepared robot.
         path: the recording, as the user named it.
         recording: the recorded series.
-        conditioned: counters and the samples; exactly one segment.
-        stamps: of the estimates [ns], strictly increasing, shape (n,).
-        estimates: n estimates by channel name.
+        conditioned: counters and the samples, at whose stamps the estimates are; one segment.
+        estimates: by channel name [unit of the channel], shape (n,) each, of vectors (n, 3).
+        stddev: standard deviations where they are known, by channel name, shape (n,) each.
         facts: further facts for the reader, by label.
         notes: remarks for the reader.
 
@@ -231,15 +220,14 @@ def compare_with_references(
     recording = in_frames_of(model.robot, recording)
     references = references_in(path, recording, conditioned, WHOLE)
     (segment,) = conditioned.segments
-    names = list(estimates.estimates)
-    comparing = _comparing(stamps, names, references)
-    comparing.add(estimates.estimates, estimates.stddev, estimates.n)
+    comparing = _comparing(segment.stamp_ns, list(estimates), references)
+    comparing.add(estimates, stddev, segment.stamp_ns.size)
     compared = _channels(model, segment, comparing)
     return summed_up(
         path,
         duration_s(recording, WHOLE),
         compared,
-        unknown_references(names, references),
+        unknown_references(estimates, references),
         counters_of(recording, conditioned),
         (*recording.notes, *notes, *_preload_notes(model, compared)),
         facts,

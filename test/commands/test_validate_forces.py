@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.turned_forces import ROBOT, Arrays, turned_bag
+from support.turned_forces import ROBOT, turned_bag
 
 from cdrj_ros.commands import validate
 
@@ -84,30 +84,6 @@ def test_limits_hold_for_vectors_and_directions(
         assert "7.5°" in capsys.readouterr().out
 
 
-def _without_components(arrays: Arrays) -> Arrays:
-    return {"magnitude": arrays["magnitude"]}
-
-
-def _with_zeros(arrays: Arrays) -> Arrays:
-    return {
-        **{name: np.zeros_like(values) for name, values in arrays.items()},
-        "magnitude": arrays["magnitude"],
-    }
-
-
-@pytest.mark.parametrize("spoil", [_without_components, _with_zeros])
-def test_a_reference_with_only_magnitudes_has_no_vector_figures(
-    spoil: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, spoil))
-    assert code == 0
-    magnitudes, vectors = split(figures)
-    assert len(magnitudes) == 14
-    assert not vectors
-    assert figures["bags"][0]["notes"] == []
-    assert "direction" not in capsys.readouterr().out
-
-
 def test_forces_in_a_named_frame_are_compared_only_with_a_robot_that_has_positions(
     tmp_path: Path,
 ) -> None:
@@ -126,24 +102,5 @@ def test_forces_in_a_named_frame_are_compared_only_with_a_robot_that_has_positio
     _, vectors = split(figures)
     assert figures["bags"][0]["notes"] == []
     assert vectors
-    for one in vectors.values():
-        assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
-
-
-def test_a_component_that_is_not_a_number_is_counted_and_only_its_force_is_left_out(
-    tmp_path: Path,
-) -> None:
-    def spoil(arrays: Arrays) -> Arrays:
-        arrays["force_y"][100, 3] = np.nan
-        return arrays
-
-    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, spoil))
-    assert code == 0
-    magnitudes, vectors = split(figures)
-    assert figures["bags"][0]["counters"]["reference_not_finite"] == 1
-    counts = [one["n"] for one in vectors.values()]
-    whole = next(iter(magnitudes.values()))["n"]
-    assert sorted(counts) == [whole - 1, *[whole] * 13]
-    assert {one["n"] for one in magnitudes.values()} == {whole}
     for one in vectors.values():
         assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)

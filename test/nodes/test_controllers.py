@@ -136,7 +136,7 @@ def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[
     """What the collision stop hears: a wished speed, the joint at rest, and its effort [N m]."""
     from sensor_msgs.msg import JointState
 
-    held = float(bench.controller.observer.numbers[3:5].sum())  # weight at an angle of 0
+    held = bench.controller.observer.required(0.0)  # against the weight
     spread = JointState(name=["elbow"], effort=[] if stddev is None else [stddev])
     return [
         lambda: bench.wish(1.0),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording
@@ -17,17 +15,10 @@ ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
 SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
 
-Arrays = dict[str, NDArray[np.float64]]
-
-
-def _unchanged(arrays: Arrays) -> Arrays:
-    return arrays
-
 
 def turned_bag(
     folder: Path,
     degrees: float,
-    spoil: Callable[[Arrays], Arrays] = _unchanged,
     *,
     seconds: float = 2.0,
     robot: Path = ROBOT,
@@ -38,8 +29,6 @@ def turned_bag(
     Args:
         folder: where the bag is written.
         degrees: counterclockwise angle from the estimated to the recorded force [°].
-        spoil: changes the arrays ``force_x``, ``force_y``, ``force_z`` and ``magnitude``,
-            shape (n, pulleys), before they are written.
         seconds: length of the bag [s].
         robot: robot file of the estimates.
         frame_id: of the messages with the forces.
@@ -75,6 +64,6 @@ def turned_bag(
             estimates.stamp_ns,
             layout.pulleys,
             frame_id=frame_id,
-            **spoil(arrays),
+            **arrays,
         )
     return folder / "turned"
