@@ -298,7 +298,7 @@ def write_recording(
         model: the robot that was simulated, from ``load``, or what ``load`` takes.
         truth: from ``simulate``.
         rig: rig file that describes the sensors, or the name of an installed one such as
-            ``"noisy"``, see docs/rig.md; empty: sensors that only quantise.
+            ``"noisy"``, see docs/simulation.md; empty: sensors that only quantise.
         seed: of all random numbers.
 
     Raises:

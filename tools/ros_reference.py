@@ -38,7 +38,7 @@ NOTES = {
     "with `use_sim_time` the input `/clock`. The QoS of every topic can be overridden by "
     "parameters `qos_overrides.<topic>.<publisher or subscription>.<policy>`. With `--managed`, "
     "parameters that do not change while running may change while unconfigured.",
-    "rig": "Described in [Simulated robot](rig_node.md).",
+    "rig": "Described in [Simulated robot](simulation.md#the-robot-as-a-node).",
     "replay": "Options are on its command line: "
     "[Replay](recordings.md#replay-through-the-running-node).",
     "watch": "Options are on its command line: [Live table](view.md#terminal).",

@@ -104,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--health", choices=HEALTH, default="auto",
         help="let the health monitor compare motor efforts and load cells with the robot file "
-        "(docs/health.md); auto: those that the node would hear; references: also recorded "
+        "(docs/reliability.md); auto: those that the node would hear; references: also recorded "
         "references (default %(default)s)",
     )  # fmt: skip
     parser.add_argument(

@@ -1,7 +1,7 @@
 """Changes of a robot that measured efforts and tensions can show, each as a changed model.
 
 The difference of the changed model's readings from the file's is the signature of the change.  See
-docs/health.md.
+docs/reliability.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The residuals of a cycle, as means over its parts, are explained by as few signatures as possible:
 a change is added while it lowers the weighted sum of squares by more than chance does.  See
-docs/health.md.
+docs/reliability.md.
 """
 
 from __future__ import annotations

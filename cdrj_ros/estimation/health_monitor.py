@@ -2,7 +2,7 @@
 
 It runs the robot file and one changed robot per possible change beside the estimator, at 20 Hz and
 one model per sample, and compares their readings with the measured ones cycle by cycle.  Nothing
-in it depends on ROS, and it changes no estimate.  See docs/health.md.
+in it depends on ROS, and it changes no estimate.  See docs/reliability.md.
 """
 
 from __future__ import annotations

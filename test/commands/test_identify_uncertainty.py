@@ -72,7 +72,7 @@ def test_numbers_that_deviate_together_are_taken_whole_or_not_at_all() -> None:
     causes = (many, {"cables.a.preload": 2.0})
     others = nuisance_correlation(causes, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
     assert len(written(others, {})["parameters"]) == COVARIANCE_LIMIT
-    more = ({**many, "cables.a.nodes.99.radius": 1e-4}, causes[1])
+    more = ({**many, "cables.a.nodes.999.radius": 1e-4}, causes[1])
     others = nuisance_correlation(more, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
     assert written(others, {})["parameters"][3:] == ["cables.a.preload"]
 

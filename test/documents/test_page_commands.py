@@ -31,7 +31,7 @@ def lines(page: str, command: str) -> list[str]:
     return [line for line in text.splitlines() if line.startswith(f"{command} ")]
 
 
-@pytest.mark.parametrize("line", lines("rig.md", "simulate"))
+@pytest.mark.parametrize("line", lines("simulation.md", "simulate"))
 def test_simulations_of_the_page_on_the_rig_run(line: str, tmp_path: Path) -> None:
     words = shlex.split(re.sub(r"@\d+:", "@2:", line), comments=True)[1:]
     assert words[0] == "OUT"
@@ -125,5 +125,5 @@ def test_a_joint_without_encoder_is_made_as_the_page_shows(
 def test_the_pages_have_such_lines() -> None:
     assert len(lines("identification.md", "identify")) > 1
     assert len(lines("recordings.md", "validate")) > 2
-    assert len(lines("rig.md", "simulate")) > 3
+    assert len(lines("simulation.md", "simulate")) > 3
     assert lines("uncertainty.md", "check_robot")

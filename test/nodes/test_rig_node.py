@@ -17,7 +17,7 @@ import pytest
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.status import SLACK
 
-PAGE = Path(__file__).parents[2] / "docs" / "rig_node.md"
+PAGE = Path(__file__).parents[2] / "docs" / "simulation.md"
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0
 

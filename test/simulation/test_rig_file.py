@@ -121,7 +121,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_page_lists_every_key() -> None:
-    page = (ROOT / "docs" / "rig.md").read_text()
+    page = (ROOT / "docs" / "simulation.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", page, re.MULTILINE)
     listed = {section: set(re.findall(r"`(\w+)`", keys)) for section, keys in rows}
 
