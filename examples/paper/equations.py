@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.identification.propagation import (
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Recording, read_recording
+from examples.paper.propagation import (
     KnownTension,
     Path,
     identify_rho,
     path_of,
     propagate,
 )
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import Recording, read_recording
 from examples.paper.stiffness import Stiffness, nominal_stiffness, stiffness_matrix
 
 Vector = NDArray[np.float64]

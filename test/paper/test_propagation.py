@@ -13,16 +13,16 @@ import pytest
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.propagation import (
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
+from examples.paper.propagation import (
     KnownTension,
     Path,
     PropagatedTensions,
     path_of,
     propagate,
 )
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000

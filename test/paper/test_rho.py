@@ -12,15 +12,6 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.propagation import (
-    KnownTension,
-    Path,
-    RhoEstimate,
-    identify_rho,
-    path_of,
-    propagate,
-    with_rho,
-)
 from cdrj_ros.model.friction import Stribeck, blended_loss
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
@@ -33,6 +24,15 @@ from cdrj_ros.simulation.sensors import (
     reading_times,
 )
 from cdrj_ros.simulation.truth import simulate
+from examples.paper.propagation import (
+    KnownTension,
+    Path,
+    RhoEstimate,
+    identify_rho,
+    path_of,
+    propagate,
+    with_rho,
+)
 
 PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
