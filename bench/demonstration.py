@@ -48,4 +48,4 @@ def measure() -> list[Row]:
         "ten million additions in Python, before and after": speed,
     }
     first, *others = (Row("demo", what, "s", Spread.of(times)) for what, times in rows.items())
-    return [replace(first, aim="≤ 45"), *others]
+    return [replace(first, aim="≤ 30"), *others]

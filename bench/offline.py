@@ -177,7 +177,7 @@ def _measure(path: Path, figures: Path) -> list[Row]:
         ),
         compared(
             "offline", "validate as a command, from its start", "s", process,
-            "rosbags: deserialising alone", decoded, "≤ 0.6",
+            "rosbags: deserialising alone", decoded, "≤ 0.3",
         ),
         compared(
             "offline", "reading and decoding alone", "s", reading,

@@ -32,8 +32,8 @@ LIMITS = {
     ),
     "memory of the estimator: more": "the modules of the package and what they import",
     "make demo from": (
-        "the core takes some 30 s to compile on two processors; two thirds of the time of the "
-        "messages go to their generation in Python, and half of that of the demonstration, 90 000 "
+        "nine files that bind the core to Python take most of the compiler's time; two thirds of "
+        "the time of the messages go to their generation in Python, and half of that of the demonstration, 90 000 "
         "messages to another process and the answers, to rclpy and the middleware below"
     ),
     "make test, whole": (

@@ -80,7 +80,7 @@ def measure() -> list[Row]:
         ),
         Row(
             "start", "start of the estimator: more than the bare node", "s",
-            Spread.of(later), aim="≤ 0.4",
+            Spread.of(later), aim="≤ 0.2",
         ),
         compared(
             "start", "memory of the estimator", "MB", [one.memory_mb for one in ours],
@@ -88,6 +88,6 @@ def measure() -> list[Row]:
         ),
         Row(
             "start", "memory of the estimator: more than the bare node", "MB",
-            Spread.of(larger), aim="≤ 120",
+            Spread.of(larger), aim="≤ 45",
         ),
     ]  # fmt: skip

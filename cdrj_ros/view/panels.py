@@ -222,7 +222,6 @@ class Controls:
         self._on_change = on_change
         self._ranges = {limits.name: limits for limits in ranges}
         self._touched = dict.fromkeys(self._ranges, -HELD_S)
-        self._setting = False
         self._buttons = []
         for label, (hint, press) in buttons.items():
             button = gui.add_button(label, hint=hint)
