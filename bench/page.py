@@ -33,8 +33,9 @@ LIMITS = {
     "memory of the estimator: more": "the modules of the package and what they import",
     "make demo from": (
         "nine files that bind the core to Python take most of the compiler's time; two thirds of "
-        "the time of the messages go to their generation in Python, and half of that of the demonstration, 90 000 "
-        "messages to another process and the answers, to rclpy and the middleware below"
+        "the time of the messages go to their generation in Python, and half of that of the "
+        "demonstration, 90 000 messages to another process and the answers, to rclpy and the "
+        "middleware below"
     ),
     "make test, whole": (
         "4800 tests that take 500 to 600 s of processor time on a machine that adds ten million "
