@@ -158,7 +158,10 @@ def _files(root: Any) -> Iterator[tuple[bool, str]]:
 
 def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> dict[str, Any]:
     """What ``read_mjcf`` returns, or its error, as plain values."""
-    mujoco = load_mujoco()
+    try:
+        mujoco = load_mujoco()
+    except UsageError as error:
+        return {"error": str(error)}
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         model = mujoco.MjModel.from_xml_path(path)

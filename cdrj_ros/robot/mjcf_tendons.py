@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import pi
+from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
@@ -188,7 +189,7 @@ class _Import:
                 + "".join(f"; {remark}" for remark in self._remarks)
             )
         document = {
-            "name": self._name(self._title),
+            "name": self._name(Path(self._title).stem),
             "motors": motors,
             "joints": [self._joint(j) for j in self._joints],
             "frames": self._frames,

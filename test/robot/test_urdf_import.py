@@ -124,3 +124,14 @@ def test_a_urdf_that_cannot_be_read_is_one_clear_line(
     assert message in said
     assert said.count("\n") == 1
     assert not (tmp_path / "arm.yaml").exists()
+
+
+def test_mjcf_without_mujoco_is_answered_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mujoco.py").write_text("raise ImportError('no such package')")
+    (tmp_path / "arm.xml").write_text("<mujoco/>")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    given = [str(tmp_path / "arm.xml"), "--out", str(tmp_path / "arm.yaml")]
+    assert import_robot.main(given) == 2
+    assert "pip install mujoco" in capsys.readouterr().err
