@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
 import signal
@@ -18,7 +17,6 @@ from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.reader import load_robot
 from examples.paper import __main__ as paper
 from examples.paper import equations
-from examples.paper.runs import Motion
 
 ROOT = Path(__file__).parents[2]
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -58,19 +56,6 @@ def test_the_command_writes_every_figure_and_the_tables(
     assert numbers["motion"]["cycles"] == 1
 
 
-def test_the_quick_look_takes_a_small_part_of_the_whole_work() -> None:
-    """Work is counted in samples of contact cells, which take nearly all of the time."""
-
-    def work_of(motion: Motion, cells: int) -> tuple[int, int]:
-        steps = motion.path()[0].size
-        return steps * cells, steps
-
-    rig, estimates = work_of(*paper.QUICK)
-    whole_rig, whole_estimates = work_of(*paper.WHOLE)
-    assert rig < whole_rig / 20
-    assert estimates < whole_estimates / 5
-
-
 @pytest.mark.parametrize("name", ["tables.md", "figures.json", "fig09_rho.png"])
 def test_earlier_results_are_replaced_only_with_force(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
@@ -104,15 +89,6 @@ def test_a_file_in_the_place_of_the_folder_is_refused_before_anything_runs(
     _one_line(capsys, "cannot be created")
 
 
-def test_help_names_the_outputs(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        paper.main(["--help"])
-    assert left.value.code == 0
-    text = capsys.readouterr().out
-    assert "figures.json" in text
-    assert "--quick" in text
-
-
 def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]) -> None:
     with np.printoptions():
         equations.main()
@@ -132,14 +108,6 @@ def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]
     cable = load_robot(ROOT / "config" / "robots" / "prototype.yaml").cables[0]
     (true,) = {node.friction.rho for node in cable.nodes if isinstance(node, Pulley)}
     assert abs(float(found) - true) < 0.01
-
-
-def test_only_public_names_of_the_package_are_used() -> None:
-    for path in (ROOT / "examples" / "paper").glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cdrj_ros"):
-                names = [*(node.module or "").split("."), *(alias.name for alias in node.names)]
-                assert not [name for name in names if name.startswith("_")], path
 
 
 def test_an_interrupt_does_not_wait_for_the_rig(tmp_path: Path) -> None:

@@ -9,10 +9,8 @@ from pathlib import Path as File
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.friction import Stribeck, blended_loss
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import load_robot
@@ -115,44 +113,6 @@ def test_the_rho_of_the_source_are_recovered(case: Case, cable: str) -> None:
     assert found.residual == pytest.approx(found.samples * found.rms**2)
 
 
-def printed_procedure(rig: Recording, cable: int) -> float:
-    """(44) with (24) at every moving sample: all pulleys slip as the joint moves."""
-    pulleys = rig.model.robot.cables[cable].pulleys
-    elements, nodes = slice(8 * cable, 8 * cable + 8), slice(7 * cable, 7 * cable + 7)
-    seconds = rig.path.stamp_ns * 1e-9
-    length = rig.path.course.length[:, elements].sum(axis=1)
-    smooth = np.convolve(np.pad(length, 5, mode="edge"), np.ones(11) / 11, "valid")
-    speed = np.gradient(smooth, seconds)
-    moving = seconds > 1.0
-    wrap = rig.path.course.wrap[moving, nodes]
-    static_share = np.exp(-((speed[moving] / 0.05) ** 2))
-    known, force = rig.tension[moving, 8 * cable + 7], rig.nodal_force[moving, 7 * cable + 1]
-
-    def residual(rho: float) -> float:
-        tension = [known]
-        for k in range(6, 0, -1):  # from element 8 to element 2
-            f, ratio = pulleys[k].friction, 0.01 * pulleys[k].bearing_diameter / pulleys[k].radius
-            pairs = np.array(
-                [blended_loss(rho, f.mu_c, f.mu_s, b, ratio, Stribeck.printed) for b in wrap[:, k]]
-            )
-            eta = 1.0 - pairs[:, 0] - pairs[:, 1] * static_share
-            tension.append(tension[-1] * np.where(speed[moving] > 0.0, eta, 1.0 / eta))
-        before, after = tension[-1], tension[-2]
-        found = np.sqrt(before**2 + after**2 - 2.0 * before * after * np.cos(wrap[:, 1]))
-        return float(np.sum((found - force) ** 2))
-
-    return float(minimize_scalar(residual, bounds=(0.0, 1.0), method="bounded").x)
-
-
-@pytest.mark.parametrize("case", [FIRST, SECOND], ids=["first", "second"])
-@pytest.mark.parametrize("cable", [0, 1], ids=["upper", "lower"])
-def test_the_printed_procedure_underestimates_rho_where_pulleys_stick(
-    case: Case, cable: int
-) -> None:
-    found = printed_procedure(recording(case), cable)
-    assert 0.4 < found / case[1][cable] < 0.75
-
-
 def test_without_noise_rho_comes_back_exactly_from_forces_made_with_it() -> None:
     rig = recording(SECOND)
     known = KnownTension("lower/8", rig.tension[:, 15], 0.02)
@@ -161,12 +121,6 @@ def test_without_noise_rho_comes_back_exactly_from_forces_made_with_it() -> None
     found = identify_rho(rig.model, rig.path, known, "lower/3", force)
     assert found.rho == pytest.approx(0.234, abs=1e-4)
     assert found.rms < 1e-3
-
-
-def test_other_nodes_and_elements_serve_as_well() -> None:
-    found = identified(SECOND, "upper", node=4, element=2)
-    assert found.rho == pytest.approx(0.11, abs=0.01)
-    assert found.samples > 200
 
 
 def test_a_missing_force_is_left_out() -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.reader import load_robot
 from examples.paper import figures
 from examples.paper import study as study_module
-from examples.paper.runs import CABLES, COMMON_RHO, Motion, move_freely
+from examples.paper.runs import CABLES, Motion, move_freely
 from examples.paper.study import (
     CHOICES,
     CORRECTED,
@@ -22,14 +21,13 @@ from examples.paper.study import (
     Result,
     Study,
     change_of,
-    differences,
     errors_of,
     features,
     first_cycle,
     forward_change,
     work,
 )
-from examples.paper.tables import REASONS, errors, markdown, tables
+from examples.paper.tables import REASONS, errors
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
@@ -70,17 +68,6 @@ def test_forces_draw_an_m_in_the_upper_cable_and_a_w_in_the_lower(study: Study, 
         assert seen_by(result, NODE_3.format("lower"))["humps"] == 2
 
 
-def test_element_8_bulges_in_the_same_direction_but_less(study: Study) -> None:
-    for result in study.results:
-        for cable, sign in zip(CABLES, (1.0, -1.0), strict=True):
-            last = of_rig(result, LAST.format(cable))
-            node = of_rig(result, NODE_3.format(cable))
-            for stroke in ("bulge_down", "bulge_up"):
-                assert 0.2 < sign * last[stroke] < sign * node[stroke]
-    # the M itself stands out at the first preloads
-    assert of_rig(study.results[0], LAST.format("upper"))["humps"] == 2
-
-
 def test_loops_run_in_the_direction_that_friction_implies(study: Study) -> None:
     for result in study.results:
         for pattern in (WINCH, NODE_3):
@@ -103,62 +90,6 @@ def test_hysteresis_shrinks_from_winch_to_anchor(study: Study) -> None:
         assert of_rig(result, LAST.format("upper"))["relative_hysteresis"] < 0.05
 
 
-def test_the_higher_preload_has_the_smaller_relative_hysteresis(study: Study) -> None:
-    low, high = study.results
-    for cable in CABLES:
-        for pattern in (WINCH, NODE_3):
-            name = pattern.format(cable)
-            before, after = (of_rig(r, name)["relative_hysteresis"] for r in (low, high))
-            assert after < 0.9 * before
-    # element 8: clearly smaller in the lower cable only; nearly unchanged in the upper
-    lower, upper = LAST.format("lower"), LAST.format("upper")
-    assert (
-        of_rig(high, lower)["relative_hysteresis"] < 0.5 * of_rig(low, lower)["relative_hysteresis"]
-    )
-    assert of_rig(high, upper)["relative_hysteresis"] == pytest.approx(
-        of_rig(low, upper)["relative_hysteresis"], rel=0.2
-    )
-
-
-def test_the_winch_needs_a_larger_difference_upwards_than_downwards(study: Study) -> None:
-    for run in study.free.values():
-        up, down = differences(run.angle, run.tension["upper/1"], run.tension["lower/1"])
-        assert up > abs(down)
-    for result in study.results:
-        upper, lower = (first_cycle(result, result.used(WINCH.format(c))) for c in CABLES)
-        up, down = differences(upper.angle, upper.reference, lower.reference)
-        assert up > 3.0 * abs(down)
-
-
-def test_sliding_loses_more_than_bearings_and_costs_both_cables_tension(study: Study) -> None:
-    bearings, blend, sliding = (study.free[rho] for rho in (0.0, 0.2, 1.0))
-    for name in ("upper/1", "lower/1"):
-        width = [np.ptp(run.tension[name]) for run in (bearings, blend, sliding)]
-        assert width == sorted(width)
-        assert width[2] > 3.0 * width[0]
-    drops = [bearings.tension[n].mean() - sliding.tension[n].mean() for n in ("upper/8", "lower/8")]
-    # as the source says, the upper cable loses more of its tension
-    assert drops[0] > drops[1] > 2.0
-
-
-def test_tension_falls_along_the_pulling_cable(study: Study) -> None:
-    for run in study.free.values():
-        up = [
-            differences(run.angle, run.tension[f"upper/{e}"], np.zeros(run.angle.size))[0]
-            for e in range(1, 8)
-        ]
-        assert up == sorted(up, reverse=True)
-        loss = 1.0 - up[-1] / up[0]
-        assert loss > 0.0
-    first, _, last = (
-        differences(r.angle, r.tension["upper/7"], np.zeros(r.angle.size))[0]
-        / differences(r.angle, r.tension["upper/1"], np.zeros(r.angle.size))[0]
-        for r in study.free.values()
-    )
-    assert last < 0.5
-    assert first > 0.8
-
-
 def test_errors_are_of_the_sources_size_with_its_rho_and_a_tenth_with_the_right_one(
     study: Study,
 ) -> None:
@@ -171,35 +102,6 @@ def test_errors_are_of_the_sources_size_with_its_rho_and_a_tenth_with_the_right_
         assert known < 0.15 * common
         for pattern, limit in ((NODE_3, 0.01), ("friction/{}/3", 0.03)):
             assert errors_of(result.identified, pattern).mean_relative_error < limit  # type: ignore[operator]
-
-
-def test_the_largest_errors_of_element_8_lie_at_the_turns_of_the_joint(study: Study) -> None:
-    told = study_module.numbers(study)["experiments"]
-    for result in study.results:
-        channels = told[result.experiment.name]["channels"]
-        left = channels["tension/lower/8"]["true_error_rho_known"]
-        assert left["largest"] > 3.0 * left["mean"]
-        assert left["largest_s_from_turn"] < 0.2
-
-
-def test_the_error_of_friction_against_the_cells_is_their_noise(study: Study) -> None:
-    told = study_module.numbers(study)["experiments"]
-    for result in study.results:
-        for cable in CABLES:
-            left = told[result.experiment.name]["channels"][f"friction/{cable}/3"]
-            assert left["true_error_rho_known"]["mean"] < 0.012
-        # two cells of 0.02 N, mean size of a normal number
-        noise = 0.02 * np.sqrt(2.0) * np.sqrt(2.0 / np.pi)
-        seen = errors_of(result.identified, "friction/{}/3").mean_abs_error
-        assert seen == pytest.approx(noise, rel=0.2)
-
-
-def test_equal_values_of_rho_give_equal_estimates(study: Study) -> None:
-    assert COMMON_RHO == (0.2, 0.2)
-    for result in study.results:
-        again = result.choices["rho = 0.2 for both cables"]
-        for name, channel in result.common.items():
-            np.testing.assert_array_equal(again[name].estimate, channel.estimate)
 
 
 def test_every_choice_of_the_source_moves_the_estimate_and_lugre_drifts(study: Study) -> None:
@@ -255,15 +157,6 @@ def test_the_sources_errors_stand_beside_ours_with_a_reason(study: Study) -> Non
     assert [row[5] for row in table.rows if row[5]] == list(REASONS)
     for row in table.rows:
         assert all(cell.endswith(" %") for cell in row[2:5])
-
-
-def test_markdown_tables_have_as_many_cells_in_every_line(study: Study) -> None:
-    for table in tables(study):
-        assert all(len(row) == len(table.headings) for row in table.rows)
-        text = markdown([table])
-        lines = [line for line in text.splitlines() if line.startswith("|")]
-        assert len(lines) == len(table.rows) + 2
-        assert len({line.count("|") for line in lines}) == 1
 
 
 def test_figures_are_drawn_as_png_and_pdf(
