@@ -303,7 +303,8 @@ def write_recording(
 
     Raises:
         BagError: the bag exists or cannot be written.
-        UsageError: the rig file is invalid, or its sensors do not fit the robot.
+        RobotFileError: the rig file is invalid.
+        UsageError: its sensors do not fit the robot.
     """
     from cdrj_ros.simulation.recorder import Recorder
     from cdrj_ros.simulation.rig_file import load_rig

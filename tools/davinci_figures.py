@@ -109,7 +109,7 @@ def series(run: Run, path: Path) -> None:
 def per_run(groups: dict[str, Sequence[Run]], path: Path) -> None:
     """RMSE of every run."""
     fig, axes = plt.subplots(2, 1, figsize=(7.6, 4.2), sharex=True)
-    colours = {"fitted": "#999999", "held out": ESTIMATED, "other pose, by --pose": THIRD}
+    colours = {"fitted": "#999999", "held out": ESTIMATED, "other pose, by --from": THIRD}
     for axis, name in zip(axes, CHANNELS, strict=True):
         at, ticks = 0, []
         for group, runs in groups.items():
@@ -222,7 +222,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     loops([held_out[k] for k in (0, 1, 2, -1)], arguments.out / "davinci_loops.png")
     series(held_out[len(held_out) // 2], arguments.out / "davinci_time.png")
     per_run(
-        {"fitted": train, "held out": held_out, "other pose, by --pose": other},
+        {"fitted": train, "held out": held_out, "other pose, by --from": other},
         arguments.out / "davinci_runs.png",
     )
     correction(

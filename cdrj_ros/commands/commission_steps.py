@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import __version__
-from cdrj_ros.commands.identify_model_error import fit_errors
 from cdrj_ros.commands.identify_uncertainty import (
     COVARIANCE_LIMIT,
+    fit_errors,
     stated_lines,
     uncertainty_section,
 )

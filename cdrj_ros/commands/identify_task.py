@@ -1,4 +1,4 @@
-"""What ``identify`` is asked to do, checked before any bag is read."""
+"""What ``identify`` is asked to do: command line and settings, checked before a bag is read."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from cdrj_ros.commands.shared import topics_of
+from cdrj_ros.commands.running import CommandParser
+from cdrj_ros.commands.shared import add_scheduler_option, add_topic_options, topics_of
 from cdrj_ros.evaluation.parallel import check_address
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
@@ -34,9 +35,92 @@ from cdrj_ros.identification.unknowns import (
 )
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.recordings import Topics
-from cdrj_ros.robot.document import Document, document_complaints
+from cdrj_ros.robot.document import (
+    Document,
+    check_document,
+    document_complaints,
+    load_schema,
+    read_text,
+    yaml_mapping,
+)
 from cdrj_ros.robot.parameters import split_outside, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    parser = CommandParser(
+        prog="identify",
+        description="Identify parameters of the robot file from bags, with standard errors and "
+        "the errors on held-out bags.",
+        epilog="Parameters are paths of the robot file in SI, such as cables.upper.preload, "
+        "friction.rho, cables.b.nodes.3.bearing_torque, or short forms: rho, mu_c, mu_s, v_s, "
+        "f_d, EA, preload, drum_radius, joint_offset, joint_scale, clock_offset. "
+        "docs/identification.md",
+    )
+    parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
+    parser.add_argument("--robot", metavar="FILE", help="robot file to start from")
+    parser.add_argument(
+        "--fit", metavar="NAME,...",
+        help="parameters to identify; 'cables.*.preload': one value for all cables, "
+        "'cables.{*}.preload': one for each, 'a=b' and 'a=-b': two tied parameters",
+    )  # fmt: skip
+    parser.add_argument(
+        "--free", default="", metavar="NAME,...",
+        help="fitted parameters of which nothing is known: otherwise each keeps its value in the "
+        "file with the default standard deviation as a prior, unless the file states one",
+    )  # fmt: skip
+    parser.add_argument(
+        "--start", action="append", default=[], metavar="NAME=VALUE",
+        help="starting value [SI], or the value of a parameter that is not fitted; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--from", dest="source", metavar="FILE",
+        help="instead of --robot and --fit: identified robot file of another pose; only what "
+        "another pose changes is fitted: zeros, rests of springs, preloads, and wraps and drag of "
+        "the pulleys",
+    )  # fmt: skip
+    parser.add_argument(
+        "--settings", metavar="FILE",
+        help="bounds, priors, references to fit, weights, loss, starts and more (YAML; all keys "
+        "with their defaults in config/identify.yaml)",
+    )  # fmt: skip
+    parser.add_argument("--out", metavar="FILE", help="robot file to write; comments are kept")
+    parser.add_argument(
+        "--force", action="store_true",
+        help="replace an existing --out, also the file given by --robot",
+    )  # fmt: skip
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures as JSON, replacing the file"
+    )
+    parser.add_argument(
+        "--quick", action="store_true",
+        help="use only samples thinned to about 100 Hz; omit the last round with all samples",
+    )  # fmt: skip
+    parser.add_argument(
+        "--hold-out", action="append", nargs="+", default=[], metavar="BAG",
+        help="bags that are not fitted, on which the result is evaluated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--cross-validate", nargs="*", metavar="NAMES",
+        help="fit again without each bag, or without matching bags, and evaluate these bags",
+    )  # fmt: skip
+    add_scheduler_option(parser)
+    add_topic_options(parser)
+    return parser
+
+
+def load_settings(path: str | None) -> Document:
+    """The content of a settings file; empty without one, since every key may be left out.
+
+    Raises:
+        RobotFileError: with one line that names the key, what was given and what is allowed.
+    """
+    if path is None:
+        return {}
+    document = yaml_mapping(read_text(path, "settings"), path, "settings of identify")
+    check_document(document, load_schema("cdrj_ros.commands", "identify.schema.json"), path)
+    return document
 
 
 @dataclass(frozen=True)
@@ -57,6 +141,8 @@ class Task:
     held_out: tuple[str, ...]
     folds: Mapping[str, tuple[int, ...]]
     """Indices of the bags that each cross-validation fit leaves out, by their pattern."""
+    chosen: Document
+    """Content of the settings file."""
     pose: bool = False
     """Whether only what another pose changes is fitted."""
 
@@ -72,19 +158,20 @@ def task_of(arguments: argparse.Namespace) -> Task:
     path = robot_path(_chosen_file(arguments))
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
     _check_files(arguments, path, held_out)
-    settings = _settings(arguments)
+    chosen = load_settings(arguments.settings)
     document, source = load_document(path)
     start = starting_values(document, arguments.start)
     document = with_numbers(document, start)
     for complaint in document_complaints(document):
         raise UsageError(f"--start: {complaint}")
-    unknowns = _unknowns(arguments, document, source)
+    unknowns = _unknowns(arguments, chosen, document, source)
     both = {Path(bag).resolve() for bag in arguments.bags} & {Path(b).resolve() for b in held_out}
     if both:
         raise UsageError(f"{both.pop().name} cannot be fitted and held out at once")
     return Task(
-        path, document, source, start, unknowns, settings, topics_of(arguments),
-        tuple(arguments.bags), held_out, _folds(arguments), arguments.pose,
+        path, document, source, start, unknowns, _settings(chosen, arguments.quick),
+        topics_of(arguments), tuple(arguments.bags), held_out, _folds(arguments), chosen,
+        arguments.source is not None,
     )  # fmt: skip
 
 
@@ -94,59 +181,50 @@ def _chosen_file(arguments: argparse.Namespace) -> str:
     Raises:
         UsageError: options that do not go together, or a missing one.
     """
-    if arguments.pose != (arguments.source is not None):
-        raise UsageError("--from FILE and --pose go together: the file of one pose, and another")
-    if not arguments.pose:
+    if arguments.source is None:
         for option in ("robot", "fit"):
             if getattr(arguments, option) is None:
-                raise UsageError(f"--{option} is missing; or give --from FILE and --pose")
+                raise UsageError(f"--{option} is missing; or give --from FILE")
         return str(arguments.robot)
     for option in ("robot", "fit", "start"):
         if getattr(arguments, option):
-            raise UsageError(f"--{option} does not go with --pose, which chooses it")
+            raise UsageError(f"--{option} does not go with --from, which chooses it")
     return str(arguments.source)
 
 
 def _unknowns(
-    arguments: argparse.Namespace, document: Document, source: str
+    arguments: argparse.Namespace, chosen: Document, document: Document, source: str
 ) -> tuple[Unknown, ...]:
     """The numbers to fit, with bounds and priors."""
     robot = build_robot(document, source)
-    if arguments.pose:
+    if arguments.source is not None:
         unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))
     else:
         unknowns = known_before(
             document, robot.uncertainty, parse_unknowns(document, arguments.fit)
         )
-        if not arguments.only:
+        if not chosen.get("only", False):
             unknowns += fitted_along(document, robot.uncertainty, unknowns)
     free = split_outside(arguments.free, ",") if arguments.free else ()
-    unknowns = without_priors(with_bounds(unknowns, arguments.bounds), free)
-    return with_priors(unknowns, arguments.prior)
+    unknowns = without_priors(with_bounds(unknowns, chosen.get("bounds", {})), free)
+    priors = {
+        name: (float(one["mean"]), float(one["stddev"]))
+        for name, one in chosen.get("priors", {}).items()
+    }
+    return with_priors(unknowns, priors)
 
 
-def _settings(arguments: argparse.Namespace) -> Settings:
-    sigmas = {}
-    for text in arguments.sigma:
-        name, _, given = text.rpartition("=")
-        try:
-            sigma = float(given)
-        except ValueError:
-            sigma = 0.0
-        if not name or not 0.0 < sigma < float("inf"):
-            raise UsageError(f"--sigma must be NAME=VALUE with a positive value, got {text!r}")
-        sigmas[name] = sigma
-    if not 0.0 <= arguments.settle < 1e6:
-        raise UsageError(f"--settle must be in [0, 1e6), got {arguments.settle}")
+def _settings(chosen: Document, quick: bool) -> Settings:
+    usual = Settings()
     return Settings(
-        tuple(name.strip() for name in arguments.channels.split(",") if name.strip()),
-        arguments.weights,
-        sigmas,
-        arguments.loss,
-        arguments.starts,
-        arguments.seed,
-        arguments.settle,
-        arguments.quick,
+        tuple(chosen.get("channels", usual.channels)),
+        chosen.get("weights", usual.weights),
+        chosen.get("sigmas"),
+        chosen.get("loss", usual.loss),
+        chosen.get("starts", usual.starts),
+        chosen.get("seed", usual.seed),
+        float(chosen.get("settle", usual.settle_s)),
+        coarse=quick,
         compares_drums=True,
     )
 
@@ -200,7 +278,7 @@ def posed(
         say(f"set to zero: {name}: it was fitted to readings of the file's pose")
     changed = outdated | search_ranges(task.document, task.source, left)
     document = with_numbers(task.document, changed)
-    unknowns = _unknowns(arguments, document, task.source)
+    unknowns = _unknowns(arguments, task.chosen, document, task.source)
     for one in pose_unknowns(document, build_robot(document, task.source)):
         say(f"fitted: {one.unknown.name}: {one.why}")
     zeros = tuple(f"joints.{name}.reference_angle" for name in left)

@@ -8,10 +8,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.identification.fit import Identification
+from cdrj_ros.identification.residual_statistics import model_error
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.writer import yaml_number
 
+Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
+KINDS: Final = ("effort/", "tension/")
+"""Channels for which a robot file can state the model's error."""
 
 COVARIANCE_LIMIT: Final = 128
 """Parameters whose covariance a robot file can hold."""
@@ -23,7 +32,7 @@ NOTICEABLE: Final = 0.02
 def uncertainty_section(
     found: Identification,
     before: Mapping[str, Any],
-    model_error: Mapping[str, float],
+    errors: Mapping[str, float],
     *,
     unseen: bool = False,
 ) -> str:
@@ -32,7 +41,7 @@ def uncertainty_section(
     Args:
         found: the fit.
         before: the same entry before the fit; what it states about other numbers is kept.
-        model_error: errors of the model by channel; if empty, those of ``before`` are kept.
+        errors: errors of the model by channel; if empty, those of ``before`` are kept.
         unseen: whether they are from recordings that were not fitted.
     """
     lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
@@ -42,13 +51,10 @@ def uncertainty_section(
         lines.append(f"  drums: {found.drums.drums}  # {found.drums.comment}")
     elif "drums" in before:
         lines.append(f"  drums: {before['drums']}")
-    errors = dict(model_error) or dict(before.get("model_error", {}))
-    if errors:
-        origin = "runs that were not fitted" if unseen else "the residuals of the fit"
-        lines.append(
-            f"  model_error:                  # from {origin if model_error else 'before'}"
-        )
-        lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in errors.items()]
+    origin = "runs that were not fitted" if unseen else "the residuals of the fit"
+    if stated := dict(errors) or dict(before.get("model_error", {})):
+        lines.append(f"  model_error:                  # from {origin if errors else 'before'}")
+        lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in stated.items()]
     fitted = _of_the_fit(found)
     kept = _kept(before, fitted.paths)
     if not 0 < len(fitted.paths) + len(kept.paths) <= COVARIANCE_LIMIT:
@@ -152,3 +158,42 @@ def stated_lines(paths: Sequence[str], stddev: Sequence[float], correlation: Tab
             for row in correlation
         ),
     ]
+
+
+def fit_errors(found: Identification) -> dict[str, float]:
+    """Errors of the model by channel [N] or [N m], as far as the fitted recordings show them."""
+    return {
+        name: left.error
+        for name, left in found.unexplained.items()
+        if left.error > 0.0 and name.startswith(KINDS)
+    }
+
+
+def model_errors(
+    model: Model, unseen: Sequence[BagComparison], topics: Topics, channels: Sequence[str]
+) -> dict[str, float]:
+    """Errors of the model by channel [N] or [N m], without channels that the numbers explain.
+
+    Args:
+        model: the fitted robot, with the standard deviations of its numbers alone.
+        unseen: comparisons of bags with estimates that were not fitted to them.
+        topics: topics of the bags.
+        channels: the references that were fitted.
+    """
+    residuals: dict[str, list[Vector]] = {}
+    stddevs: dict[str, list[Vector]] = {}
+    for one in unseen:
+        again = validate_bag(model, one.path, topics, spread=True)
+        stddev = {channel.name: channel.stddev for channel in again.channels}
+        for channel in one.channels:
+            own = stddev.get(channel.name)
+            if own is not None and own.size == channel.estimate.size:
+                residual = channel.estimate - channel.reference
+                residuals.setdefault(channel.name, []).append(residual)
+                stddevs.setdefault(channel.name, []).append(own)
+    errors = {
+        name: model_error(residuals[name], stddevs[name])
+        for name in channels
+        if name in residuals and name.startswith(KINDS)
+    }
+    return {name: error for name, error in errors.items() if error > 0.0}

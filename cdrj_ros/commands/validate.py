@@ -13,6 +13,7 @@ from cdrj_ros.commands.running import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandPa
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
+    add_scheduler_option,
     add_topic_options,
     print_results,
     topic_prefix,
@@ -87,11 +88,7 @@ def _parser() -> argparse.ArgumentParser:
         help="number of bags processed at a time, each in its own process; 0: one per processor "
         "(default: one per processor, but a single one for less than 16 MB of bags)",
     )  # fmt: skip
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS",
-        help="process the bags on the Dask cluster with this scheduler, such as "
-        "tcp://10.0.0.5:8786, whose workers see the same files (docs/recordings.md)",
-    )  # fmt: skip
+    add_scheduler_option(parser)
     parser.add_argument(
         "--limits", metavar="FILE",
         help="limits of the figures (YAML, docs/recordings.md); exit code 1 if a figure is outside",

@@ -10,21 +10,15 @@ from typing import Final
 
 from cdrj_ros.evaluation.channels import QUANTITIES, quantity_of
 from cdrj_ros.evaluation.metrics import FIGURES, ChannelError, Errors, mean_over_channels
-from cdrj_ros.foundation.errors import CdrjError, RobotFileError
-from cdrj_ros.foundation.files import InputError, read_regular
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.text import printable
-from cdrj_ros.foundation.yaml import YamlError, load_yaml
-from cdrj_ros.robot.document import check_document
+from cdrj_ros.robot.document import check_document, read_text, yaml_mapping
 
 LIMITED: Final = ("n", *FIGURES)
 """Figures that may have limits."""
 
 JUDGED: Final = ("all", "each")
 """Values of ``judge``: "all" judges the pooled samples, "each" every recording as well."""
-
-LARGEST_FILE: Final = 1_000_000
-"""Size of the largest file that is read [bytes]."""
-
 
 BOUNDS: Final = {
     "type": "object",
@@ -49,10 +43,6 @@ SCHEMA: Final = {
     "additionalProperties": False,
 }
 """JSON schema of a file of limits."""
-
-
-class LimitsError(CdrjError):
-    """An invalid file of limits."""
 
 
 @dataclass(frozen=True)
@@ -116,47 +106,37 @@ def load_limits(path: str | Path) -> Limits:
     """Read a file of limits, ``channels: {PATTERN: {FIGURE: {min: X, max: X}}}``.
 
     Raises:
-        LimitsError: with one line that names the key, what was given and what is allowed.
+        RobotFileError: with one line that names the key, what was given and what is allowed.
     """
-    try:
-        return parse_limits(read_regular(path, LARGEST_FILE).decode(), str(path))
-    except UnicodeDecodeError:
-        raise LimitsError(f"{path} is not UTF-8 text") from None
-    except InputError as error:
-        raise LimitsError(f"{path} cannot be read: {error}") from None
+    return parse_limits(read_text(path, "file of limits"), str(path))
 
 
 def parse_limits(text: str, source: str) -> Limits:
     """The limits of a YAML text.
 
     Raises:
-        LimitsError: as ``load_limits``.
+        RobotFileError: as ``load_limits``.
     """
-    import jsonschema  # takes 65 ms, which not every command needs
-
-    try:
-        document = load_yaml(text, source)
-        check_document(document, jsonschema.Draft202012Validator(SCHEMA), source)
-    except (YamlError, RobotFileError) as error:
-        raise LimitsError(str(error)) from None
+    document = yaml_mapping(text, source, "channels and judge")
+    check_document(document, SCHEMA, source)
     limits = []
     for pattern, figures in document.get("channels", {}).items():
         prefix = str(pattern).partition("/")[0]
         if prefix not in QUANTITIES and not any(character in prefix for character in "*?["):
             known = ", ".join(f"{key}, {key}/…" for key in QUANTITIES)
-            raise LimitsError(
+            raise RobotFileError(
                 f"channels.{printable(pattern)} names no channel; names are {known} ({source})"
             )
         for figure, bounds in figures.items():
             least, most = bounds.get("min"), bounds.get("max")
             if least is not None and most is not None and least > most:
-                raise LimitsError(
+                raise RobotFileError(
                     f"channels.{pattern}.{figure}.min must be at most max = {most:g}, "
                     f"got {least:g} ({source})"
                 )
             limits.append(Limit(pattern, figure, least, most))
     if not limits:
-        raise LimitsError(f"channels names no limit ({source})")
+        raise RobotFileError(f"channels names no limit ({source})")
     return Limits(source, tuple(limits), document.get("judge") == "each")
 
 

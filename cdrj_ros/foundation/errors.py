@@ -16,7 +16,7 @@ class CdrjError(Exception):
 
 
 class RobotFileError(CdrjError):
-    """A robot file that does not describe a valid robot."""
+    """A robot file that describes no valid robot, or another invalid file in YAML."""
 
     def __init__(self, text: str) -> None:
         line = printable(" ".join(text.split()))  # a key may hold line breaks and escapes

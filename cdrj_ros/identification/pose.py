@@ -1,4 +1,4 @@
-"""What another pose changes: the unknowns of ``identify --from FILE --pose``.
+"""What another pose changes: the unknowns of ``identify --from FILE``.
 
 Between two poses of an instrument, or after a sensor was zeroed anew, the same cables run over the
 same pulleys.  Changed are the zeros of the joints and of the springs at the axes, the preloads (the

@@ -268,44 +268,50 @@ def _allowed(number: Number) -> tuple[float, float]:
     return lower, upper
 
 
-def with_bounds(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unknown, ...]:
-    """The unknowns with bounds from ``path=lower:upper`` [SI]; either bound may be omitted.
+def with_bounds(
+    unknowns: Sequence[Unknown], bounds: Mapping[str, Sequence[float | None]]
+) -> tuple[Unknown, ...]:
+    """The unknowns with other bounds.
+
+    Args:
+        unknowns: from ``parse_unknowns``.
+        bounds: lower and upper bound [SI] by path, pattern or short form; None: the bound is kept.
 
     Raises:
-        UsageError: an unknown path, invalid numbers, or bounds that exclude every value.
+        UsageError: an unknown path, or bounds that exclude every value.
     """
     result = list(unknowns)
-    for text in texts:
-        chosen, given = _addressed(result, text, "--bounds", "lower:upper")
-        low, _, high = given.partition(":")
-        for k in chosen:
+    for name, (low, high) in bounds.items():
+        for k in _chosen(result, name, "bounds"):
             unknown = result[k]
-            lower = _number_of(low, text) if low else unknown.lower
-            upper = _number_of(high, text) if high else unknown.upper
+            lower = unknown.lower if low is None else float(low)
+            upper = unknown.upper if high is None else float(high)
             if not lower < upper:
-                raise UsageError(f"--bounds {text}: {lower:g} must be less than {upper:g}")
+                raise UsageError(f"bounds of {name}: {lower:g} must be less than {upper:g}")
             if unknown.step == 0.0 and lower * upper <= 0.0:
                 raise UsageError(
-                    f"--bounds {text}: {unknown.name} cannot change its sign or be zero"
+                    f"bounds of {name}: {unknown.name} cannot change its sign or be zero"
                 )
             result[k] = replace(unknown, lower=lower, upper=upper)
     return tuple(result)
 
 
-def with_priors(unknowns: Sequence[Unknown], texts: Iterable[str]) -> tuple[Unknown, ...]:
-    """The unknowns with priors from ``path=mean:stddev`` [SI].
+def with_priors(
+    unknowns: Sequence[Unknown], priors: Mapping[str, tuple[float, float]]
+) -> tuple[Unknown, ...]:
+    """The unknowns with priors.
+
+    Args:
+        unknowns: from ``parse_unknowns``.
+        priors: mean and standard deviation [SI], the latter above 0, by path, pattern or short
+            form.
 
     Raises:
-        UsageError: an unknown path, invalid numbers, or a standard deviation that is not positive.
+        UsageError: an unknown path.
     """
     result = list(unknowns)
-    for text in texts:
-        chosen, given = _addressed(result, text, "--prior", "mean:stddev")
-        mean, _, stddev = given.partition(":")
-        prior = _number_of(mean, text), _number_of(stddev, text)
-        if not prior[1] > 0.0:
-            raise UsageError(f"--prior {text}: the standard deviation must be greater than 0")
-        for k in chosen:
+    for name, prior in priors.items():
+        for k in _chosen(result, name, "prior"):
             result[k] = replace(result[k], prior=prior)
     return tuple(result)
 
@@ -318,7 +324,7 @@ def without_priors(unknowns: Sequence[Unknown], names: Iterable[str]) -> tuple[U
     """
     result = list(unknowns)
     for name in names:
-        for k in _chosen(result, name, f"--free {name}"):
+        for k in _chosen(result, name, "--free"):
             result[k] = replace(result[k], prior=None)
     return tuple(result)
 
@@ -338,16 +344,6 @@ def starting_values(document: Document, texts: Iterable[str]) -> dict[str, float
             for group in matching_paths(document, pattern):
                 values |= dict.fromkeys(group, sign * value)
     return values
-
-
-def _addressed(
-    unknowns: Sequence[Unknown], text: str, option: str, form: str
-) -> tuple[list[int], str]:
-    """Indices of the unknowns that ``path=...`` selects, and the text after the last ``=``."""
-    name, _, given = text.rpartition("=")
-    if not name or ":" not in given:
-        raise UsageError(f"{option} must be PATH={form}, got {text!r}")
-    return _chosen(unknowns, name, f"{option} {text}"), given
 
 
 def _chosen(unknowns: Sequence[Unknown], name: str, given: str) -> list[int]:

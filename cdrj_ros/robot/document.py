@@ -8,10 +8,12 @@ from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
 from math import pi
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
 from cdrj_ros.robot.names import with_prefix
 from cdrj_ros.robot.urdf import with_urdf_frames
@@ -30,7 +32,24 @@ LARGEST: Final = 1e15
 MAXIMUM_DEPTH: Final = 12
 """Largest accepted depth of nesting; the schema needs less."""
 
+MAXIMUM_BYTES: Final = 1_000_000
+"""Largest accepted size of a file [bytes]."""
+
 Document = dict[str, Any]
+
+
+def read_text(path: str | Path, kind: str) -> str:
+    """Text of a YAML file; ``kind`` says what the file is, for errors.
+
+    Raises:
+        RobotFileError: it cannot be read, is too large, or is not UTF-8.
+    """
+    try:
+        return read_regular(path, MAXIMUM_BYTES).decode()
+    except InputError as error:
+        raise RobotFileError(f"cannot read the {kind} {path}: {error}") from error
+    except UnicodeDecodeError as error:
+        raise RobotFileError(f"{path} is not UTF-8 text") from error
 
 
 def parse_document(text: str, source: str) -> Document:
@@ -41,7 +60,7 @@ def parse_document(text: str, source: str) -> Document:
     """
     raw = si_document(text, source, "motors, joints and cables")
     document = with_urdf_frames(with_prefix(raw), source)
-    check_document(document, _validator(), source)
+    _check(document, _validator(), source)
     return document
 
 
@@ -56,27 +75,38 @@ def si_document(text: str, source: str, content: str) -> Document:
     Raises:
         RobotFileError: it is not a mapping, or a number has two units.
     """
+    document: Document = _Reading(source).to_si(yaml_mapping(text, source, content))
+    return document
+
+
+def yaml_mapping(text: str, source: str, content: str) -> Document:
+    """A YAML text that is a mapping, as ``si_document`` without units in keys."""
     try:
         raw = load_yaml(text, source)
     except YamlError as error:
         raise RobotFileError(str(error)) from error
     if not isinstance(raw, dict):
         raise RobotFileError(f"{source} must hold a mapping with {content}")
-    document: Document = _Reading(source).to_si(raw)
-    return document
+    return raw
 
 
-def check_document(document: Document, validator: Any, source: str) -> None:
-    """Refuse a document that violates a schema, or has impossible numbers.
+def check_document(document: Document, schema: Mapping[str, Any], source: str) -> None:
+    """Refuse a document that violates a JSON schema, or has impossible numbers.
 
     Args:
-        document: of ``si_document``.
-        validator: of ``jsonschema``.
+        document: of ``si_document`` or ``yaml_mapping``.
+        schema: see ``load_schema``.
         source: name of the file.
 
     Raises:
         RobotFileError: with one line that names the key, what was given and what is allowed.
     """
+    import jsonschema  # takes 65 ms, which not every command needs
+
+    _check(document, jsonschema.Draft202012Validator(schema), source)
+
+
+def _check(document: Document, validator: Any, source: str) -> None:
     for complaint in _complaints(validator, document, ""):
         raise RobotFileError(f"{complaint} ({source})")
     if not _possible(document):
@@ -87,12 +117,15 @@ def check_document(document: Document, validator: Any, source: str) -> None:
         )
 
 
-@lru_cache(maxsize=1)
-def _schema() -> Document:
-    """The JSON schema of the robot file; shared within this module, must not be modified."""
-    text = resources.files("cdrj_ros.robot").joinpath("robot.schema.json").read_text("utf-8")
-    document: Document = json.loads(text)
+@lru_cache
+def load_schema(package: str, name: str) -> Document:
+    """A JSON schema among the files of a package; shared, must not be modified."""
+    document: Document = json.loads(resources.files(package).joinpath(name).read_text("utf-8"))
     return document
+
+
+def _schema() -> Document:
+    return load_schema("cdrj_ros.robot", "robot.schema.json")
 
 
 @lru_cache(maxsize=1)
@@ -111,7 +144,7 @@ def _frozen(value: Any) -> Any:
 @lru_cache(maxsize=2)
 def _validator(definition: str = "") -> Any:
     """The validator of the schema, or of one of its definitions."""
-    import jsonschema  # takes 65 ms, which not every command needs
+    import jsonschema  # as in check_document
 
     rules = _schema()
     if definition:

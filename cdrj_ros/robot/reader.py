@@ -9,24 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
-from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
 from cdrj_ros.robot.description import Cable, Frame, FrameMotion, Robot, Uncertainty
-from cdrj_ros.robot.document import Document, parse_document
+from cdrj_ros.robot.document import Document, parse_document, read_text
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_spatial_frames
 from cdrj_ros.robot.tolerances import complete_uncertainty
 from cdrj_ros.robot.visuals import read_visuals
-
-MAXIMUM_BYTES: Final = 1_000_000
-"""Largest accepted size of a robot file [bytes]."""
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -44,15 +38,8 @@ def load_document(path: str | Path) -> tuple[Document, str]:
     Raises:
         RobotFileError: see ``load_robot``.
     """
-    path = Path(path)
-    try:
-        data = read_regular(path, MAXIMUM_BYTES)
-    except InputError as error:
-        raise RobotFileError(f"cannot read the robot file {path}: {error}") from error
-    try:
-        return parse_document(data.decode(), str(path)), str(path)
-    except UnicodeDecodeError as error:
-        raise RobotFileError(f"{path} is not UTF-8 text") from error
+    source = str(Path(path))
+    return parse_document(read_text(source, "robot file"), source), source
 
 
 def parse_robot(text: str, source: str = "robot file") -> Robot:

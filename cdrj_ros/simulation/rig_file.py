@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from importlib import resources
 from typing import Any, Final
 
-from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.foundation.files import InputError, read_regular
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import installed_path
-from cdrj_ros.robot.document import Document, check_document, si_document
+from cdrj_ros.robot.document import (
+    Document,
+    check_document,
+    load_schema,
+    read_text,
+    si_document,
+)
 from cdrj_ros.simulation.faults import Fault, check_amount
 from cdrj_ros.simulation.load import LoadKind
 from cdrj_ros.simulation.sensor_groups import IDEAL_SENSORS, Freeze, SensorSettings
 from cdrj_ros.simulation.sensors import LOAD_CELLS, Encoder
-
-MAXIMUM_BYTES: Final = 1_000_000
-"""Size of the largest file that is read [bytes]."""
 
 UPDATE_RATE: Final = 500.0
 """Default rate of a controller manager [Hz]."""
@@ -79,19 +78,12 @@ def load_rig(path: str) -> RigDescription:
     """Read a rig file; a bare name means an installed one, empty: ideal sensors, no fault.
 
     Raises:
-        UsageError: with one line that names the key, what was given and what is allowed.
+        CdrjError: with one line that names the key, what was given and what is allowed.
     """
     if not path:
         return RigDescription()
-    try:
-        found = installed_path(path, "rigs", "rig file")
-        return parse_rig(read_regular(found, MAXIMUM_BYTES).decode(), str(found))
-    except RobotFileError as error:
-        raise UsageError(str(error)) from None
-    except InputError as error:
-        raise UsageError(f"cannot read the rig file {path}: {error}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{path} is not UTF-8 text") from None
+    found = str(installed_path(path, "rigs", "rig file"))
+    return parse_rig(read_text(found, "rig file"), found)
 
 
 def parse_rig(text: str, source: str = "rig file") -> RigDescription:
@@ -101,7 +93,7 @@ def parse_rig(text: str, source: str = "rig file") -> RigDescription:
         CdrjError: as ``load_rig``.
     """
     document = si_document(text, source, "sensors, drives, load or faults")
-    check_document(document, _validator(), source)
+    check_document(document, load_schema("cdrj_ros.simulation", "rig.schema.json"), source)
     faults = [_fault(entry, f"faults[{k}]") for k, entry in enumerate(document.get("faults", ()))]
     load = dict(document.get("load", {}))
     if "stops" in load:
@@ -154,11 +146,3 @@ def _fault(entry: Document, path: str) -> Fault | Freeze:
     if amount is not None:
         check_amount(kind, float(amount))
     return Fault(kind, begin, None if amount is None else float(amount), entry.get("cable"))
-
-
-@lru_cache(maxsize=1)
-def _validator() -> Any:
-    import jsonschema  # takes 65 ms, which not every command needs
-
-    text = resources.files("cdrj_ros.simulation").joinpath("rig.schema.json").read_text("utf-8")
-    return jsonschema.Draft202012Validator(json.loads(text))

@@ -14,7 +14,7 @@ import pytest
     ("line", "expected"),
     [
         ("validate --ht", {"--html"}),
-        ("identify --st", {"--start", "--starts"}),
+        ("identify --s", {"--scheduler", "--settings", "--start"}),
         ("check_robot --js", {"--json"}),
     ],
 )

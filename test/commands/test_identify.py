@@ -13,9 +13,13 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands import identify, validate
+from cdrj_ros.commands.identify_task import load_settings, parser, task_of
+from cdrj_ros.identification.observations import WEIGHTS
+from cdrj_ros.identification.problem import LOSSES
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.robot.document import load_schema
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, load_robot
 from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
@@ -178,10 +182,11 @@ def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tensi
 ) -> None:
     truth = {"cables.upper.friction.rho": upper, "cables.lower.friction.rho": lower}
     bag = rig("published_rho", truth, 0.62, 0.25, 4.5, cells=4)
-    figures = tmp_path / "figures.json"
+    figures, settings = tmp_path / "figures.json", tmp_path / "settings.yaml"
+    settings.write_text("starts: 2\nchannels: [nodal_force/*/3, tension/*/8]")
     assert identify.main(
-        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--starts", "2",
-         "--channels", "nodal_force/*/3,tension/*/8", "--json", str(figures)]
+        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--settings", str(settings),
+         "--json", str(figures)]
     ) == 0  # fmt: skip
     found = {p["paths"][0]: p["value"] for p in json.loads(figures.read_text())["parameters"]}
     assert found == pytest.approx(truth, abs=0.015)
@@ -209,15 +214,9 @@ def test_bags_are_evaluated_with_fits_that_left_them_out(
     [
         (["--fit", "roh"], "did you mean"),
         (["--fit", "cables.uper.preload"], "did you mean upper?"),
-        (["--fit", "friction.rho", "--bounds", "friction.rho=1:0"], "must be less than"),
-        (["--fit", "friction.rho", "--bounds", "rhoo=0:1"], "not among the fitted numbers"),
-        (["--fit", "friction.rho", "--prior", "friction.rho=0.1:0"], "greater than 0"),
         (["--fit", "friction.rho", "--start", "friction.rho=x"], "is not a number"),
         (["--fit", "friction.rho", "--start", "friction.rho=3"], "rho must be at most 1"),
-        (["--fit", "friction.rho", "--sigma", "tension/*"], "NAME=VALUE"),
-        (["--fit", "friction.rho", "--channels", "tension/upper/99"], "there are tension/upper/1"),
         (["--fit", "friction.rho", "--hold-out", str(SAMPLE)], "fitted and held out at once"),
-        (["--fit", "friction.rho", "--starts", "0"], "starts must be in"),
         (["--fit", "friction.rho", "--robot", "no_such_robot"], "no robot file no_such_robot"),
         (["--fit", "friction.rho", "--cross-validate", "x*"], "must match some of the bags"),
     ],
@@ -227,13 +226,53 @@ def test_a_mistake_is_answered_in_one_line_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     quiet = contextlib.nullcontext(lambda _: None)
-    monkeypatch.setattr("cdrj_ros.commands.identify_fits.progress_text", lambda _: quiet)
+    monkeypatch.setattr("cdrj_ros.commands.identify.progress_text", lambda _: quiet)
     assert identify.main([str(SAMPLE), "--robot", str(ROBOT), "--quick", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     # on a slow machine, the progress of reading is printed too
     (error,) = [line for line in lines if not line.startswith("reading: ")]
     assert error.startswith("identify: ")
     assert taught in error
+
+
+@pytest.mark.parametrize(
+    ("settings", "taught"),
+    [
+        ("bounds: {friction.rho: [1, 0]}", "bounds of friction.rho: 1 must be less than 0"),
+        ("bounds: {rhoo: [0, null]}", "rhoo is not among the fitted numbers (friction.rho"),
+        ("priors: {friction.rho: {mean: 1, stddev: 0}}", "stddev must be greater than 0, got 0"),
+        ("sigmas: {tension/*: -1}", "sigmas.tension/* must be greater than 0, got -1"),
+        ("channels: [tension/upper/99]", "there are tension/upper/1"),
+        ("starts: 0", "starts must be at least 1, got 0"),
+        ("settle: .nan", "settle must be a finite number"),
+        ("start: 3", "start is not a known key; did you mean 'starts'?"),
+        ("[1]", "must hold a mapping with settings of identify"),
+    ],
+)
+def test_a_mistake_in_the_settings_is_answered_by_its_key(
+    settings: str, taught: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "settings.yaml"
+    file.write_text(settings)
+    words = [str(SAMPLE), "--robot", str(ROBOT), "--fit", "friction.rho", "--quick"]
+    assert identify.main([*words, "--settings", str(file)]) == 2
+    assert taught in capsys.readouterr().err
+
+
+def test_the_shipped_settings_are_the_defaults_and_name_every_key() -> None:
+    shipped = load_settings(str(ROOT / "config" / "identify.yaml"))
+    schema = load_schema("cdrj_ros.commands", "identify.schema.json")["properties"]
+    assert list(shipped) == list(schema)
+    assert schema["weights"]["enum"] == list(WEIGHTS)
+    assert schema["loss"]["enum"] == list(LOSSES)
+    words = [str(SAMPLE), "--robot", str(ROBOT), "--fit", "friction.rho"]
+    usual = task_of(parser().parse_args(words))
+    stated = task_of(
+        parser().parse_args([*words, "--settings", str(ROOT / "config" / "identify.yaml")])
+    )
+    assert stated.unknowns == usual.unknowns
+    assert replace(stated.settings, sigmas=None) == usual.settings
+    assert stated.settings.sigmas == {}
 
 
 @pytest.fixture
@@ -319,6 +358,13 @@ def test_the_files_are_written_even_if_standard_output_is_closed(
     assert json.loads(figures.read_text())["parameters"]
 
 
+def alone(folder: Path) -> Path:
+    """Settings by which the named numbers alone are fitted."""
+    path = folder / "settings.yaml"
+    path.write_text("only: true")
+    return path
+
+
 def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
     fitted_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -332,7 +378,8 @@ def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
             Topics().motors, motor.stamp_ns, ("winch",), position=motor.value[:, None],
             effort=current[:, None], log_ns=motor.log_ns,
         )  # fmt: skip
-    words = [str(tmp_path / "stack"), "--robot", str(ROBOT), "--fit", "effort_scale", "--only"]
+    words = [str(tmp_path / "stack"), "--robot", str(ROBOT), "--fit", "effort_scale",
+             "--settings", str(alone(tmp_path))]  # fmt: skip
     assert identify.main(words) == 2
     refused = capsys.readouterr().err
     assert f"efforts that the motors publish themselves: --reference {Topics().motors}" in refused
@@ -353,6 +400,7 @@ def test_references_that_were_found_by_their_type_are_named(
         bag.copy(fitted_bag, [Topics().motors, Topics().joints])
         tension = np.column_stack([one.value for one in series])
         bag.write_tensions("/truth/tensions", series[0].stamp_ns, names, tension)
-    words = [str(tmp_path / "rig"), "--robot", str(ROBOT), "--fit", "preload", "--only"]
+    words = [str(tmp_path / "rig"), "--robot", str(ROBOT), "--fit", "preload",
+             "--settings", str(alone(tmp_path))]  # fmt: skip
     assert identify.main(words) == 0
     assert "rig: References by message type: /truth/tensions." in capsys.readouterr().out

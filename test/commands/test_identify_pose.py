@@ -1,4 +1,4 @@
-"""``identify --from FILE --pose``: a file for another pose from the file of one pose."""
+"""``identify --from FILE``: a file for another pose from the file of one pose."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_only_what_the_pose_changed_is_fitted_and_the_range_follows_the_readings
     bags: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "posed.yaml"
-    command = [*map(str, bags), "--from", str(ROBOT), "--pose", "--quick", "--out", str(out)]
+    command = [*map(str, bags), "--from", str(ROBOT), "--quick", "--out", str(out)]
     assert identify.main(command) == 0
     printed = capsys.readouterr().out
     assert "fitted: joints.jaw.reference_angle: the joint is zeroed anew" in printed
@@ -112,11 +112,9 @@ def test_only_fitted_corrections_are_outdated_and_only_where_a_joint_has_left_it
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--from", str(ROBOT)], "--from FILE and --pose go together"),
-        (["--robot", str(ROBOT), "--pose"], "--from FILE and --pose go together"),
-        (["--from", str(ROBOT), "--pose", "--fit", "rho"], "--fit does not go with --pose"),
-        (["--from", str(ROBOT), "--pose", "--robot", str(ROBOT)], "--robot does not go"),
-        (["--from", str(ROBOT), "--pose", "--start", "preload=3"], "--start does not go"),
+        (["--from", str(ROBOT), "--fit", "rho"], "--fit does not go with --from"),
+        (["--from", str(ROBOT), "--robot", str(ROBOT)], "--robot does not go"),
+        (["--from", str(ROBOT), "--start", "preload=3"], "--start does not go"),
         (["--robot", str(ROBOT)], "--fit is missing"),
         (["--fit", "rho"], "--robot is missing"),
     ],

@@ -59,6 +59,8 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).write_text(robot)
     page = (ROOT / "docs" / "recordings.md").read_text()
     (folder / "limits.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
+    page = (ROOT / "docs" / "identification.md").read_text()
+    (folder / "settings.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
     for name in ("recordings/one", "recordings/two", "other"):
         (folder / name).parent.mkdir(exist_ok=True)
         arguments = ["--robot", "prototype", "--duration", "4", "--cells", "1"]
@@ -82,7 +84,7 @@ def test_fits_of_the_page_on_identification_run(
 ) -> None:
     monkeypatch.chdir(lab)
     assert identify([*arguments_of(line, lab), "--quick"]) == 0
-    wanted = "reference_angle" if "--pose" in line else "rho"
+    wanted = "reference_angle" if "--from" in line else "rho"
     assert wanted in capsys.readouterr().out
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel
-from cdrj_ros.evaluation.limits import LimitsError, check_limits, load_limits, parse_limits
+from cdrj_ros.evaluation.limits import check_limits, load_limits, parse_limits
 from cdrj_ros.evaluation.metrics import errors_of
+from cdrj_ros.foundation.errors import RobotFileError
 
 NESTED = "d: &d0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"d{k}: &d{k} [{', '.join([f'*d{k - 1}'] * 10)}]\n" for k in range(1, 10)
@@ -105,8 +106,8 @@ def test_recordings_are_judged_together_and_on_request_each_by_itself() -> None:
         ("[[a]]: 1", ["not YAML"]),
         (NESTED, ["more than"]),
         ('channels: {"tension/\\e[31m": 1}', ["tension/\\x1b[31m must be of type object"]),
-        ("3", ["the file must be of type object"]),
-        ("", ["the file must be of type object"]),
+        ("3", ["must hold a mapping with channels and judge"]),
+        ("", ["must hold a mapping with channels and judge"]),
     ],
 )
 def test_invalid_limits_are_refused_with_the_path_of_the_key(
@@ -114,7 +115,7 @@ def test_invalid_limits_are_refused_with_the_path_of_the_key(
 ) -> None:
     path = tmp_path / "limits.yaml"
     path.write_text(text)
-    with pytest.raises(LimitsError) as caught:
+    with pytest.raises(RobotFileError) as caught:
         load_limits(path)
     for word in (*words, str(path)):
         assert word in str(caught.value)
@@ -122,5 +123,5 @@ def test_invalid_limits_are_refused_with_the_path_of_the_key(
 
 
 def test_a_file_that_is_not_there_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(LimitsError, match="cannot be read: No such file"):
+    with pytest.raises(RobotFileError, match=r"cannot read the file of limits .*: No such file"):
         load_limits(tmp_path / "limits.yaml")

@@ -277,7 +277,7 @@ def test_a_number_without_influence_is_named_and_stays_unknown(document: Documen
 
 
 def test_a_number_at_its_bound_is_named(document: Document) -> None:
-    unknowns = with_bounds(parse_unknowns(document, "friction.rho"), ["friction.rho=0.05:0.15"])
+    unknowns = with_bounds(parse_unknowns(document, "friction.rho"), {"friction.rho": (0.05, 0.15)})
     begin = with_numbers(document, {"friction.rho": 0.1})
     found = identify(begin, "test", unknowns, [recording(document, 5.0)], QUICK)
     assert found.values[0] == pytest.approx(0.15, abs=1e-3)
@@ -289,7 +289,7 @@ def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(
 ) -> None:
     unknowns = with_priors(
         parse_unknowns(document, "friction.rho,joints.elbow.spring_stiffness"),
-        ["friction.rho=0.5:0.1", "joints.elbow.spring_stiffness=0.02:0.005"],
+        {"friction.rho": (0.5, 0.1), "joints.elbow.spring_stiffness": (0.02, 0.005)},
     )
     found = identify(
         document, "test", unknowns, [recording(document, 5.0)],
@@ -378,21 +378,19 @@ def test_a_wrong_name_is_refused_with_its_remedy(document: Document, fit: str, t
 
 
 @pytest.mark.parametrize(
-    ("text", "taught"),
+    ("name", "bounds", "taught"),
     [
-        ("rho=0.5", "PATH=lower:upper"),
-        ("rho=0.5:0.1", "must be less than"),
-        ("rho=a:1", "is not a number"),
-        ("preload=0:1", "not among the fitted numbers"),
-        ("cables.upper.axial_stiffness=-1:5", "cannot change its sign"),
+        ("rho", (0.5, 0.1), "must be less than"),
+        ("preload", (0, 1), "not among the fitted numbers"),
+        ("cables.upper.axial_stiffness", (-1, 5), "cannot change its sign"),
     ],
 )
 def test_wrong_bounds_are_refused_with_the_reason(
-    document: Document, text: str, taught: str
+    document: Document, name: str, bounds: tuple[float, float], taught: str
 ) -> None:
     unknowns = parse_unknowns(document, "rho,axial_stiffness")
     with pytest.raises(UsageError, match=taught):
-        with_bounds(unknowns, [text])
+        with_bounds(unknowns, {name: bounds})
 
 
 def test_what_cannot_be_fitted_is_refused_with_a_reason(document: Document) -> None:

@@ -177,7 +177,7 @@ def test_a_file_of_one_pose_gives_one_of_another_by_two_of_its_runs(tmp_path: Pa
         str(RECORDINGS / "other_wrist_pose" / f"Tool_4_Maryland_L_Pitch_3_00{k}") for k in range(4)
     ]
     out = tmp_path / "posed.yaml"
-    command = [runs[0], runs[3], "--from", str(ROBOT), "--pose", "--quick", "--out", str(out)]
+    command = [runs[0], runs[3], "--from", str(ROBOT), "--quick", "--out", str(out)]
     assert identify.main(command) == 0
     posed = prepare(load_robot(out))
     judged = [validate_bag(posed, run, Topics(), spread=True) for run in runs[1:3]]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import cdrj_ros.simulation
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.errors import CdrjError, RobotFileError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.simulation.drives import drive_limits
 from cdrj_ros.simulation.faults import Fault, wire
@@ -114,9 +114,9 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
         ("long.yaml", "at most 1000000 are read"),
         ("none.yaml", "cannot read the rig file .*none.yaml: No such file"),
     ):
-        with pytest.raises(UsageError, match=words):
+        with pytest.raises(RobotFileError, match=words):
             load_rig(str(tmp_path / name))
-    with pytest.raises(UsageError, match="none of that name is installed; did you mean noisy"):
+    with pytest.raises(RobotFileError, match="none of that name is installed; did you mean noisy"):
         load_rig("nosy")
 
 
