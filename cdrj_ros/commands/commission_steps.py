@@ -40,7 +40,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW, narrowed
-from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
+from cdrj_ros.robot.writer import number_of_urdf, with_numbers_in_text, with_section, yaml_number
 
 Vector = NDArray[np.float64]
 
@@ -161,17 +161,25 @@ def _stated(robot: Robot, known: Uncertainty, paths: Sequence[str]) -> str:
     return "\n".join(["uncertainty:", *head, *stated_lines(names, stddev.tolist(), correlation)])
 
 
-def unknowns_of(robot: Robot) -> tuple[Unknown, ...]:
+def unknowns_of(robot: Robot, text: str) -> tuple[Unknown, ...]:
     """All causes of error, each with what is known of it, those that move the tensions most first.
 
     A robot file can hold the covariance of ``COVARIANCE_LIMIT`` numbers; the rest has the least
-    effect, and is left as it is.
+    effect, and is left as it is, as are the numbers of a URDF.
+
+    Args:
+        robot: the robot.
+        text: of its file.
 
     Raises:
         UsageError: all numbers are exact.
     """
     document: Any = robot.document
-    causes = nuisance_causes(robot.uncertainty, ())
+    causes = [
+        cause
+        for cause in nuisance_causes(robot.uncertainty, ())
+        if not any(number_of_urdf(text, path) for path in cause)
+    ]
     if not causes:
         raise UsageError("the robot file says that all its numbers are exact")
     effect = (tension_effects(prepare(robot), causes) ** 2).mean(axis=(1, 2))
@@ -192,7 +200,7 @@ def fitted(
     """
     recordings = (*now.recordings, *recorded)
     robot = parse_robot(now.base, now.source)
-    unknowns = unknowns_of(robot)
+    unknowns = unknowns_of(robot, now.base)
     if now.found is not None:  # where the last fit ended; the priors stay
         last = dict(zip((u.paths for u in now.found.unknowns), now.found.values, strict=True))
         unknowns = tuple(replace(u, start=float(last.get(u.paths, u.start))) for u in unknowns)
@@ -282,7 +290,7 @@ def foretold(now: Commissioned, step: str) -> Judged:
     if step == "cells":
         noise[f"{TENSION}/{robot.cables[0].element_names[-1]}"] = CELL_NOISE
     base = parse_robot(now.base, now.source)
-    _, text = _fit(now, base, unknowns_of(base), [_made_up(prepare(base), noise)], None)
+    _, text = _fit(now, base, unknowns_of(base, now.base), [_made_up(prepare(base), noise)], None)
     return judged(prepare(parse_robot(text, now.source)))
 
 

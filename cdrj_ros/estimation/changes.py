@@ -23,8 +23,9 @@ REST_NS: Final = 300_000_000
 REST_STEP_NS: Final = 10_000_000
 """Minimum interval between the samples that are checked [ns]."""
 
-REST_FLOOR: Final = 1e-3
-"""Movement allowed at rest for an axis whose sensor has neither resolution nor noise [rad]."""
+REST_FLOOR: Final = 2e-3
+"""Movement allowed at rest for an axis whose sensor has neither resolution nor noise [rad]: more
+than a count of an encoder of 12 bits, between two of which a reading at rest may alternate."""
 
 
 class Change(NamedTuple):
@@ -123,10 +124,12 @@ class RestWatch:
             )
         angles = np.array([np.concatenate([one.motor_angle, one.joint_angle]) for one in samples])
         for axis, moved in zip(robot.axes, np.ptp(angles, axis=0), strict=True):
-            allowed = 4.0 * half_width(axis.sensor) or REST_FLOOR
+            stated = 4.0 * half_width(axis.sensor)
+            allowed = stated or REST_FLOOR
             if moved > allowed:
+                key = "" if stated else ", or more with the sensor's resolution or noise stated"
                 return (
                     f"not at rest: {axis.name} moved by {moved:.3g} rad within the last "
-                    f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed"
+                    f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed{key}"
                 )
         return ""

@@ -396,9 +396,10 @@ def _impossible_part(model: Model, angle: Vector, shape: Shape) -> str:
         for p in range(len(cable.nodes) - 2):
             wrap = shape.wrap[pulley + p]
             if not wrap >= 0.0:
+                body = "; a cylinder with turn may be left" if cable.spatial else ""
                 return (
                     f"cables[{k}].nodes[{p + 1}] ({cable.name}/{p + 2}) is left by its cable"
-                    f"{where}: the wrap angle is {wrap:.4g} rad and must not be negative "
+                    f"{where}: the wrap angle is {wrap:.4g} rad and must not be negative{body} "
                     f"({robot.source})"
                 )
         for e in range(len(cable.nodes) - 1):

@@ -80,6 +80,19 @@ def with_section(text: str, key: str, section: str | None) -> str:
     return result if section is None else f"{result}\n{section.rstrip()}\n"
 
 
+def number_of_urdf(text: str, path: str) -> bool:
+    """Whether a number is one of the URDF that the file names, where alone it can be changed.
+
+    Args:
+        text: a robot file.
+        path: of the number, such as ``frames.link2.origin.1``.
+    """
+    if not path.startswith("frames."):
+        return False
+    frames = _entry(yaml_nodes(text), "frames")
+    return frames is not None and frames[1].id == "mapping"
+
+
 def moved(text: str, source: str, target: str) -> str:
     """The text for a file in another folder: a relative path of a URDF leads there from it.
 

@@ -174,3 +174,46 @@ def test_a_measurement_that_is_none_is_refused_in_one_line(
     ):
         assert commission.main([*given, option, value]) == 2
         assert words in capsys.readouterr().err
+
+
+URDF = """<robot name="lever"><link name="base"/><link name="arm"/>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
+<origin xyz="0.1 0 0"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="1" velocity="1"/>
+</joint></robot>"""
+
+LEVER = """name: lever
+motors: [{name: winch}]
+joints: []
+frames: {urdf: lever.urdf}
+cables:
+  - name: cable
+    axial_stiffness: 5000
+    preload: 20
+    nodes:
+      - {type: winch, motor: winch, winding: 1, radius_mm: 10, position_mm: [0, 30, 0]}
+      - {type: anchor, frame: arm, position_mm: [40, 10, 0]}
+"""
+
+
+def test_a_robot_of_a_urdf_is_commissioned_without_changing_the_urdf(tmp_path: Path) -> None:
+    (tmp_path / "lever.urdf").write_text(URDF, encoding="utf-8")
+    robot, out = tmp_path / "lever.yaml", tmp_path / "out.yaml"
+    robot.write_text(LEVER, encoding="utf-8")
+    stamps = EPOCH_NS + 20_000_000 * np.arange(500)
+    hinge = 0.01 * np.sin(np.arange(500) / 40.0)
+    topics, bags = Topics(), {}
+    for name, angle in {
+        "rest": np.where(np.arange(500) % 2 == 0, 0.0, 2.0 * np.pi / 4096),  # a count to and fro
+        "motion": hinge,
+    }.items():
+        bags[name] = str(tmp_path / name)
+        with BagWriter(tmp_path / name) as bag:
+            effort = 0.2 + angle[:, None] if name == "motion" else None
+            still = np.zeros((500, 1))
+            bag.write_joint_states(topics.motors, stamps, ["winch"], still, effort=effort)
+            bag.write_joint_states(topics.joints, stamps, ["hinge"], angle[:, None])
+    given = ["--rest", bags["rest"], "--motion", bags["motion"]]
+    assert commission.main(["--robot", str(robot), "--out", str(out), "--yes", *given]) == 0
+    numbers = yaml.safe_load(out.read_text(encoding="utf-8"))["identified"]["numbers"]
+    assert numbers["joints.hinge.offset"] == "fit to motion"
+    assert not [path for path in numbers if path.startswith("frames.")]
