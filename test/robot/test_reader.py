@@ -21,8 +21,8 @@ from ruamel.yaml import YAML
 from cdrj_ros.foundation.errors import CdrjError, RobotFileError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot, Winch
-from cdrj_ros.robot.document import schema
-from cdrj_ros.robot.reader import MAXIMUM_BYTES, load_robot, parse_robot
+from cdrj_ros.robot.document import MAXIMUM_BYTES, schema
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 PROTOTYPE = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
