@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 ALL_SEEN: Final[NDArray[np.float64]]
 """What samples without deviations have as ``unseen``; shape (0, 0)."""
+NONE_CHANGED: Final[NDArray[np.float64]]
+"""What samples have as ``offset`` where it is that of the sample before; shape (0,)."""
 END_OF_TIME_NS: Final[int]
 """The stamp of a header, whose seconds have 32 bits with a sign, is below this [ns]."""
 MAX_GAP_NS: Final[int]
@@ -152,6 +154,7 @@ class Axis:
         adaptive: bool,
         band: float,
         negligible: float,
+        worth: float,
         start: float,
     ) -> None:
         """Keep the numbers.
@@ -168,6 +171,7 @@ class Axis:
             adaptive: whether that bandwidth rises with the motion.
             band: greatest difference of an angle and its reading [rad].
             negligible: standard deviations up to this are not reported [rad].
+            worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
             start: an ambiguous first reading means the possible angle nearest to it [rad].
         """
 
@@ -212,7 +216,7 @@ class Conditioner:
 
     def reset(self, keep_turns: bool = False) -> None: ...
     def remembered(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Numbers that outlast a restart, shapes (axes, 7) and (axes,)."""
+        """Numbers that outlast a restart, shapes (axes, 9) and (axes,)."""
 
     def remember(self, rows: NDArray[np.float64], stepped: NDArray[np.float64]) -> None:
         """Restore what ``remembered`` gave, before the first reading."""
@@ -245,6 +249,8 @@ class Conditioner:
     def unheard(self) -> list[str]: ...
     @property
     def displaced(self) -> dict[str, float]: ...
+    @property
+    def alternating(self) -> list[str]: ...
     @property
     def held_of(self) -> dict[str, list[tuple[int, float]]]:
         """Stamps [ns] and readings [rad] held after a possible jump of the clock, by name."""
@@ -283,6 +289,8 @@ class Recording:
             NDArray[np.uint64],
             NDArray[np.float64],
             NDArray[np.uint64],
+            NDArray[np.float64],
+            NDArray[np.uint64],
         ]
     ]:
         """Take up to ``most`` readings.
@@ -291,7 +299,8 @@ class Recording:
             One piece of samples, and a further one after every jump of the clock: whether the clock
             went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
             shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
-            shape (rows, 2, axes); rows that are doubtful.
+            shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, axes); rows
+            that are doubtful.
         """
 
 class TrackingFilter:
@@ -362,6 +371,7 @@ class Ensemble:
         effort_error: NDArray[np.float64],
         reading_error: NDArray[np.float64],
         unseen_share: NDArray[np.float64],
+        offset_gain: NDArray[np.float64],
         span: NDArray[np.float64],
         index: NDArray[np.int64],
         element: NDArray[np.int64],
@@ -377,6 +387,7 @@ class Ensemble:
             effort_error: lasting errors of the efforts [N m], shape (members, motors).
             reading_error: rows used in turn [rad], shape (rows, axes).
             unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
+            offset_gain: change per offset of an axis (U12), shape (quantities, axes).
             span: range of all axes [rad], shape (2, axes).
             index: of every quantity with a standard deviation in the estimate.
             element: an element of that quantity's cable; -1 for efforts.
@@ -395,6 +406,7 @@ class Ensemble:
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
         unseen: NDArray[np.float64],
+        offset: NDArray[np.float64],
         dt: float,
         at_once: bool,
         out: NDArray[np.float64],
@@ -408,6 +420,7 @@ class Ensemble:
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
         unseen: NDArray[np.float64],
+        offset: NDArray[np.float64],
         estimate: NDArray[np.float64],
         least: int,
         at_once: bool,
@@ -419,7 +432,7 @@ class Ensemble:
         may then wait to be updated, until ``finish`` or the next sample.
 
         Args:
-            stamp_ns, motor_angle, joint_angle, unseen: the sample.
+            stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
             estimate: shape (estimate_size,).
             least: number of members that are updated at least.
             at_once: whether no member is left waiting.
@@ -432,6 +445,7 @@ class Ensemble:
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
         unseen: NDArray[np.float64],
+        offset: NDArray[np.float64],
         estimate: NDArray[np.float64],
         stddev: NDArray[np.float64],
     ) -> None:
@@ -443,6 +457,8 @@ class Ensemble:
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
         unseen: NDArray[np.float64],
+        offset_rows: NDArray[np.int64],
+        offset: NDArray[np.float64],
         estimates: NDArray[np.float64],
         stddev: NDArray[np.float64],
     ) -> None:
@@ -487,6 +503,10 @@ class Ensemble:
     @property
     def unseen(self) -> NDArray[np.float64]:
         """Standard deviations of these angles [rad], shape (axes,)."""
+
+    @property
+    def offset(self) -> NDArray[np.float64]:
+        """Standard deviations of the axes' offsets (U12) [rad], shape (axes,)."""
 
     @property
     def intervals(self) -> NDArray[np.int64]:

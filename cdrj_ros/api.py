@@ -185,7 +185,7 @@ def estimate(
     later = stamps if joint_stamp_ns is None else _stamps("joint_stamp_ns", joint_stamp_ns)
     names = tuple(motor.name for motor in robot.motors)
     conditioned = condition(
-        robot,
+        model.robot,
         _channels("motors", motors, names, stamps),
         _channels("joints", joints, tuple(joint.name for joint in robot.joints), later),
     )

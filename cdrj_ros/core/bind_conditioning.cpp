@@ -68,6 +68,12 @@ const py::object& all_seen() {
     return *empty;
 }
 
+/// `offset` of every sample with those of the sample before: always the same object.
+const py::object& none_changed() {
+    static const auto* const empty = new py::object(py::array_t<double>(0));
+    return *empty;
+}
+
 py::tuple tuple_of(const Sample& sample, std::size_t motors) {
     const auto angles = std::span(sample.angle);
     py::object unseen = all_seen();
@@ -77,6 +83,7 @@ py::tuple tuple_of(const Sample& sample, std::size_t motors) {
         copy_of(angles.first(motors)),
         copy_of(angles.subspan(motors)),
         unseen,
+        sample.offset.empty() ? none_changed() : py::object(copy_of(sample.offset)),
         sample.doubtful,
         sample.predicted,
         sample.silent);
@@ -130,7 +137,7 @@ auto by_name(const Conditioner& conditioner, Get get) {
     return found;
 }
 
-constexpr py::ssize_t REMEMBERED = 7;  // numbers of every axis
+constexpr py::ssize_t REMEMBERED = 9;  // numbers of every axis
 
 py::tuple memory(const Conditioner& conditioner) {
     std::vector<double> rows, stepped;
@@ -138,8 +145,8 @@ py::tuple memory(const Conditioner& conditioner) {
         rows.insert(
             rows.end(),
             {one.speed, one.acceleration, one.fastest, one.hardest, one.travelled, one.windows,
-             one.displaced});
-        stepped.push_back(one.stepped ? 1.0 : 0.0);
+             one.steps.bend, one.steps.unexplained, one.steps.displaced});
+        stepped.push_back(one.steps.stepped ? 1.0 : 0.0);
     }
     const auto axes = static_cast<py::ssize_t>(stepped.size());
     return py::make_tuple(
@@ -156,7 +163,8 @@ void recall(Conditioner& conditioner, const Numbers& rows, const Numbers& steppe
     for (py::ssize_t k = 0; k < axes; ++k) {
         const double* row = rows.data(k, 0);
         memory.push_back(
-            {row[0], row[1], row[2], row[3], row[4], row[5], row[6], stepped.data()[k] != 0.0});
+            {row[0], row[1], row[2], row[3], row[4], row[5],
+             {row[6], row[7], row[8], stepped.data()[k] != 0.0}});
     }
     conditioner.recall(memory);
 }
@@ -173,6 +181,7 @@ py::tuple tuple_of(Samples&& samples, std::size_t motors, std::size_t joints) {
     const auto m = static_cast<py::ssize_t>(motors), j = static_cast<py::ssize_t>(joints);
     const auto unseen = static_cast<py::ssize_t>(samples.unseen_rows.size());
     const auto doubtful = static_cast<py::ssize_t>(samples.doubtful.size());
+    const auto changes = static_cast<py::ssize_t>(samples.offset_rows.size());
     return py::make_tuple(
         samples.after_jump,
         array_of(std::move(samples.stamp_ns), {n}),
@@ -180,6 +189,8 @@ py::tuple tuple_of(Samples&& samples, std::size_t motors, std::size_t joints) {
         array_of(std::move(samples.joint), {n, j}),
         array_of(std::move(samples.unseen_rows), {unseen}),
         array_of(std::move(samples.unseen), {unseen, 2, m + j}),
+        array_of(std::move(samples.offset_rows), {changes}),
+        array_of(std::move(samples.offset), {changes, m + j}),
         array_of(std::move(samples.doubtful), {doubtful}));
 }
 
@@ -243,19 +254,19 @@ void bind_axis(py::module_& core) {
                         Nanoseconds clock_offset_ns, double period, double scale, double offset,
                         std::vector<double> corrected_at, std::vector<double> correction,
                         double bandwidth, bool adaptive, double band, double negligible,
-                        double start) {
+                        double worth, double start) {
                 if (corrected_at.size() != correction.size()) {
                     throw py::value_error("a correction needs as many values as angles");
                 }
                 return Axis{std::move(name), lower, upper, max_speed, clock_offset_ns, period,
                             scale, offset, std::move(corrected_at), std::move(correction),
-                            bandwidth, adaptive, band, negligible, start};
+                            bandwidth, adaptive, band, negligible, worth, start};
             }),
             py::arg("name"), py::kw_only(), py::arg("lower"), py::arg("upper"),
             py::arg("max_speed"), py::arg("clock_offset_ns"), py::arg("period"), py::arg("scale"),
             py::arg("offset"), py::arg("corrected_at"), py::arg("correction"),
             py::arg("bandwidth"), py::arg("adaptive"), py::arg("band"), py::arg("negligible"),
-            py::arg("start"))
+            py::arg("worth"), py::arg("start"))
         .def_readonly("name", &Axis::name)
         .def_readonly("lower", &Axis::lower)
         .def_readonly("upper", &Axis::upper)
@@ -298,12 +309,22 @@ void bind_conditioner(py::module_& core) {
         })
         .def_property_readonly("displaced", [](const Conditioner& c) {
             return by_name(c, [](const Channel& channel) -> py::object {
-                return channel.stepped ? py::object(py::float_(channel.displaced)) : py::none();
+                const StepMemory& steps = channel.steps.memory;
+                if (!steps.stepped && steps.displaced == 0.0) return py::none();
+                return py::float_(steps.displaced);
             });
+        })
+        .def_property_readonly("alternating", [](const Conditioner& c) {
+            return py::list(by_name(c, [](const Channel& channel) -> py::object {
+                if (!channel.steps.alternates()) return py::none();
+                return py::bool_(true);
+            }));
         })
         .def_property_readonly("held", [](const Conditioner& c) {
             std::size_t held = 0;
-            for (const Channel& channel : c.channels()) held += channel.held.size();
+            for (const Channel& channel : c.channels()) {
+                held += channel.held.size() + (channel.off ? 1 : 0);
+            }
             return held;
         })
         .def_property_readonly("held_of", [](const Conditioner& c) {
@@ -326,6 +347,7 @@ void bind_conditioner(py::module_& core) {
 
 void bind_conditioning(py::module_& core) {
     core.attr("ALL_SEEN") = all_seen();
+    core.attr("NONE_CHANGED") = none_changed();
     core.attr("MAX_GAP_NS") = MAX_GAP_NS;
     core.attr("CONFIRMATIONS") = CONFIRMATIONS;
     core.attr("RANGE_MARGIN") = RANGE_MARGIN;

@@ -38,8 +38,8 @@ std::vector<T> taken(
 std::unique_ptr<Ensemble> make_ensemble(
     const HeldRobot& robot, const Matrix& numbers, const Matrix& friction_share,
     const Flags& slipping, const Matrix& effort_error, const Matrix& reading_error,
-    const Matrix& unseen_share, const Matrix& span, const Indices& index, const Indices& element,
-    const Matrix& unmodelled) {
+    const Matrix& unseen_share, const Matrix& offset_gain, const Matrix& span, const Indices& index,
+    const Indices& element, const Matrix& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
     const py::ssize_t members = slipping.size(), axes = sizes.axes(), quantities = index.size();
     require(
@@ -55,6 +55,7 @@ std::unique_ptr<Ensemble> make_ensemble(
         .effort_error = taken(effort_error, {members, sizes.motors}, "effort_error"),
         .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
         .unseen_share = taken(unseen_share, {paths, members, axes}, "unseen_share"),
+        .offset_gain = taken(offset_gain, {quantities, axes}, "offset_gain"),
         .lower = {lower_upper.begin(), lower_upper.begin() + axes},
         .upper = {lower_upper.begin() + axes, lower_upper.end()},
         .reading_rows = errors,
@@ -81,13 +82,14 @@ std::unique_ptr<Ensemble> make_ensemble(
 /// A sample of this ensemble's robot.
 SampleView view_of(
     const Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Given& unseen) {
+    const Given& joint_angle, const Given& unseen, const Given& offset) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     require(
         motor_angle.size() == sizes.motors && joint_angle.size() == sizes.joints &&
-            (unseen.size() == 0 || unseen.size() == 2 * sizes.axes()),
+            (unseen.size() == 0 || unseen.size() == 2 * sizes.axes()) &&
+            (offset.size() == 0 || offset.size() == sizes.axes()),
         "the angles are not those of this robot");
-    return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen)};
+    return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen), span_of(offset)};
 }
 
 std::span<double> row_of_stddev(const Ensemble& ensemble, Vector& stddev) {
@@ -107,39 +109,42 @@ std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estim
 bool step(
     Ensemble& ensemble, const py::object& before, Nanoseconds stamp_ns,
     const py::object& motor_angle, const py::object& joint_angle, const py::object& unseen,
-    double dt, bool at_once, const py::object& out, const py::object& stddev) {
+    const py::object& offset, double dt, bool at_once, const py::object& out, const py::object& stddev) {
     const Robot& robot = ensemble.robot();
     const Given state = quickly(before), motor = quickly(motor_angle),
-                joint = quickly(joint_angle), deviation = quickly(unseen);
+                joint = quickly(joint_angle), deviation = quickly(unseen),
+                lasting = quickly(offset);
     Vector result = written(out, "out is not a contiguous array of floats");
     Vector spread = written(stddev, "stddev is not a contiguous array of floats");
     require(state.size() >= py::ssize_t(robot.state_size()), "before is too short");
     require(result.size() >= py::ssize_t(robot.out_size()), "out is too short");
     return ensemble.step(
-        state.data(), view_of(ensemble, stamp_ns, motor, joint, deviation), dt, at_once,
+        state.data(), view_of(ensemble, stamp_ns, motor, joint, deviation, lasting), dt, at_once,
         result.mutable_data(), row_of_stddev(ensemble, spread));
 }
 
 void update(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& estimate, Index least, bool at_once, Vector& stddev) {
+    const Given& unseen, const Given& offset, const Given& estimate, Index least, bool at_once,
+    Vector& stddev) {
     ensemble.update(
-        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen),
+        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
         estimate_of(ensemble, estimate), least, at_once, row_of_stddev(ensemble, stddev));
 }
 
 void predict(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& estimate, Vector& stddev) {
+    const Given& unseen, const Given& offset, const Given& estimate, Vector& stddev) {
     ensemble.predict(
-        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen),
+        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
         estimate_of(ensemble, estimate), row_of_stddev(ensemble, stddev));
 }
 
 /// `update` for many samples and their estimates.
 void follow(
     Ensemble& ensemble, const Stamps& stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Given& unseen, const Given& estimates, Matrix& stddev) {
+    const Given& joint_angle, const Given& unseen, const Stamps& offset_rows, const Given& offset,
+    const Given& estimates, Matrix& stddev) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     const py::ssize_t samples = stamp_ns.size();
     const auto fits = [samples](const auto& one, std::size_t width) {
@@ -150,16 +155,22 @@ void follow(
     const std::size_t hidden = unseen.size() == 0 ? 0 : 2 * ensemble.axes();
     require(
         fits(motor_angle, motors) && fits(joint_angle, joints) && fits(estimates, size) &&
-            fits(stddev, quantities) && (hidden == 0 || fits(unseen, hidden)),
+            fits(stddev, quantities) && (hidden == 0 || fits(unseen, hidden)) &&
+            offset.size() == offset_rows.size() * py::ssize_t(ensemble.axes()),
         "samples, estimates and stddev have not the shapes of this robot's");
     const Nanoseconds* stamps = stamp_ns.data();
     const double *motor = motor_angle.data(), *joint = joint_angle.data(), *deviation = unseen.data();
     const double* estimate = estimates.data();
     double* written = stddev.mutable_data();
+    const std::span<const Nanoseconds> changes(offset_rows.data(), offset_rows.size());
+    std::size_t change = 0;
     for_samples(samples, [&](py::ssize_t k) {
-        const SampleView sample{
+        SampleView sample{
             stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
             {deviation + k * hidden, hidden}};
+        if (change < changes.size() && changes[change] == k) {
+            sample.offset = {offset.data() + change++ * ensemble.axes(), ensemble.axes()};
+        }
         ensemble.update(
             sample, {estimate + k * size, size}, 1, true, {written + k * quantities, quantities});
         return true;
@@ -271,23 +282,24 @@ void bind_ensemble(py::module_& core) {
         .def(
             py::init(&make_ensemble), py::arg("robot"), array("numbers"), array("friction_share"),
             array("slipping"), array("effort_error"), array("reading_error"), array("unseen_share"),
-            array("span"), array("index"), array("element"), array("unmodelled"),
+            array("offset_gain"), array("span"), array("index"), array("element"),
+            array("unmodelled"),
             "Copies all arrays.")
         .def(
             "step", step, py::arg("before"), stamp_ns, py::arg("motor_angle"),
-            py::arg("joint_angle"), py::arg("unseen"), py::arg("dt"), py::arg("at_once"),
+            py::arg("joint_angle"), py::arg("unseen"), py::arg("offset"), py::arg("dt"), py::arg("at_once"),
             py::arg("out"), py::arg("stddev"), "``Robot.step`` and ``update`` in one call.")
         .def(
             "update", update, stamp_ns, py::arg("motor_angle"), py::arg("joint_angle"),
-            py::arg("unseen"), py::arg("estimate"), py::arg("least"), py::arg("at_once"),
+            py::arg("unseen"), py::arg("offset"), py::arg("estimate"), py::arg("least"), py::arg("at_once"),
             array("stddev"), "Write the standard deviations at a sample and its estimate.")
         .def(
             "predict", predict, stamp_ns, py::arg("motor_angle"), py::arg("joint_angle"),
-            py::arg("unseen"), py::arg("estimate"), array("stddev"),
+            py::arg("unseen"), py::arg("offset"), py::arg("estimate"), array("stddev"),
             "``update`` at a predicted sample, which the next call of another function forgets.")
         .def(
             "follow", follow, stamp_ns, py::arg("motor_angle"), py::arg("joint_angle"),
-            py::arg("unseen"), py::arg("estimates"), array("stddev"),
+            py::arg("unseen"), py::arg("offset_rows"), py::arg("offset"), py::arg("estimates"), array("stddev"),
             "``update``, at once, for many samples and their estimates, one a row.")
         .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
         .def("finish", &Ensemble::finish, "Update the member that waits, if there is one.")
@@ -301,6 +313,7 @@ void bind_ensemble(py::module_& core) {
         .def_property_readonly("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps))
         .def_property_readonly("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
         .def_property_readonly("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
+        .def_property_readonly("offset", part(&Ensemble::memory, &EnsembleMemory::offset))
         .def_property_readonly("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals))
         .def_property_readonly(
             "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true))

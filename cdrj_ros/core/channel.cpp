@@ -42,14 +42,15 @@ Channel::Channel(const Axis& axis) {
 
 void Channel::take_over(const Channel& earlier) {
     motion = earlier.motion.elsewhen();
-    displaced = earlier.displaced;
-    stepped = earlier.stepped;
+    steps.memory = earlier.steps.memory;
     left_behind_ns = earlier.last_ns;
 }
 
 void Channel::keep_turns(const Channel& earlier) {
     turns = earlier.turns;
     motion = earlier.motion.elsewhen();
+    steps.memory.bend = earlier.steps.memory.bend;
+    steps.memory.unexplained = earlier.steps.memory.unexplained;
 }
 
 void Channel::keep_turns_for_a_while(const Channel& earlier) {
@@ -134,7 +135,8 @@ bool Channel::is_regular() const {
 Timing Channel::timing(Nanoseconds stamp_ns, std::span<const Channel> channels) {
     if (last_ns < 0) return straggles(stamp_ns, channels) ? Timing::late : Timing::usable;
     const Nanoseconds ahead_ns = stamp_ns - last_ns;
-    if (ahead_ns == 0) return Timing::repeated;
+    if (ahead_ns == 0 || (off && stamp_ns == off->stamp_ns)) return Timing::repeated;
+    if (off && 0 < ahead_ns && stamp_ns < off->stamp_ns) return Timing::late;
     if (0 < ahead_ns && ahead_ns <= patience_ns()) return Timing::usable;
     const bool distant = ahead_ns > 0 || ahead_ns < -MAX_GAP_NS;
     return distant || !held.empty() ? Timing::another_time : Timing::late;
@@ -169,31 +171,20 @@ void Channel::note_implausible(const Axis& axis, Raw raw) {
     refused_ = {raw.stamp_ns, angle};
 }
 
-bool Channel::note_plausible(Nanoseconds stamp_ns, double angle) {
-    if (last_ns < 0) return false;
-    bool confirmed = false;
-    if (leap_) {
-        const Leap judged = *leap_;
-        const Verdict verdict = judged.judge(stamp_ns, angle);
-        if (verdict != Verdict::undecided) leap_.reset();
-        confirmed = verdict == Verdict::step;
-        if (confirmed) step_by(judged.after - judged.before);
-    } else if (agreeing_ > 0) {
-        const bool beyond = std::abs(angle - refused_.reading) < std::abs(angle - last);
-        const double least = motion.reach((stamp_ns - last_ns) * 1e-9);
+bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
+    bool stepped = false;
+    if (agreeing_ > 0 && last_ns >= 0) {
+        const bool beyond = std::abs(next.angle - refused_.reading) < std::abs(next.angle - last);
+        const double least = motion.reach((next.stamp_ns - last_ns) * 1e-9);
         const bool lasted = agreeing_ >= CONFIRMATIONS || std::abs(step_) > least;
-        confirmed = beyond && lasted;
-        if (confirmed) step_by(step_);
-    } else {
-        leap_ = motion.leap(last_ns, last, stamp_ns, angle);
+        stepped = beyond && lasted;
     }
     agreeing_ = 0;
-    return confirmed;
-}
-
-void Channel::step_by(double by) {
-    displaced += by;
-    stepped = true;
+    if (stepped) {
+        steps.step_by(step_, axis.worth);
+        steps.restart();
+    }
+    return steps.take(motion, axis.worth, next, off) || stepped;
 }
 
 double Channel::between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle) {

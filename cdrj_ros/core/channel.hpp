@@ -8,6 +8,7 @@
 
 #include "motion.hpp"
 #include "records.hpp"
+#include "step_detector.hpp"
 #include "tracking.hpp"
 
 namespace cdrj {
@@ -26,6 +27,7 @@ struct Reading {
     Nanoseconds stamp_ns;
     double angle;
     double curvature;  // since the reading before, see `Motion::curvature` [rad/ns^2]
+    double offset;     // standard deviation of an offset, see `StepDetector::offset`
 };
 
 /// An angle as extrapolated from a reading on, to be compared with a later one.
@@ -92,14 +94,13 @@ public:
     /// Records a reading that the axis cannot have reached: a glitch or a step.
     void note_implausible(const Axis& axis, Raw raw);
 
-    /// Looks for a step of the sensor before an accepted angle; true if one is confirmed.
+    /// Takes an accepted angle; returns whether it shows a step of the sensor.
     ///
-    /// A step is confirmed if the angle continues the refused readings before it, or if an accepted
-    /// reading was too far away for the interval (`Motion::leap`) and later readings stay there.
-    bool note_plausible(Nanoseconds stamp_ns, double angle);
+    /// It does if it continues the refused readings before it, or with `StepDetector`.
+    bool note_plausible(const Axis& axis, Point next, bool off);
 
-    /// Whether the next reading may be wrong because its sensor has stepped, or may have.
-    bool is_doubtful() const { return leap_.has_value() || stepped; }
+    /// Whether readings may be wrong because their sensor has stepped, or is not the only one.
+    bool is_doubtful() const { return steps.memory.stepped || steps.alternates(); }
 
     /// Tracked angle at an accepted reading; call before it becomes the last one.
     double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);
@@ -123,18 +124,16 @@ public:
     Nanoseconds usual_ns = 0;     // longest of the latest intervals; 0 before the second reading
     std::vector<Raw> held;        // readings after a possible jump of the clock
     double resumed = 0.0;         // curvature since the last sample of an earlier run [rad/ns^2]
-    double displaced = 0.0;       // sum of the sensor's steps since the last reset
-    bool stepped = false;         // whether there was one, even if they add up to 0
+    StepDetector steps;
+    std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 
 private:
     std::int64_t first_turn(const Axis& axis, double reading) const;
     bool straggles(Nanoseconds stamp_ns, std::span<const Channel> channels);
-    void step_by(double by);
 
     std::deque<Extrapolation> tested_;  // those that wait for a reading to be compared with
-    std::optional<Leap> leap_;      // a change of reading that may turn out to be a step
     Turns before_;                  // those before a reset, until the first reading after it
     int stragglers_ = 0;            // readings from before a jump back that arrived after it
     // Readings refused as implausible one after the other, each plausible after the one before:

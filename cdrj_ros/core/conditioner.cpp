@@ -91,25 +91,59 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
         return false;
     }
     drop_held(channel);
-    append(k, raw);
+    return judge(k, raw);
+}
+
+/// Adds a reading to its channel, unless it is off: then the next one decides, and adds both or
+/// has it refused.
+bool Conditioner::judge(std::size_t k, Raw raw) {
+    const Axis& axis = axes_[k];
+    Channel& channel = channels_[k];
+    const Point next{raw.stamp_ns, channel.unwrap(axis, raw.reading).angle};
+    if (channel.off) {
+        const Raw off = *std::exchange(channel.off, std::nullopt);
+        if (!channel.steps.returns({off.stamp_ns, channel.unwrap(axis, off.reading).angle}, next)) {
+            const Nanoseconds before_ns = channel.last_ns;
+            append(k, off, before_ns, true);
+            append(k, raw, before_ns, false);
+            std::deque<Reading>& readings = channel.readings;
+            readings[readings.size() - 2].offset = readings.back().offset;
+            return true;
+        }
+        refuse(Cause::implausible);
+        channel.steps.note_outlier();
+    }
+    if (channel.steps.is_off(channel.motion, next)) {
+        channel.off = raw;
+        return false;
+    }
+    append(k, raw, channel.last_ns, false);
     return true;
 }
 
-/// Adds an accepted reading to its channel.
-void Conditioner::append(std::size_t k, Raw raw) {
+/// Adds an accepted reading to its channel; a step of the sensor that it shows was after `since_ns`.
+///
+/// off: whether the reading was off, see `judge`.
+void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off) {
     Channel& channel = channels_[k];
     const Unwrapped unwrapped = channel.unwrap(axes_[k], raw.reading);
-    if (channel.note_plausible(raw.stamp_ns, unwrapped.angle)) ++steps;
+    if (channel.note_plausible(axes_[k], {raw.stamp_ns, unwrapped.angle}, off)) ++steps;
     if (channel.is_doubtful() != channel.in_doubt) {
         channel.in_doubt = channel.is_doubtful();
         if (channel.in_doubt) {
-            time_line_.begin_doubt(k, channel.last_ns);
+            time_line_.begin_doubt(k, since_ns);
         } else {
             time_line_.end_doubt(k, raw.stamp_ns);
         }
     }
     time_line_.take(axes_[k], channel, raw, unwrapped);
     ++accepted;
+}
+
+/// Refuses a reading that was to be judged by the next one, which belongs to another time.
+void Conditioner::drop_off(Channel& channel) {
+    if (channel.off) refuse(Cause::implausible);
+    channel.off.reset();
 }
 
 /// Refuses the held readings: the clock did not jump.
@@ -127,6 +161,7 @@ bool Conditioner::hold(std::size_t k, Raw raw) {
     channel.held.push_back(raw);
     const bool regular = channel.is_regular();
     if (channel.held.size() < CONFIRMATIONS && !regular) return false;
+    drop_off(channel);
     if (!regular && channel.held.front().stamp_ns < channel.last_ns) return jump_back(k);
     const std::vector<Raw> confirmed = std::exchange(channel.held, {});
     if (regular) return append_held(k, confirmed);
@@ -148,7 +183,7 @@ bool Conditioner::append_held(std::size_t k, std::span<const Raw> confirmed) {
     for (const Raw& raw : confirmed) {
         const Cause complaint = channels_[k].complaint(axes_[k], raw);
         if (complaint == Cause::none) {
-            append(k, raw);
+            append(k, raw, channels_[k].last_ns, false);
             continue;
         }
         refuse(complaint);
@@ -163,6 +198,7 @@ bool Conditioner::append_held(std::size_t k, std::span<const Raw> confirmed) {
 bool Conditioner::jump_back(std::size_t k) {
     ++clock_jumps;
     for (Channel& channel : channels_) {
+        drop_off(channel);
         const bool of_the_new_time =
             !channel.held.empty() && channel.held.front().stamp_ns < channel.last_ns;
         if (!of_the_new_time) drop_held(channel);
@@ -178,7 +214,10 @@ bool Conditioner::jump_back(std::size_t k) {
 }
 
 void Conditioner::reset(bool keep_turns) {
-    for (Channel& channel : channels_) drop_held(channel);
+    for (Channel& channel : channels_) {
+        drop_held(channel);
+        drop_off(channel);
+    }
     const std::vector<Channel> before = std::exchange(channels_, {});
     begin();
     for (std::size_t k = 0; k < channels_.size(); ++k) {
@@ -196,7 +235,7 @@ std::vector<Conditioner::Memory> Conditioner::memory() const {
         const Motion& m = channel.motion;
         found.push_back({
             m.speed, m.acceleration, m.fastest, m.hardest, m.travelled, m.windows,
-            channel.displaced, channel.stepped,
+            channel.steps.memory,
         });
     }
     return found;
@@ -214,8 +253,7 @@ void Conditioner::recall(std::span<const Memory> memory) {
         motion.travelled = known.travelled;
         motion.windows = known.windows;
         channel.motion = motion.elsewhen();
-        channel.displaced = known.displaced;
-        channel.stepped = known.stepped;
+        channel.steps.memory = known.steps;
     }
 }
 

@@ -33,8 +33,7 @@ public:
     /// What outlasts a restart of one axis.
     struct Memory {
         double speed, acceleration, fastest, hardest, travelled, windows;  // see `Motion`
-        double displaced;                                                  // see `Channel`
-        bool stepped;
+        StepMemory steps;
     };
 
     /// axes: of all motors, then all joints, in the robot's order.
@@ -87,8 +86,10 @@ public:
 private:
     void begin();
     bool admit(std::size_t k, Nanoseconds stamp_ns, double reading);
-    void append(std::size_t k, Raw raw);
+    bool judge(std::size_t k, Raw raw);
+    void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
     void drop_held(Channel& channel);
+    void drop_off(Channel& channel);
     bool hold(std::size_t k, Raw raw);
     bool append_held(std::size_t k, std::span<const Raw> confirmed);
     bool jump_back(std::size_t k);

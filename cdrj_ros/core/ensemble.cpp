@@ -66,8 +66,8 @@ Ensemble::Ensemble(
     memory.variance.resize(quantities.size());
     memory.intervals.resize(axes);
     for (std::vector<double>* one :
-         {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &between_,
-          &reading_}) {
+         {&memory.angle, &memory.unseen, &memory.offset, &angle_before_, &angle_, &unseen_, &midway_,
+          &between_, &reading_}) {
         one->resize(axes);
     }
 }
@@ -129,6 +129,7 @@ void Ensemble::begin(
     std::span<double> stddev) {
     std::ranges::copy(estimate, estimate_.begin());
     const bool unknown = take_angles(sample);
+    std::ranges::copy(sample.offset, memory.offset.begin());  // if they have changed
     if (unknown || moved_in_a_gap(sample.stamp_ns)) start_anew();
     std::ranges::copy(angle_, memory.angle.begin());
 
@@ -343,6 +344,11 @@ void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> s
     for (std::size_t q = 0; q < quantities.size(); ++q) {
         const auto& [index, element, unmodelled, slack] = quantities[q];
         double total = std::max(memory.variance[q], 0.0) + unmodelled;
+        const std::span<const double> gains = row(draws.offset_gain, q, memory.offset.size());
+        for (std::size_t a = 0; a < gains.size(); ++a) {
+            const double part = gains[a] * memory.offset[a];
+            total += part * part;  // (U12)
+        }
         if (std::abs(nominal[index]) <= slack) total = std::max(total, slack * slack);
         stddev[q] = std::sqrt(total);
     }

@@ -53,6 +53,7 @@ struct SampleView {
     std::span<const double> motor_angle;  // [rad], of prismatic joints [m]
     std::span<const double> joint_angle;
     std::span<const double> unseen;       // as `Sample::unseen`
+    std::span<const double> offset{};     // as `Sample::offset`
 };
 
 /// A quantity of the estimate that has a standard deviation.
@@ -70,6 +71,7 @@ struct Draws {
     std::vector<double> effort_error;    // lasting errors of all motors, by members [N m]
     std::vector<double> reading_error;   // of all axes, one row for every update in turn [rad]
     std::vector<double> unseen_share;    // xi of (U3), by intervals in turn, members and axes
+    std::vector<double> offset_gain;     // change per offset of an axis (U12), by quantities and axes
     std::vector<double> lower;           // range of every axis [rad]
     std::vector<double> upper;
     Index reading_rows;                  // of `reading_error`
@@ -89,6 +91,7 @@ struct EnsembleMemory {
     Progress progress;
     std::vector<double> angle;        // of all axes at the last sample [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
+    std::vector<double> offset;       // standard deviations of the axes' offsets (U12) [rad]
     // of every axis, twice the number of its past intervals without readings, plus one during one
     std::vector<Index> intervals;
     std::vector<double> deviation;    // of every member's quantities from the estimate's
@@ -156,7 +159,7 @@ public:
     void compare(
         Index member, std::span<const double> own, std::span<const double> nominal, bool all_solved);
 
-    /// Add what no member shows to the spread (U5), and widen it where cables are slack (U6).
+    /// Add what no member shows to the spread (U5), (U12), and widen it where cables are slack (U6).
     void write_stddev(std::span<const double> nominal, std::span<double> stddev) const;
 
     Index members() const { return population.size(); }

@@ -15,28 +15,12 @@ constexpr Nanoseconds FAR_NS = 1'000'000'000;  // beyond it, a moving axis may h
 constexpr double NOISE = 0.8165;     // of two readings with errors up to 1, sqrt(2 / 3)
 constexpr double STILL = 0.01;       // an axis that moves by no more between two readings is at rest
 
-constexpr Nanoseconds LEAP_WITHIN_NS = 100'000'000;  // over longer times a leap may be a motion
-constexpr Nanoseconds SETTLED_NS = 50'000'000;  // a leap that lasts so long is a step of the sensor
-constexpr double JITTER = 5e-3;      // error of the stamps that the thresholds allow for [s]
-constexpr double TRAVEL = 1.0;       // leaps are looked for after an axis has travelled this far
-constexpr double LEAP_FLOOR = 0.02;  // the smallest leap
-constexpr double LEAP_BANDS = 40.0;  // a leap exceeds the sensor's greatest error by this factor,
-constexpr double LEAP_SPEED = 2.5;   // the greatest speed so far by this one,
-constexpr double LEAP_ACCELERATION = 10.0;  // and the greatest acceleration by this one
-
 /// Weighted root mean square of the old and the new value.
 double faded(double before, double now, double keep) {
     return std::sqrt(before * before * keep + now * now * (1.0 - keep));
 }
 
 }  // namespace
-
-Verdict Leap::judge(Nanoseconds at_ns, double angle) const {
-    angle -= velocity * ((at_ns - stamp_ns) * 1e-9);
-    if (std::abs(angle - before) < std::abs(angle - after)) return Verdict::glitch;
-    if (std::abs(angle - after) > 0.5 * std::abs(after - before)) return Verdict::motion;
-    return at_ns - stamp_ns >= SETTLED_NS ? Verdict::step : Verdict::undecided;
-}
 
 void Motion::take(Nanoseconds stamp_ns, double angle) {
     if (begin_ns >= 0 && stamp_ns >= begin_ns) {  // else the clock went back during a restart
@@ -125,29 +109,8 @@ double Motion::ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const {
     return std::sqrt(drift * drift + noise * noise);
 }
 
-std::optional<Leap> Motion::leap(
-    Nanoseconds last_ns, double last, Nanoseconds stamp_ns, double angle) const {
-    const Nanoseconds span_ns = stamp_ns - last_ns;
-    if (!(0 < span_ns && span_ns <= LEAP_WITHIN_NS)) return std::nullopt;
-    const double length = span_ns * 1e-9;
-    if (!(std::abs((angle - last) - velocity * length) > most(length))) return std::nullopt;
-    return Leap{stamp_ns, last, angle, velocity};
-}
-
 double Motion::reach(double length) const {
-    return std::max({LEAP_FLOOR, 2.0 * band, 2.0 * fastest * length});
-}
-
-/// Greatest deviation over a time [s] that is not a leap, (C5).
-double Motion::most(double length) const {
-    if (travelled < TRAVEL) return INFINITE;
-    const double tau = std::max(length, JITTER);
-    return std::max({
-        LEAP_FLOOR,
-        LEAP_BANDS * band,
-        LEAP_SPEED * fastest * tau,
-        LEAP_ACCELERATION * hardest * tau * tau,
-    });
+    return std::max(2.0 * band, 2.0 * fastest * length);
 }
 
 }  // namespace cdrj

@@ -1,27 +1,11 @@
 // Speed and acceleration of an axis, and the motion that they allow between two readings.
 //
-// Equations (C2) to (C5) of docs/conditioning.md.
+// Equations (C2) to (C4) of docs/conditioning.md.
 #pragma once
-
-#include <optional>
 
 #include "records.hpp"
 
 namespace cdrj {
-
-/// What a leap was.
-enum class Verdict { undecided, glitch, motion, step };
-
-/// A change of reading that is too fast for the motion of the axis so far.
-struct Leap {
-    Nanoseconds stamp_ns;  // of the first reading after it
-    double before;         // last angle before it
-    double after;          // first angle after it
-    double velocity;       // of the axis before it [rad/s]
-
-    /// Classifies the leap by a later reading.
-    Verdict judge(Nanoseconds stamp_ns, double angle) const;
-};
 
 /// Running estimates of an axis's speed and acceleration.
 struct Motion {
@@ -62,17 +46,12 @@ struct Motion {
     /// Standard deviation of an angle extrapolated with the velocity over a window, (C4).
     double ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const;
 
-    /// The leap from the last reading to the next one, (C5), unless it may be a motion.
-    std::optional<Leap> leap(
-        Nanoseconds last_ns, double last, Nanoseconds stamp_ns, double angle) const;
-
     /// Greatest displacement within a time [s] at up to twice the greatest speed so far.
     double reach(double span) const;
 
 private:
     void close(double span, double moved);
     Nanoseconds seen() const;
-    double most(double span) const;
 };
 
 }  // namespace cdrj

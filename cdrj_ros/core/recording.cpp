@@ -15,6 +15,10 @@ void append(Samples& samples, const Sample& sample, std::size_t motors) {
         samples.unseen_rows.push_back(row);
         samples.unseen.insert(samples.unseen.end(), sample.unseen.begin(), sample.unseen.end());
     }
+    if (!sample.offset.empty()) {
+        samples.offset_rows.push_back(row);
+        samples.offset.insert(samples.offset.end(), sample.offset.begin(), sample.offset.end());
+    }
     if (sample.doubtful) samples.doubtful.push_back(row);
 }
 

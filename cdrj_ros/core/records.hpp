@@ -65,6 +65,7 @@ struct Axis {
     bool adaptive = false;              // whether that bandwidth rises with the motion
     double band = 0.0;                  // greatest difference of an angle and its reading
     double negligible = 0.0;            // standard deviations up to this are not reported
+    double worth = 0.0;  // change of the angle that alone makes tensions UNSURE; 0 where unknown
     double start = 0.0;                 // an ambiguous first reading means the angle nearest to it
 };
 
@@ -76,6 +77,9 @@ struct Sample {
     // axis midway between the sample before and this one; infinite where the motion between them is
     // unknown. Empty where all are zero.
     std::vector<double> unseen{};
+    // Standard deviations of offsets of all axes that the readings do not show, (C9); empty where they
+    // are those of the sample before.
+    std::vector<double> offset{};
     bool doubtful = false;   // an angle may be wrong because its sensor may have stepped
     bool predicted = false;  // an angle is extrapolated
     bool silent = false;     // a predicted sample was at least as late; not given out

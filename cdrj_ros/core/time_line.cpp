@@ -6,6 +6,14 @@
 namespace cdrj {
 namespace {
 
+constexpr double FINER = 0.22;  // logarithm of 1.25
+
+/// The next of few values, each a quarter above the one before, so that changes are few.
+double level(double value) {
+    if (!(value > 0.0)) return 0.0;
+    return std::exp(FINER * std::ceil(std::log(value) / FINER));
+}
+
 /// Standard deviation midway between two samples, (C3); 0 where it is negligible.
 double way_between(double curvature, Nanoseconds interval_ns, double negligible) {
     const double way = curvature * interval_ns * interval_ns * 0.25;
@@ -116,6 +124,7 @@ bool is_curved(const Channel& channel, Nanoseconds stamp_ns) {
 
 void TimeLine::begin() {
     doubts_.clear();
+    offset_.clear();
     resumed_ns_ = passed_over_ns_ = given_out_ns_ = ahead_ns_ = ahead_from_ns_ = -1;
 }
 
@@ -151,7 +160,8 @@ void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwra
     channel.last = value;
     channel.turns.last = reading;
     channel.turns.count = unwrapped.turns;
-    channel.readings.push_back({stamp_ns, angle, curvature});
+    const double offset = level(channel.steps.offset(channel.motion));
+    channel.readings.push_back({stamp_ns, angle, curvature, offset});
     if (channel.readings.size() > WAITING) {
         channel.readings.pop_front();
         ++crowded;
@@ -213,12 +223,29 @@ void TimeLine::interpolate(
             passed_over_ns_ = last_ns;  // nothing is known of an axis here
             continue;
         }
+        tell_offsets(channels, sample);
         sample.doubtful = is_doubtful(last_ns);
         sample.silent = last_ns <= ahead_ns_;
         began = true;
         to.push_back(std::move(sample));
     }
     if (!to.empty()) given_out_ns_ = ahead_from_ns_ = last_ns;
+}
+
+/// Give the offsets' standard deviations at a sample that `interpolated` gave, if they have changed.
+void TimeLine::tell_offsets(Channels channels, Sample& sample) {
+    const auto offset_of = [&](const Channel& channel) {
+        const std::deque<Reading>& readings = channel.readings;
+        return readings[readings[0].stamp_ns == sample.stamp_ns ? 0 : 1].offset;
+    };
+    offset_.resize(channels.size(), -1.0);
+    bool changed = false;
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        const double offset = offset_of(channels[k]);
+        changed = changed || offset != offset_[k];
+        offset_[k] = offset;
+    }
+    if (changed) sample.offset = offset_;
 }
 
 /// Whether to give a sample at the newest stamp; all channels have reached `until_ns`.

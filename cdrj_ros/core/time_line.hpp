@@ -63,6 +63,7 @@ private:
     using Axes = std::span<const Axis>;
     using Channels = std::span<Channel>;
 
+    void tell_offsets(Channels channels, Sample& sample);
     void interpolate(Axes axes, Channels channels, Nanoseconds until_ns, std::vector<Sample>& to);
     bool is_predictable(Channels channels, Nanoseconds newest_ns, Nanoseconds until_ns) const;
     Sample predict(Axes axes, Channels channels, Nanoseconds stamp_ns);
@@ -71,6 +72,7 @@ private:
     bool predict_;
     Nanoseconds horizon_ns_;
     std::vector<Doubt> doubts_;
+    std::vector<double> offset_;       // `Sample::offset` as last given
     Nanoseconds resumed_ns_ = -1;      // last sample of an earlier run
     Nanoseconds passed_over_ns_ = -1;  // last sample not given because an axis was unknown
     Nanoseconds given_out_ns_ = -1;    // last sample that is not predicted; -1 before the first

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
+from cdrj_ros.estimation.encoder_errors import worth_of
 from cdrj_ros.estimation.reading_limits import axes_of
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import UsageError
@@ -45,7 +46,8 @@ class Conditioner(_core.Conditioner):
     and ``crowded`` (accepted readings that waited too long for another channel).  ``held`` readings
     wait until it is known whether the clock has jumped, ``unheard`` are the names without an
     accepted reading since the last reset, ``displaced`` has the sum of the steps [rad] of every
-    sensor that has stepped since then, and ``lag_ns`` is the lag of the last sample behind the
+    sensor that has stepped since then, ``alternating`` are the names whose readings alternate
+    between two motions, and ``lag_ns`` is the lag of the last sample behind the
     newest reading.
     """
 
@@ -59,15 +61,16 @@ class Conditioner(_core.Conditioner):
         """Prepare the channels.
 
         Args:
-            robot: names, sensors and limits.
+            robot: names, sensors and limits; joints without encoder have no channel.
             mode: one of ``MODES``.
             horizon_ns: longest time to predict [ns].
             tracking: see ``axes_of``.
         """
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
-        super().__init__(axes_of(robot, tracking), len(robot.motors), mode == "predict", horizon_ns)
-        self._robot = robot
+        self._robot, self._worth = robot.as_read, worth_of(robot)
+        axes = axes_of(self._robot, tracking, self._worth)
+        super().__init__(axes, len(robot.motors), mode == "predict", horizon_ns)
 
     def reset(self, keep_turns: bool = False) -> None:
         """Forget all readings; the counters stay.
@@ -103,7 +106,7 @@ class Conditioner(_core.Conditioner):
 
     def set_tracking(self, tracking: float | None) -> None:
         """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
-        self.use_tracking_of(axes_of(self._robot, tracking))
+        self.use_tracking_of(axes_of(self._robot, tracking, self._worth))
 
     def feed_motors(
         self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
-from cdrj_ros.estimation.model_error import unmodelled
+from cdrj_ros.estimation.model_error import offset_gain, unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
@@ -82,6 +82,7 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         effort_error=draws.effort_error,
         reading_error=draws.reading_error,
         unseen_share=draws.unseen_share,
+        offset_gain=offset_gain(model),
         span=np.array(spans).T.copy(),
         index=stddev_columns(model.layout),
         element=_elements_of(model.layout),
@@ -224,12 +225,12 @@ class Ensemble:
         Raises:
             ValueError: the angles are not those of this robot.
         """
-        stamp, motor_angle, joint_angle, unseen = sample[:4]
+        stamp, motor_angle, joint_angle, unseen, offset = sample[:5]
         model, core, before = self.model, self.core, state.stamp_ns
         out, stddev = np.empty(model.out_size), np.empty(self._width)
         dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
         solved = core.step(
-            state.whole, stamp, motor_angle, joint_angle, unseen, dt, at_once, out, stddev
+            state.whole, stamp, motor_angle, joint_angle, unseen, offset, dt, at_once, out, stddev
         )
         return (
             State(stamp, out, model.state_part),
@@ -251,7 +252,7 @@ class Ensemble:
             ValueError: the sample or the estimate is of another robot.
         """
         stddev = np.empty(self._width)
-        self.core.update(*sample[:4], estimate.values, 1, at_once, stddev)
+        self.core.update(*sample[:5], estimate.values, 1, at_once, stddev)
         return stddev
 
     def predict(self, sample: Sample, estimate: Estimate) -> Vector:
@@ -260,7 +261,7 @@ class Ensemble:
         Members are updated only where the prediction adds to their deviations.
         """
         stddev = np.empty(self._width)
-        self.core.predict(*sample[:4], estimate.values, stddev)
+        self.core.predict(*sample[:5], estimate.values, stddev)
         return stddev
 
     def finish(self) -> None:
@@ -272,7 +273,7 @@ class Ensemble:
         self.finish()
         if not (self.stamps == sample.stamp_ns).all():
             everyone, stddev = len(self.states), np.empty(self._width)
-            self.core.update(*sample[:4], estimate.values, everyone, False, stddev)
+            self.core.update(*sample[:5], estimate.values, everyone, False, stddev)
 
     def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
         """Apply ``step`` to many samples in two calls; the results are bit-identical."""
@@ -287,6 +288,8 @@ class Ensemble:
             samples.motor_angle,
             samples.joint_angle,
             samples.unseen,
+            samples.offset_rows,
+            samples.offset,
             estimates.values,
             stddev,
         )

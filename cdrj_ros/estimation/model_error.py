@@ -53,7 +53,7 @@ def _parts(robot: Robot) -> list[tuple[Cable, slice]]:
     return [(c, slice(a, b)) for c, a, b in zip(robot.cables, begins, ends, strict=True)]
 
 
-def _motor_arms(robot: Robot, name: str) -> Vector:
+def motor_arms(robot: Robot, name: str) -> Vector:
     """Effort on a motor per newton in every element [m], shape (elements,)."""
     arms = []
     for cable in robot.cables:
@@ -71,6 +71,33 @@ def _joint_arms(shape: Shape, joint: int) -> Vector:
     return np.where(arms > LEAST_ARM * max(float(arms.max(initial=0.0)), 1e-300), arms, 0.0)
 
 
+def stiffness(robot: Robot, shape: Shape) -> Table:
+    """Change of every cable's mean tension per change of an angle [N/rad], or [N/m] if it slides.
+
+    Without friction and at high tension; shape (cables, axes).  A cable of length L that an axis
+    lengthens by the arm r takes E A r / L per radian.
+    """
+    motors = [motor_arms(robot, motor.name) for motor in robot.motors]
+    arms = np.abs(np.column_stack([*motors, shape.lever_arm]))
+    rows = [
+        cable.axial_stiffness * arms[own].sum(axis=0) / float(shape.length[own].sum())
+        for cable, own in _parts(robot)
+    ]
+    return np.stack(rows)
+
+
+def offset_gain(model: Model) -> Table:
+    """Change of every column of ``stddev_columns`` per offset of an encoder (U12), (columns, axes).
+
+    Those of several cables add up, as they do where cables pull against each other.
+    """
+    robot = model.robot
+    shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
+    counts = [len(cable.element_names) for cable in robot.cables]
+    per_element = np.repeat(stiffness(robot, shape), counts, axis=0)
+    return np.stack([_through(robot, shape, one, together=True) for one in per_element.T], axis=1)
+
+
 def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vector:
     """Model error of every tension [N]: (U5), shape (elements,).
 
@@ -80,7 +107,7 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
     """
     parts = _parts(robot)
     sources: list[dict[int, float]] = [{} for _ in parts]
-    efforts = [(f"effort/{motor.name}", _motor_arms(robot, motor.name)) for motor in robot.motors]
+    efforts = [(f"effort/{motor.name}", motor_arms(robot, motor.name)) for motor in robot.motors]
     efforts += [
         (f"effort/{joint.name}", _joint_arms(shape, j)) for j, joint in enumerate(robot.joints)
     ]
@@ -109,8 +136,8 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
     return np.concatenate(errors)
 
 
-def _through(robot: Robot, shape: Shape, tension: Vector) -> Vector:
-    """Standard deviations of all columns from those of the tensions; cables are independent."""
+def _through(robot: Robot, shape: Shape, tension: Vector, *, together: bool = False) -> Vector:
+    """What errors of the tensions are in all columns; cables err independently, or all together."""
     parts = _parts(robot)
     forces = []
     at = 0
@@ -120,9 +147,9 @@ def _through(robot: Robot, shape: Shape, tension: Vector) -> Vector:
         own = tension[part]
         forces.append(lever * 0.5 * (own[:-1] + own[1:]))
         at += count
-    arms = [_motor_arms(robot, motor.name) for motor in robot.motors]
+    arms = [motor_arms(robot, motor.name) for motor in robot.motors]
     arms += [_joint_arms(shape, j) for j in range(len(robot.joints))]
-    efforts = [
-        np.sqrt(sum(float(arm[part] @ tension[part]) ** 2 for _, part in parts)) for arm in arms
-    ]
-    return np.concatenate([tension, *forces, np.array(efforts)])
+    own = np.array([[arm[part] @ tension[part] for _, part in parts] for arm in arms])
+    own = own.reshape(len(arms), len(parts))
+    efforts = own.sum(axis=1) if together else np.linalg.norm(own, axis=1)
+    return np.concatenate([tension, *forces, efforts])

@@ -49,20 +49,24 @@ def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
     return efforts * np.array([scale.get(name, 1.0) for name in names])
 
 
-def axes_of(robot: Robot, tracking: float | None = None) -> list[Axis]:
+def axes_of(robot: Robot, tracking: float | None = None, worth: Sequence[float] = ()) -> list[Axis]:
     """All motors, then all joints, in the robot's order.
 
     Args:
         robot: names, sensors and limits.
         tracking: fixed bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A
             sensor without resolution and noise is not tracked.
+        worth: of every axis, see ``encoder_errors.worth_of``; empty where it is not needed.
     """
     axes: tuple[Motor | Joint, ...] = (*robot.motors, *robot.joints)
-    return [axis_of(one, tracking) for one in axes]
+    return [
+        axis_of(one, tracking, size)
+        for one, size in zip(axes, worth or [0.0] * len(axes), strict=True)
+    ]
 
 
-def axis_of(axis: Motor | Joint, tracking: float | None = None) -> Axis:
-    """One motor or joint; ``tracking`` as of ``axes_of``."""
+def axis_of(axis: Motor | Joint, tracking: float | None = None, worth: float = 0.0) -> Axis:
+    """One motor or joint, as ``axes_of``."""
     sensor, bandwidth = axis.sensor, axis.sensor.tracking_bandwidth
     if tracking is not None and half_width(sensor) > 0.0:
         bandwidth = tracking
@@ -84,5 +88,6 @@ def axis_of(axis: Motor | Joint, tracking: float | None = None) -> Axis:
         adaptive=tracking is None and sensor.tracking == "adaptive",
         band=half_width(sensor),
         negligible=negligible(sensor),
+        worth=worth,
         start=axis.reference_angle,
     )

@@ -15,6 +15,12 @@ Vector = NDArray[np.float64]
 ALL_SEEN: Vector = _core.ALL_SEEN
 """``Sample.unseen`` where every axis was read often enough: all deviations are zero."""
 
+NONE_CHANGED: Vector = _core.NONE_CHANGED
+"""``Sample.offset`` where it is that of the sample before."""
+
+NO_ROWS: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+NO_OFFSETS: Vector = np.empty((0, 0))
+
 ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))
 """``Samples.unseen`` where all deviations of all samples are zero."""
 
@@ -37,6 +43,9 @@ class Sample(NamedTuple):
     Row 0: at the sample's time.  Row 1: midway between the sample before and this one; infinite
     where the motion between them is unknown.  Shape (0, 0) where all are zero.
     """
+    offset: Vector = NONE_CHANGED
+    """Standard deviations of lasting offsets that the readings do not show, (C9), of motors, then
+    joints [rad], shape (axes,); empty where they are those of the sample before."""
     doubtful: bool = False
     """Whether an angle may be wrong because the readings of its sensor have stepped."""
     predicted: bool = False
@@ -61,18 +70,38 @@ class Samples:
     doubtful: NDArray[np.bool_] = field(default_factory=lambda: NO_DOUBTS)
     """As ``Sample.doubtful``, shape (n,); (0,) where all are false."""
 
+    offset_rows: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
+    """The samples at which the offsets' standard deviations change, increasing, shape (k,)."""
+    offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
+    """As ``Sample.offset`` of these, shape (k, axes)."""
+
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""
         unseen = self.unseen[where] if len(self.unseen) else self.unseen
         doubtful = self.doubtful[where] if len(self.doubtful) else self.doubtful
+        begin, end, _ = where.indices(self.stamp_ns.size)
+        here = slice(*np.searchsorted(self.offset_rows, (begin, end)))
         return Samples(
-            self.stamp_ns[where], self.motor_angle[where], self.joint_angle[where], unseen, doubtful
+            self.stamp_ns[where],
+            self.motor_angle[where],
+            self.joint_angle[where],
+            unseen,
+            doubtful,
+            self.offset_rows[here] - begin,
+            self.offset[here],
         )
 
     def at(self, k: int) -> Sample:
         """One sample, as views."""
         unseen = self.unseen[k] if len(self.unseen) else ALL_SEEN
         doubtful = bool(self.doubtful[k]) if len(self.doubtful) else False
+        changed = self.offset[self.offset_rows == k]
+        offset = changed[0] if len(changed) else NONE_CHANGED
         return Sample(
-            int(self.stamp_ns[k]), self.motor_angle[k], self.joint_angle[k], unseen, doubtful
+            int(self.stamp_ns[k]),
+            self.motor_angle[k],
+            self.joint_angle[k],
+            unseen,
+            offset,
+            doubtful,
         )

@@ -126,9 +126,7 @@ class LiveEstimator:
                 "for a robot with joints without encoder"
             )
         self.options = options
-        self.conditioner = Conditioner(
-            model.robot.as_read, options.conditioning, tracking=options.tracking
-        )
+        self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
         self.unsolved = 0
         """Samples with at least one unsolved element, without predicted ones."""
         self.always_unsure: NDArray[np.bool_] | None = None
@@ -163,7 +161,9 @@ class LiveEstimator:
         elif options.uncertainty:
             known = narrowed(model.robot, self.changes)
             share = START_SHARE if options.corrects else 0.0
-            self.ensemble = Ensemble(model, preload_share=share, known=known)
+            before, self.ensemble = self.ensemble, Ensemble(model, preload_share=share, known=known)
+            if before is not None:
+                self.ensemble.core.offset[:] = before.core.offset
         if self.ensemble is not None and options.corrects:
             if self.fusion is None:
                 self.fusion = SensorFusion(

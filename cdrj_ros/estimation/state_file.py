@@ -23,7 +23,7 @@ from cdrj_ros.foundation.files import write_bytes
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 
-HEADER: Final = b"cdrj_ros state 6\n"
+HEADER: Final = b"cdrj_ros state 7\n"
 """First bytes of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000

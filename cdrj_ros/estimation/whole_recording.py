@@ -42,6 +42,8 @@ class _Piece(NamedTuple):
     joint_angle: NDArray[np.float64]
     unseen_rows: NDArray[np.uint64]
     unseen: NDArray[np.float64]
+    offset_rows: NDArray[np.uint64]
+    offset: NDArray[np.float64]
     doubtful: NDArray[np.uint64]
 
 
@@ -95,6 +97,7 @@ def _joined(pieces: list[_Piece]) -> Samples:
     stamp_ns = np.empty(n, dtype=np.int64)
     motor_angle, joint_angle = np.empty((n, motors)), np.empty((n, joints))
     unseen, doubtful = ALL_SEEN_OVER_TIME, NO_DOUBTS
+    rows, offsets = [], []
     if any(piece.unseen_rows.size for piece in pieces):
         unseen = np.zeros((n, 2, motors + joints))
     if any(piece.doubtful.size for piece in pieces):
@@ -108,10 +111,13 @@ def _joined(pieces: list[_Piece]) -> Samples:
         motor_angle[here], joint_angle[here] = piece.motor_angle, piece.joint_angle
         if piece.unseen_rows.size:
             unseen[here][piece.unseen_rows] = piece.unseen
+        rows.append(begin + piece.offset_rows.astype(np.int64))
+        offsets.append(piece.offset)
         if piece.doubtful.size:
             doubtful[here][piece.doubtful] = True
         begin = here.stop
-    return Samples(stamp_ns, motor_angle, joint_angle, unseen, doubtful)
+    changes = np.concatenate(rows), np.concatenate(offsets)
+    return Samples(stamp_ns, motor_angle, joint_angle, unseen, doubtful, *changes)
 
 
 def angles_of(robot: Robot, name: str, readings: Series) -> Series:

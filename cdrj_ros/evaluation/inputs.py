@@ -137,10 +137,10 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     If motors and joints share a topic, an unknown name is counted only once.  The samples have no
     joints without encoder.  Where the clock went back, they are those of the longest segment.
     """
-    robot = model.robot.as_read
+    robot = model.robot
     joints: Mapping[str, Series] = recording.joints
     if joints.keys() <= recording.motors.keys():
-        joints = {joint.name: joints[joint.name] for joint in robot.joints}
+        joints = {joint.name: joints[joint.name] for joint in robot.as_read.joints}
     found = condition(robot, recording.motors, joints)
     return replace(
         found, segments=tuple(sorted(found.segments, key=lambda one: -one.stamp_ns.size)[:1])

@@ -120,7 +120,7 @@ def _verdict(
     others = live.fusion
     health_of = others.health.values() if others is not None else ()
     dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in health_of if one.dropped]
-    stepped = _steps(live)
+    stepped, alternating = _steps(live), live.conditioner.alternating
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
     causes = (
@@ -132,6 +132,10 @@ def _verdict(
         (
             health.age_s > health.timeout_s, warn,
             f"estimates are {health.age_s:.3g} s old: a topic lags, or all inputs come late",
+        ),
+        (
+            alternating, warn,
+            f"readings alternate between two motions: {', '.join(alternating)}; two publishers?",
         ),
         (
             stepped, warn,
@@ -168,6 +172,7 @@ def _figures(
         "clock jumps": str(conditioner.clock_jumps),
         "gaps": str(conditioner.gaps),
         "readings stepped": ", ".join(_steps(live)) or "none",
+        "readings alternating": ", ".join(conditioner.alternating) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),

@@ -36,6 +36,8 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+COUNT = 2.0 * np.pi / 2**14
+"""Of the encoder of the joint [rad]."""
 KNOWN_NS = 5 * SECOND
 """Time after which the friction history of a run is known, and most elements have status 0."""
 BEYOND_TWO, BEYOND_FIVE = 0.08, 0.001
@@ -66,6 +68,9 @@ def all_courses(model: Model) -> list[Course]:
         ("restart", 1),
         ("clock set by 5 s or an hour", 2),
         ("cell freezes", 0),
+        ("joint slips by half a count to 0.5 rad", 0),
+        ("motor slips by half a count to a turn", 3),
+        ("0.1 to 1 % of readings wrong", 1),
     ],
 )
 def test_status_0_holds_whatever_happens_to_the_inputs(
@@ -170,6 +175,53 @@ def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course
     assert verdict.ratio.size == 0
     clean = run(model, course, replace(faults, slips=[]))
     assert judge(course, clean, KNOWN_NS, course.duration_ns).ratio.size > 0.9 * verdict.judged
+
+
+@pytest.mark.parametrize(
+    ("axis", "slip", "in_stddev"),
+    [("elbow", 0.002, True), ("elbow", 0.005, False), ("elbow", -0.02, False),
+     ("winch", 0.02, True), ("winch", 0.05, False)],
+)  # fmt: skip
+def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth(
+    axis: str, slip: float, in_stddev: bool, model: Model, course: Course
+) -> None:
+    found: list[dict[str, float]] = []
+    outputs = run(
+        model, course, Faults(slips=[(axis, BEGIN, slip)]),
+        watch=lambda live: found.append(live.conditioner.displaced),
+    )  # fmt: skip
+    verdict = judge(course, outputs, BEGIN, course.duration_ns)
+    assert found == [{axis: pytest.approx(slip, rel=0.07, abs=2 * COUNT)}]
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+    share = verdict.ratio.size / verdict.judged
+    assert share > 0.9 if in_stddev else share < 0.001
+
+
+def test_wrong_readings_are_refused_before_they_are_used(model: Model, course: Course) -> None:
+    refused: list[int] = []
+    outputs = run(
+        model, course, Faults(wrong={"elbow": (0.005, 0.01)}),
+        watch=lambda live: refused.append(live.conditioner.refused["implausible"]),
+    )  # fmt: skip
+    verdict = judge(course, outputs, 0, course.duration_ns)
+    clean = judge(course, run(model, course, Faults()), 0, course.duration_ns)
+    assert refused[0] > 10
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+    assert verdict.ratio.size > 0.99 * clean.ratio.size
+
+
+@pytest.mark.parametrize("axis", ["winch", "elbow"])
+def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
+    axis: str, model: Model, course: Course
+) -> None:
+    named: list[list[str]] = []
+    outputs = run(
+        model, course, Faults(second={axis: 0.015}),
+        watch=lambda live: named.append(live.conditioner.alternating),
+    )  # fmt: skip
+    assert named == [[axis]]
+    verdict = judge(course, outputs, 20 * MS, course.duration_ns)
+    assert verdict.ratio.size == 0
 
 
 @pytest.mark.parametrize("hertz", [20, 200])

@@ -39,6 +39,7 @@ class Pair:
             self.seen["samples"] += 1
             for what in ("doubtful", "predicted", "silent"):
                 self.seen[what] += getattr(sample, what)
+            self.seen["offset"] += sample.offset.size > 0
             self.seen["unseen"] += sample.unseen.size > 0
             self.seen["unknown"] += bool(np.isinf(sample.unseen).any())
 
@@ -50,8 +51,10 @@ class Pair:
         channels = {channel.axis.name: channel for channel in python.channels}
         assert core.held_of == {name: channel.held for name, channel in channels.items()}
         assert core.unheard == [name for name, channel in channels.items() if channel.last_ns < 0]
-        steps = {name: one.displaced for name, one in channels.items() if one.stepped}
-        assert core.displaced == steps
+        steps = {name: one.steps for name, one in channels.items()}
+        stepped = {n: one.displaced for n, one in steps.items() if one.stepped or one.displaced}
+        assert core.displaced == stepped
+        assert core.alternating == [name for name, one in steps.items() if one.alternates]
         for name, values in python.memory().items():
             assert core.memory()[name].tobytes() == values.tobytes()
 

@@ -174,14 +174,16 @@ def test_turns_are_still_counted_after_every_change(
     resting = paused(readings, 1500)
     there = Samples(resting.stamp_ns, resting.motor_angle + far, resting.joint_angle)
     one, other = LiveEstimator(plain), LiveEstimator(period)
-    wrapping = wrapped(there)
+    wrapping, compared = wrapped(there), 0
     assert np.ptp(wrapping.motor_angle - there.motor_angle) > 0.0
     for k in range(3000):
         if k == 1500:
             ACTIONS[action](one)
             ACTIONS[action](other)
-        expected, got = send(one, there, k), send(other, wrapping, k)
-        assert np.allclose(got[0].estimate.tension, expected[0].estimate.tension, atol=1e-6)
+        for expected, got in zip(send(one, there, k), send(other, wrapping, k), strict=True):
+            assert np.allclose(got.estimate.tension, expected.estimate.tension, atol=1e-6)
+            compared += 1
+    assert compared == 3000
 
 
 def test_a_recording_that_is_played_again_restarts_the_count_of_turns(turning: Model) -> None:

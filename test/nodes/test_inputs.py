@@ -147,7 +147,8 @@ def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[
     diagnosed(estimator)
     assert [one.silent_s for one in estimator.inputs] == [0.0, 0.0]
     two_seconds_pass()
-    estimator.motor(MOTOR.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
+    last = sample_at(9)
+    estimator.motor(MOTOR.encode(BEGIN + 10 * MILLISECOND, position=last.motor_angle))
     estimator.watch.estimated_s -= PATIENCE_S
     diagnosed(estimator)
     words = "no estimate: no further message on /cdrj/joint_states. /cdrj/motor_states: 11 messages"
@@ -158,8 +159,8 @@ def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[
     assert health.waiting.startswith(
         "no further message on /cdrj/motor_states, /cdrj/joint_states. "
     )
-    estimator.joint(JOINT.encode(BEGIN + 10 * MILLISECOND, position=[0.0]))
-    estimator.motor(MOTOR.encode(BEGIN + 11 * MILLISECOND, position=[0.0]))
+    estimator.joint(JOINT.encode(BEGIN + 10 * MILLISECOND, position=last.joint_angle))
+    estimator.motor(MOTOR.encode(BEGIN + 11 * MILLISECOND, position=last.motor_angle))
     assert estimator.watch.health(estimator.output, 0.0, 0).waiting == ""
 
 

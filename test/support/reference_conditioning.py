@@ -10,12 +10,14 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import exp, hypot, inf, isfinite, pi, sqrt
+from math import ceil, exp, hypot, inf, isfinite, log, pi, sqrt
+from typing import Any
 
 import numpy as np
 
+from cdrj_ros.estimation.encoder_errors import worth_of
 from cdrj_ros.estimation.refusals import REFUSALS
-from cdrj_ros.estimation.samples import ALL_SEEN, Sample
+from cdrj_ros.estimation.samples import ALL_SEEN, NONE_CHANGED, Sample
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
 END_NS = 2**31 * 10**9
@@ -23,6 +25,7 @@ GAP_NS, WINDOW_NS, HORIZON_NS = 10**9, 10**8, 2 * 10**7
 LARGEST, MARGIN = 1e12, 1e-9
 CONFIRMATIONS, WAITING, STRAGGLERS = 5, 20_000, 100
 LASTING = ("speed", "acceleration", "fastest", "hardest", "travelled", "windows")
+LASTING_STEPS = ("bend", "unexplained", "displaced")
 
 
 def error_of(sensor: Sensor) -> float:
@@ -127,18 +130,101 @@ class Motion:
         now = max(abs(error) - 2.0 * self.band * (1.0 + h / w), 0.0) / (0.5 * h * (h + w))
         self.bend = max(now, faded(self.bend, now, h))
 
-    def leaps(self, span_ns: int, moved: float) -> bool:
-        if not 0 < span_ns <= 10**8 or self.travelled < 1.0:
-            return False
-        span = span_ns * 1e-9
-        tau = max(span, 5e-3)
-        most = max(
-            0.02, 40.0 * self.band, 2.5 * self.fastest * tau, 10.0 * self.hardest * tau * tau
-        )
-        return abs(moved - self.velocity * span) > most
-
     def reach(self, span: float) -> float:
-        return max(0.02, 2.0 * self.band, 2.0 * self.fastest * span)
+        return max(2.0 * self.band, 2.0 * self.fastest * span)
+
+
+@dataclass
+class Steps:
+    """(C5) and (C7) to (C9)."""
+
+    worth: float
+    bend: float = 0.0
+    unexplained: float = 0.0
+    displaced: float = 0.0
+    stepped: bool = False
+    points: list[tuple[int, float]] = field(default_factory=list)
+    side: float = 0.0
+    share: float = 0.0
+    alternates: bool = False
+
+    @staticmethod
+    def between(one: tuple[int, float], other: tuple[int, float]) -> tuple[float, float]:
+        """Time and velocity."""
+        seconds = (other[0] - one[0]) * 1e-9
+        return seconds, (other[1] - one[1]) / seconds
+
+    def judged(self, point: tuple[int, float]) -> bool:
+        stamps = [stamp for stamp, _ in (*self.points[-2:], point)]
+        return len(stamps) == 3 and max(np.diff(stamps)) <= 10**8
+
+    def bent(self, point: tuple[int, float]) -> float:
+        length, rate = self.between(self.points[-2], self.points[-1])
+        since = self.between(self.points[-1], point)[0]
+        return (point[1] - self.points[-1][1] - rate * since) / (1.0 + since / length)
+
+    def plain(self, motion: Motion, point: tuple[int, float]) -> bool:
+        dense = point[0] - self.points[-1][0] <= 30_000_000
+        return dense and motion.band > 0.0 and abs(self.bent(point)) > 10.0 * motion.band
+
+    def is_off(self, motion: Motion, point: tuple[int, float]) -> bool:
+        if not self.judged(point):
+            return False
+        if motion.travelled >= 1.0:
+            return abs(self.bent(point)) > max(2.0 * motion.band, 2.5 * self.bend)
+        return self.plain(motion, point)
+
+    def returns(self, off: tuple[int, float], point: tuple[int, float]) -> bool:
+        rate = self.between(self.points[-2], self.points[-1])[1]
+        first, second = (
+            one[1] - self.points[-1][1] - rate * self.between(self.points[-1], one)[0]
+            for one in (off, point)
+        )
+        return abs(second) < 0.5 * abs(first)
+
+    def take(self, motion: Motion, point: tuple[int, float], off: bool) -> bool:
+        if self.points and point[0] - self.points[-1][0] > 10**8:
+            self.points = []
+        found = len(self.points) == 3 and not self.alternates and self.has_stepped(motion, point)
+        if self.judged(point):
+            size = self.bent(point)
+            if not (off or found):
+                self.bend = max(self.bend, abs(size))
+            plain = self.plain(motion, point)
+            self.alternate(plain and size * self.side < 0.0)
+            self.side = size if plain else 0.0
+        self.points = [*self.points[-2:], point]
+        return found
+
+    def has_stepped(self, motion: Motion, point: tuple[int, float]) -> bool:
+        first, second, third = self.points
+        earlier, before = self.between(first, second)
+        length, later = self.between(second, third)[0], self.between(third, point)[0]
+        after = self.between(third, point)[1]
+        by = third[1] - second[1] - 0.5 * (before + after) * length
+        beyond = abs(by) - 0.5 * abs(after - before) * length
+        size = max(beyond, 0.0) * 4.0 / (2.0 + length / earlier + length / later)
+        fastest = max(abs(before), abs(after))
+        least = max(4.0 * motion.band, 2.5 * self.unexplained)
+        if motion.travelled >= 1.0 and size > least and abs(by) > fastest * length:
+            self.step_by(by)
+            return True
+        self.unexplained = max(self.unexplained, size)
+        return False
+
+    def step_by(self, by: float) -> None:
+        self.displaced += by
+        if abs(self.displaced) > self.worth:
+            self.stepped = True
+
+    def alternate(self, does: bool) -> None:
+        self.share += (does - self.share) / 64.0
+        self.alternates = self.share > 0.1 or (self.alternates and self.share >= 0.02)
+
+    def offset(self, motion: Motion) -> float:
+        hidden = 0.5 * max(self.unexplained, 2.0 * motion.band)
+        value = hypot(hidden, self.displaced)
+        return exp(0.22 * ceil(log(value) / 0.22)) if value > 0.0 else 0.0
 
 
 @dataclass
@@ -213,11 +299,12 @@ class Channel:
     axis: Motor | Joint
     bandwidth: float
     adaptive: bool
+    steps: Steps
     motion: Motion = field(init=False)
     track: Track = field(default_factory=Track)
     last_ns: int = -1
     last: float = 0.0
-    readings: deque[tuple[int, float, float]] = field(default_factory=deque)
+    readings: deque[tuple[int, float, float, float]] = field(default_factory=deque)
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     tested: deque[tuple[int, int, float, float]] = field(default_factory=deque)
     reading: float | None = None
@@ -227,12 +314,10 @@ class Channel:
     usual_ns: int = 0
     held: list[tuple[int, float]] = field(default_factory=list)
     resumed: float = 0.0
-    leap: tuple[int, float, float, float] | None = None
+    off: tuple[int, float] | None = None
     agreeing: int = 0
     refused: tuple[int, float] = (-1, 0.0)
     step: float = 0.0
-    displaced: float = 0.0
-    stepped: bool = False
     doubt: Doubt | None = None
     left_behind_ns: int = -1
     stragglers: int = 0
@@ -292,8 +377,10 @@ class Channel:
                 return ""
             self.stragglers += 1
             return "late"
-        if ahead == 0:
+        if ahead == 0 or (self.off is not None and stamp == self.off[0]):
             return "repeated"
+        if self.off is not None and 0 < ahead < self.off[0] - self.last_ns:
+            return "late"
         if 0 < ahead <= max(GAP_NS, 3 * self.usual_ns):
             return ""
         return "another time" if ahead > 0 or ahead < -GAP_NS or self.held else "late"
@@ -322,32 +409,18 @@ class Channel:
         self.agreeing += 1
         self.refused = stamp, angle
 
-    def has_stepped(self, stamp: int, angle: float) -> bool:
-        """Whether an accepted angle confirms a step."""
-        by = None
-        if self.last_ns < 0:
-            return False
-        if self.leap is not None:
-            at, before, after, velocity = self.leap
-            there = angle - velocity * ((stamp - at) * 1e-9)
-            glitch = abs(there - before) < abs(there - after)
-            motion = abs(there - after) > 0.5 * abs(after - before)
-            lasts = stamp - at >= 50_000_000
-            if glitch or motion or lasts:
-                self.leap = None
-            if lasts and not (glitch or motion):
-                by = after - before
-        elif self.agreeing:
+    def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
+        """Whether an accepted angle shows a step."""
+        found = False
+        if self.agreeing and self.last_ns >= 0:
             beyond = abs(angle - self.refused[1]) < abs(angle - self.last)
             least = self.motion.reach((stamp - self.last_ns) * 1e-9)
-            if beyond and (self.agreeing >= CONFIRMATIONS or abs(self.step) > least):
-                by = self.step
-        elif self.motion.leaps(stamp - self.last_ns, angle - self.last):
-            self.leap = stamp, self.last, angle, self.motion.velocity
+            found = beyond and (self.agreeing >= CONFIRMATIONS or abs(self.step) > least)
         self.agreeing = 0
-        if by is not None:
-            self.displaced, self.stepped = self.displaced + by, True
-        return by is not None
+        if found:
+            self.steps.step_by(self.step)
+            self.steps.points = []
+        return self.steps.take(self.motion, (stamp, angle), off) or found
 
 
 class Reference:
@@ -358,6 +431,8 @@ class Reference:
         self.refused = dict.fromkeys(REFUSALS, 0)
         self.accepted = self.elsewhere = self.clock_jumps = self.gaps = self.steps = 0
         self.crowded = self.lag_ns = 0
+        names = [axis.name for axis in (*robot.motors, *robot.joints)]
+        self.worth = dict(zip(names, worth_of(robot), strict=True))
         self._begin()
 
     def _begin(self) -> None:
@@ -365,12 +440,14 @@ class Reference:
         self.doubts: list[Doubt] = []
         self.resumed_ns = self.passed_over_ns = self.given_out_ns = -1
         self.ahead_ns = self.ahead_from_ns = -1
+        self.told: list[float] = []
 
     def _channel(self, axis: Motor | Joint) -> Channel:
         sensor, tracking = axis.sensor, self.tracking
         chosen = tracking is not None and error_of(sensor) > 0.0
         bandwidth = tracking if chosen else sensor.tracking_bandwidth
-        return Channel(axis, bandwidth, tracking is None and sensor.tracking == "adaptive")  # type: ignore[arg-type]
+        adaptive = tracking is None and sensor.tracking == "adaptive"
+        return Channel(axis, bandwidth, adaptive, Steps(self.worth[axis.name]))  # type: ignore[arg-type]
 
     # --- what is kept -----------------------------------------------------------------------------
 
@@ -379,17 +456,22 @@ class Reference:
         self._begin()
         for channel, old in zip(self.channels, before, strict=True):
             self._drop_held(old)
+            self._drop_off(old)
             if keep_turns:
                 channel.turns, channel.reading = old.turns, old.reading
                 channel.motion = old.motion.elsewhen()
+                channel.steps.bend = old.steps.bend
+                channel.steps.unexplained = old.steps.unexplained
             elif old.last_ns >= 0:
                 channel.before = old.last_ns, old.reading, old.turns
 
     def memory(self) -> dict[str, np.ndarray]:
         rows = [
-            (*(getattr(c.motion, name) for name in LASTING), c.displaced) for c in self.channels
+            [getattr(c.motion, name) for name in LASTING]
+            + [getattr(c.steps, name) for name in LASTING_STEPS]
+            for c in self.channels
         ]
-        stepped = [float(channel.stepped) for channel in self.channels]
+        stepped = [float(channel.steps.stepped) for channel in self.channels]
         return {"axes": np.array(rows), "stepped": np.array(stepped)}
 
     def recall(self, memory: Mapping[str, np.ndarray]) -> None:
@@ -399,7 +481,9 @@ class Reference:
             for name, value in zip(LASTING, row, strict=False):
                 setattr(channel.motion, name, value)
             channel.motion = channel.motion.elsewhen()
-            channel.displaced, channel.stepped = row[-1], stepped != 0.0
+            for name, value in zip(LASTING_STEPS, row[len(LASTING) :], strict=True):
+                setattr(channel.steps, name, value)
+            channel.steps.stepped = stepped != 0.0
 
     def expect(self, angles: np.ndarray, stamp: int) -> None:
         self.resumed_ns = stamp
@@ -457,8 +541,29 @@ class Reference:
             self._refuse(channel, cause, stamp, reading)
             return False
         self._drop_held(channel)
-        self._append(channel, stamp, reading)
+        return self._judge(channel, stamp, reading)
+
+    def _judge(self, channel: Channel, stamp: int, reading: float) -> bool:
+        point = stamp, channel.angle_at(reading)
+        if channel.off is not None:
+            off, channel.off = channel.off, None
+            if not channel.steps.returns((off[0], channel.angle_at(off[1])), point):
+                before = channel.last_ns
+                self._append(channel, *off, before, off=True)
+                self._append(channel, stamp, reading, before)
+                channel.readings[-2] = (*channel.readings[-2][:3], channel.readings[-1][3])
+                return True
+            self.refused["implausible"] += 1
+            channel.steps.alternate(True)
+        if channel.steps.is_off(channel.motion, point):
+            channel.off = stamp, reading
+            return False
+        self._append(channel, stamp, reading, channel.last_ns)
         return True
+
+    def _drop_off(self, channel: Channel) -> None:
+        self.refused["implausible"] += channel.off is not None
+        channel.off = None
 
     def _refuse(self, channel: Channel, cause: str, stamp: int, reading: float) -> None:
         self.refused[cause] += 1
@@ -478,6 +583,7 @@ class Reference:
         regular = channel.is_regular()
         if len(channel.held) < CONFIRMATIONS and not regular:
             return False
+        self._drop_off(channel)
         confirmed, channel.held = channel.held, []
         if regular:
             return self._append_all(channel, confirmed)
@@ -491,19 +597,21 @@ class Reference:
         used = self._append_all(channel, confirmed[:1])
         channel.usual_ns = usual
         if used and self.given_out_ns >= 0:
-            channel.readings[-1] = (*channel.readings[-1][:2], 0.0)
+            channel.readings[-1] = (*channel.readings[-1][:2], 0.0, channel.readings[-1][3])
         return self._append_all(channel, confirmed[1:]) or used
 
     def _jump_back(self) -> None:
         self.clock_jumps += 1
         before = self.channels
         for old in before:
+            self._drop_off(old)
             if old.held and old.held[0][0] >= old.last_ns:
                 self._drop_held(old)
         self._begin()
         for channel, old in zip(self.channels, before, strict=True):
             channel.left_behind_ns, channel.motion = old.last_ns, old.motion.elsewhen()
-            channel.displaced, channel.stepped = old.displaced, old.stepped
+            for name in (*LASTING_STEPS, "stepped"):
+                setattr(channel.steps, name, getattr(old.steps, name))
             self._append_all(channel, old.held)
 
     def _append_all(self, channel: Channel, readings: Sequence[tuple[int, float]]) -> bool:
@@ -512,15 +620,17 @@ class Reference:
             if cause := channel.complaint(stamp, reading):
                 self._refuse(channel, cause, stamp, reading)
             else:
-                self._append(channel, stamp, reading)
+                self._append(channel, stamp, reading, channel.last_ns)
         return self.accepted > before
 
-    def _append(self, channel: Channel, stamp: int, reading: float) -> None:
+    def _append(
+        self, channel: Channel, stamp: int, reading: float, since_ns: int, off: bool = False
+    ) -> None:
         value, turns = channel.angle_at(reading), channel.turns_at(reading)
-        self.steps += channel.has_stepped(stamp, value)
-        if channel.leap is not None or channel.stepped:
+        self.steps += channel.has_stepped(stamp, value, off)
+        if channel.steps.stepped or channel.steps.alternates:
             if channel.doubt is None:
-                channel.doubt = Doubt(channel.last_ns)
+                channel.doubt = Doubt(since_ns)
                 self.doubts.append(channel.doubt)
         elif channel.doubt is not None:
             channel.doubt.until_ns, channel.doubt = stamp, None
@@ -538,7 +648,7 @@ class Reference:
             channel.resumed = motion.curvature(stamp - self.resumed_ns)
         channel.last_ns, channel.last = stamp, value
         channel.reading, channel.turns = reading, turns
-        channel.readings.append((stamp, angle, curvature))
+        channel.readings.append((stamp, angle, curvature, channel.steps.offset(motion)))
         if len(channel.readings) > WAITING:
             channel.readings.popleft()
             self.crowded += 1
@@ -591,20 +701,21 @@ class Reference:
             last = max(last, *(channel.readings[0][0] - 1 for channel in self.channels))
         while last < until:
             stamp = min(
-                next(at for at, _, _ in channel.readings if at > last) for channel in self.channels
+                next(at for at, *_ in channel.readings if at > last) for channel in self.channels
             )
-            angles, unseen = [], np.zeros((2, len(self.channels)))
+            angles, offsets, unseen = [], [], np.zeros((2, len(self.channels)))
             for k, channel in enumerate(self.channels):
                 readings = channel.readings
                 while len(readings) > 1 and readings[1][0] <= stamp:
                     readings.popleft()
-                before, angle, curvature = readings[0]
+                before, angle, curvature, offset = readings[0]
                 if before != stamp:
-                    after, following, curvature = readings[1]
+                    after, following, curvature, offset = readings[1]
                     angle += (following - angle) * ((stamp - before) / (after - before))
                     if curvature != 0.0:
                         unseen[0, k] = curvature * (stamp - before) * (after - stamp)
                 angles.append(angle)
+                offsets.append(offset)
                 if began:
                     unseen[1, k] = self._way(channel, curvature, stamp - last)
                 elif 0 <= self.resumed_ns < stamp:
@@ -616,8 +727,11 @@ class Reference:
             began = True
             self.doubts = [doubt for doubt in self.doubts if doubt.until_ns > stamp]
             doubtful = any(doubt.after_ns < stamp for doubt in self.doubts)
+            changed = NONE_CHANGED if offsets == self.told else np.array(offsets)
+            self.told = offsets
+            silent = stamp <= self.ahead_ns
             samples.append(
-                self._sample(stamp, angles, unseen, doubtful, silent=stamp <= self.ahead_ns)
+                self._sample(stamp, angles, unseen, doubtful, offset=changed, silent=silent)
             )
         if samples:
             self.given_out_ns = self.ahead_from_ns = last
@@ -648,10 +762,11 @@ class Reference:
         return self._sample(stamp, angles, unseen, doubtful, predicted=True)
 
     def _sample(
-        self, stamp: int, angles: list[float], unseen: np.ndarray, doubtful: bool, **how: bool
+        self, stamp: int, angles: list[float], unseen: np.ndarray, doubtful: bool, **how: Any
     ) -> Sample:
         values, motors = np.array(angles), len(self.robot.motors)
         seen = not unseen.any()
         return Sample(
-            stamp, values[:motors], values[motors:], ALL_SEEN if seen else unseen, doubtful, **how
-        )
+            stamp, values[:motors], values[motors:], ALL_SEEN if seen else unseen,
+            doubtful=doubtful, **how,
+        )  # fmt: skip

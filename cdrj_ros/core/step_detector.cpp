@@ -1,0 +1,115 @@
+#include "step_detector.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cdrj {
+namespace {
+
+constexpr Nanoseconds WITHIN_NS = 100'000'000;  // longer intervals are not judged
+constexpr Nanoseconds DENSE_NS = 30'000'000;    // in shorter ones no axis moves to and fro
+constexpr double TRAVEL = 1.0;     // an axis that has travelled this far has shown its motion
+constexpr double BEYOND = 2.5;     // a step exceeds what was unexplained so far by this factor,
+constexpr double NOISE = 4.0;      // and the sensor's greatest error by this one
+constexpr double PLAIN = 10.0;     // deviation that no noise causes, by the sensor's greatest error
+constexpr double SMALLER = 0.5;    // standard deviation of an offset, by the unexplained part
+constexpr double LATELY = 1.0 / 64.0;  // weight of a reading in the share of alternating ones
+constexpr double OFTEN = 0.1;      // from this share on two motions alternate,
+constexpr double SELDOM = 0.02;    // down to this one
+
+double seconds(Point from, Point to) {
+    return (to.stamp_ns - from.stamp_ns) * 1e-9;
+}
+
+double velocity(Point from, Point to) {
+    return (to.angle - from.angle) / seconds(from, to);
+}
+
+}  // namespace
+
+/// Whether there are two readings before it, none of them too long ago.
+bool StepDetector::is_judged(Point next) const {
+    return count_ >= 2 && next.stamp_ns - points_[2].stamp_ns <= WITHIN_NS &&
+           points_[2].stamp_ns - points_[1].stamp_ns <= WITHIN_NS;
+}
+
+bool StepDetector::is_dense(Point next) const {
+    return next.stamp_ns - points_[2].stamp_ns <= DENSE_NS;
+}
+
+/// Deviation from the line through the last two readings, by the noise that it may contain.
+double StepDetector::bend(Point next) const {
+    const double line = velocity(points_[1], points_[2]) * seconds(points_[2], next);
+    const double longer = seconds(points_[2], next) / seconds(points_[1], points_[2]);
+    return (next.angle - points_[2].angle - line) / (1.0 + longer);
+}
+
+bool StepDetector::is_off(const Motion& motion, Point next) const {
+    if (!is_judged(next)) return false;
+    const double size = std::abs(bend(next));
+    if (motion.travelled >= TRAVEL) {
+        return size > std::max(2.0 * motion.band, BEYOND * memory.bend);
+    }
+    return is_dense(next) && motion.band > 0.0 && size > PLAIN * motion.band;
+}
+
+bool StepDetector::returns(Point off, Point next) const {
+    const double rate = velocity(points_[1], points_[2]);
+    const double first = off.angle - points_[2].angle - rate * seconds(points_[2], off);
+    const double second = next.angle - points_[2].angle - rate * seconds(points_[2], next);
+    return std::abs(second) < 0.5 * std::abs(first);
+}
+
+bool StepDetector::take(const Motion& motion, double worth, Point next, bool off) {
+    if (count_ > 0 && next.stamp_ns - points_[2].stamp_ns > WITHIN_NS) restart();
+    const bool found = count_ == 3 && !alternates_ && is_step(motion, worth, next);
+    if (is_judged(next)) {
+        const double deviation = bend(next);
+        if (!off && !found) memory.bend = std::max(memory.bend, std::abs(deviation));
+        const bool plain = is_dense(next) && motion.band > 0.0 &&
+                           std::abs(deviation) > PLAIN * motion.band;
+        alternate(plain && deviation * side_ < 0.0);
+        side_ = plain ? deviation : 0.0;
+    }
+    points_ = {points_[1], points_[2], next};
+    count_ = std::min(count_ + 1, 3);
+    return found;
+}
+
+/// Whether the displacement between the last two readings was a step, (C7); otherwise what it has of
+/// unexplained is noted.
+bool StepDetector::is_step(const Motion& motion, double worth, Point next) {
+    const double before = velocity(points_[0], points_[1]), after = velocity(points_[2], next);
+    const double length = seconds(points_[1], points_[2]);
+    const double by = points_[2].angle - points_[1].angle - 0.5 * (before + after) * length;
+    const double beyond = std::abs(by) - 0.5 * std::abs(after - before) * length;  // (C5)
+    const double noise =
+        2.0 + length / seconds(points_[0], points_[1]) + length / seconds(points_[2], next);
+    const double size = std::max(beyond, 0.0) * NOISE / noise;
+    const double least = std::max(NOISE * motion.band, BEYOND * memory.unexplained);
+    const double fastest = std::max(std::abs(before), std::abs(after));
+    if (motion.travelled >= TRAVEL && size > least && std::abs(by) > fastest * length) {
+        step_by(by, worth);
+        return true;
+    }
+    memory.unexplained = std::max(memory.unexplained, size);
+    return false;
+}
+
+void StepDetector::alternate(bool does) {
+    share_ += LATELY * ((does ? 1.0 : 0.0) - share_);
+    if (share_ > OFTEN) alternates_ = true;
+    if (share_ < SELDOM) alternates_ = false;
+}
+
+void StepDetector::step_by(double by, double worth) {
+    memory.displaced += by;
+    if (std::abs(memory.displaced) > worth) memory.stepped = true;
+}
+
+double StepDetector::offset(const Motion& motion) const {
+    const double hidden = SMALLER * std::max(memory.unexplained, 2.0 * motion.band);
+    return std::hypot(hidden, memory.displaced);
+}
+
+}  // namespace cdrj

@@ -1,0 +1,77 @@
+// Steps of a sensor: displacements between two readings that no motion of the axis explains.
+//
+// An axis whose velocity rises or falls steadily moves, between two readings, at a velocity between
+// those of the intervals before and after. What a displacement exceeds that by is its unexplained
+// part, (C5): noise, a motion that the readings do not resolve, or a step. It counts as a step where
+// it exceeds the unexplained parts so far, (C7); otherwise it raises these, and is in the standard
+// deviation of the axis's offset, (C9). See docs/conditioning.md.
+#pragma once
+
+#include <array>
+
+#include "motion.hpp"
+#include "records.hpp"
+
+namespace cdrj {
+
+/// An accepted angle and its time.
+struct Point {
+    Nanoseconds stamp_ns;
+    double angle;
+};
+
+/// What outlasts the readings of an axis.
+struct StepMemory {
+    double bend = 0.0;         // greatest deviation from the line through the last two readings, (C8)
+    double unexplained = 0.0;  // greatest unexplained part that was no step, U of (C7)
+    double displaced = 0.0;    // sum of all steps, with their signs
+    bool stepped = false;      // whether this sum has ever been worth so much that tensions are UNSURE
+};
+
+/// Looks for steps in the accepted readings of one axis.
+class StepDetector {
+public:
+    /// Whether the reading after this one is to decide if this one is an outlier, (C8).
+    bool is_off(const Motion& motion, Point next) const;
+
+    /// Whether a reading continues the line before one that was off.
+    bool returns(Point off, Point next) const;
+
+    /// Takes the next accepted reading. Returns whether the sensor has stepped between the last two
+    /// readings before it.
+    ///
+    /// off: whether it is off, and later ones did not return.
+    bool take(const Motion& motion, double worth, Point next, bool off);
+
+    /// Notes an outlier.
+    void note_outlier() { alternate(true); }
+
+    /// Notes a step that other readings have shown.
+    void step_by(double by, double worth);
+
+    /// Forgets the last readings: the next one need not continue them.
+    void restart() { count_ = 0; }
+
+    /// Standard deviation of an offset of the axis that the readings do not show, (C9).
+    double offset(const Motion& motion) const;
+
+    /// Whether the readings alternate between two motions.
+    bool alternates() const { return alternates_; }
+
+    StepMemory memory;
+
+private:
+    double bend(Point next) const;
+    bool is_judged(Point next) const;
+    bool is_dense(Point next) const;
+    bool is_step(const Motion& motion, double worth, Point next);
+    void alternate(bool does);
+
+    std::array<Point, 3> points_{};  // the last readings, oldest first
+    int count_ = 0;                  // how many of them there are
+    double side_ = 0.0;              // deviation of the last reading from the line before it, if large
+    double share_ = 0.0;             // of readings that alternate, of late
+    bool alternates_ = false;
+};
+
+}  // namespace cdrj
