@@ -16,14 +16,14 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.identification.observations import samples_of, thinned
+from cdrj_ros.identification.observations import samples_by
 from cdrj_ros.identification.problem import Loss, Problem, Progress
 from cdrj_ros.identification.residual_statistics import (
     effective_variance,
     independent_states,
     lasting_squares,
 )
-from cdrj_ros.identification.solver import solve, with_priors
+from cdrj_ros.identification.solver import robust_weights, solve, thresholds, with_priors
 from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
@@ -58,16 +58,13 @@ def drums_in_doubt(robot: Robot) -> bool:
     return known is not None and not known.drums_hold and any(True for _ in _motors(robot))
 
 
-def compare_drums(
-    problem: Problem, coordinates: Vector, weights: Vector, loss: Loss, say: Progress
-) -> DrumFinding:
+def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progress) -> DrumFinding:
     """Compare drums that hold with drums that slip: (I8).
 
     Args:
         problem: the fit, whose estimates are those of drums that hold.
         coordinates: its solution, shape (p,).
-        weights: robust weights of the residuals, shape (n,); they count for both.
-        loss: of the fit with slipping cable.
+        loss: of both fits; the robust weights at the solution count for both.
         say: called with each progress line.
     """
     if not _whole_cycles(problem):
@@ -81,6 +78,8 @@ def compare_drums(
         problem.document, problem.source, problem.unknowns,
         [replace(one, drums_slip=True) for one in problem.observations], problem.pool,
     )  # fmt: skip
+    here = problem.residuals(coordinates)
+    weights = robust_weights(loss, here, thresholds(problem, here))
     # numbers fitted with the wrong drums can be far off: those of the file are another start
     slips = _fitted(slipping, (coordinates, np.zeros_like(coordinates)), weights, loss, say)
     problem.evaluations += slipping.evaluations
@@ -166,10 +165,7 @@ def _whole_cycles(problem: Problem) -> bool:
     """Whether every motor with a drum moved back and forth in some recording."""
     robot = problem.begin.robot
     names = [motor.name for motor in robot.motors]
-    angles = [
-        (one.samples or thinned(samples_of(problem.begin, one.recorded), one.stride)).motor_angle
-        for one in problem.observations
-    ]
+    angles = [samples_by(problem.begin, one).motor_angle for one in problem.observations]
     return all(
         any(_passes(angle[:, names.index(motor)]) >= WHOLE_CYCLE for angle in angles)
         for motor in set(_motors(robot))

@@ -175,14 +175,12 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     )
     scout = rounds.problem(coarse=True, scout=SCOUT)
     coordinates, starts = _coarse_fit(scout, rough, settings, say)
-    last, evaluations = rough, scout.evaluations
+    last = rough
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
         last.prior_scale = rough.prior_scale
         say(f"last round: all {sample_count(last)} samples")
     coordinates, slopes, unsettled = settle(last, rough, coordinates, loss, say)
-    if last is not rough:
-        evaluations += last.evaluations
     here = rough.residuals(coordinates)
     weights = robust_weights(loss, here, thresholds(rough, here))
     known = accuracy(rough, coordinates, here, slopes, weights)
@@ -202,7 +200,8 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     left = unexplained(last, residuals)
     drums = None
     if settings.compares_drums and drums_in_doubt(rounds.model.robot):
-        drums = compare_drums(rough, coordinates, weights, loss, say)
+        scout.prior_scale = rough.prior_scale
+        drums = compare_drums(scout, coordinates, loss, say)
     return Identification(
         rounds.unknowns,
         last.values(coordinates),
@@ -213,7 +212,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         sample_count(last),
         residuals.size,
         float(np.sqrt(np.mean(residuals**2))),
-        evaluations + rough.evaluations,
+        sum({id(one): one.evaluations for one in (scout, rough, last)}.values()),
         tuple(known.silent.tolist()),
         known.others,
         drums,

@@ -95,7 +95,7 @@ def effects(problem: Problem, coordinates: Vector, causes: Sequence[Cause]) -> T
     """
     here = problem.residuals(coordinates)
     fitted = values_by_path(problem.unknowns, problem.values(coordinates))
-    document = with_numbers(problem.document, fitted)
+    document = with_numbers(problem.numbers_alone, fitted)
     columns = np.zeros((here.size, len(causes)))
     for k, cause in enumerate(causes):
         observed = _observed(problem, cause)

@@ -23,8 +23,8 @@ Vector = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 
-CONDITIONING_KEYS: Final = ("clock_offset", "scale", "offset", "period", "correction")
-"""Keys of motors and joints that change the conditioned samples."""
+CONDITIONING_KEYS: Final = ("clock_offset", "scale", "period", "correction")
+"""Keys of motors and joints that change the conditioned samples by more than a constant."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,9 @@ class Observations:
     stride: int
     """Only every n-th sample is estimated."""
     samples: Samples | None
-    """Conditioned samples; None if the unknowns change them."""
+    """Conditioned samples; None if the unknowns change them by more than a constant."""
+    offsets: tuple[float, ...]
+    """Offsets of the sensors of all axes with which they were conditioned [rad]."""
     channels: tuple[Channel, ...]
     groups: tuple[Group, ...] | None = None
     """The channels by their stamps; None if the unknowns change the samples."""
@@ -116,7 +118,7 @@ def observe(
         stride: only every n-th sample is estimated.
         most_residuals: largest number of residuals; references are thinned to stay below it.
         settle_s: time at the beginning that is excluded from the comparison [s].
-        moving: whether the unknowns change the samples.
+        moving: whether the unknowns change the samples by more than a constant.
 
     Raises:
         UsageError: no reference lies within the samples.
@@ -148,10 +150,12 @@ def observe(
     channels = tuple(channel for channel in found if channel.reference.size)
     if not channels:
         raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")
+    offsets = model.robot.offsets
     if moving:
-        return Observations(recorded, stride, None, channels)
+        return Observations(recorded, stride, None, offsets, channels)
     samples = thinned(whole, stride)
-    return Observations(recorded, stride, samples, channels, groups_of(channels, samples.stamp_ns))
+    groups = groups_of(channels, samples.stamp_ns)
+    return Observations(recorded, stride, samples, offsets, channels, groups)
 
 
 def samples_of(model: Model, recorded: Recorded) -> Samples:
@@ -169,12 +173,26 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
 
 
 def changes_conditioning(paths: Iterable[str]) -> bool:
-    """Whether other values of some numbers, given by path, change the conditioned samples."""
+    """Whether other values of some numbers, given by path, change the samples' differences too."""
     return any(
         path.startswith(("motors.", "joints."))
         and not set(CONDITIONING_KEYS).isdisjoint(path.split("."))
         for path in paths
     )
+
+
+def samples_by(model: Model, observed: Observations) -> Samples:
+    """The samples of a robot's readings, thinned.
+
+    Another zero of a sensor adds a constant to its angles, so they are not conditioned anew.
+    """
+    if observed.samples is None:
+        return thinned(samples_of(model, observed.recorded), observed.stride)
+    shift = np.subtract(model.robot.offsets, observed.offsets)
+    if not shift.any():
+        return observed.samples
+    own, motors = observed.samples, len(model.robot.motors)
+    return Samples(own.stamp_ns, own.motor_angle + shift[:motors], own.joint_angle + shift[motors:])
 
 
 def thinned(samples: Samples, stride: int) -> Samples:

@@ -24,8 +24,7 @@ from cdrj_ros.identification.observations import (
     changes_conditioning,
     groups_of,
     observe,
-    samples_of,
-    thinned,
+    samples_by,
 )
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
@@ -123,7 +122,9 @@ class Problem:
         self.unknowns = tuple(unknowns)
         self.observations = tuple(observations)
         paths = values_by_path(self.unknowns, [0.0] * len(self.unknowns))
-        self._written = writer_of(document, tuple(paths))
+        self.numbers_alone: Document = {**document, "uncertainty": {"others": "exact"}}
+        """The document without what it knows of its numbers, which would be read at every trial."""
+        self._written = writer_of(self.numbers_alone, tuple(paths))
         self.begin = prepare(build_robot(document, source))
         """Model of the numbers in the document."""
         self.prior_scale = 1.0
@@ -224,11 +225,8 @@ def residuals_together(
 
 def residuals_of_one(model: Model, observed: Observations) -> Vector:
     """(estimate - reference) / sigma for every channel of a recording, concatenated."""
-    samples, groups = observed.samples, observed.groups
-    if samples is None:
-        samples = thinned(samples_of(model, observed.recorded), observed.stride)
-    if groups is None:
-        groups = groups_of(observed.channels, samples.stamp_ns)
+    samples = samples_by(model, observed)
+    groups = observed.groups or groups_of(observed.channels, samples.stamp_ns)
     found = [np.empty((group.right.size, len(group.columns))) for group in groups]
     n = samples.stamp_ns.size
     # the estimates of a chunk after the last one before it: 10 % faster than a table of all

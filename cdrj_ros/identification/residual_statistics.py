@@ -18,8 +18,7 @@ from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.observations import (
     Observations,
     noise_of,
-    samples_of,
-    thinned,
+    samples_by,
 )
 from cdrj_ros.identification.problem import Problem
 
@@ -43,10 +42,7 @@ RATE_WINDOW_S: Final = 0.05
 
 def states_of_samples(problem: Problem, stretches: int = STRETCHES) -> list[tuple[Samples, Labels]]:
     """Samples of every recording and the state of each sample, from 0 to 2 ``stretches`` - 1."""
-    samples = [
-        one.samples or thinned(samples_of(problem.begin, one.recorded), one.stride)
-        for one in problem.observations
-    ]
+    samples = [samples_by(problem.begin, one) for one in problem.observations]
     angles = [np.hstack([one.motor_angle, one.joint_angle]) for one in samples]
     every = np.concatenate(angles)
     scale = np.maximum(every.std(axis=0), 1e-12)

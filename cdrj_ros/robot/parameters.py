@@ -16,7 +16,6 @@ it scales the modulus.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import MISSING, dataclass, fields
 from difflib import get_close_matches
 from math import isnan, nan, pi
@@ -195,15 +194,24 @@ def writer_of(document: Document, paths: Sequence[str]) -> Callable[[Sequence[fl
     numbers = [_find(document, path) for path in paths]
 
     def written(values: Sequence[float]) -> Document:
-        changed = deepcopy(document)
+        changed: Any = document
         for number, value in zip(numbers, values, strict=True):
-            place: Any = changed
-            for key in number.keys[:-1]:
-                place = place.setdefault(key, {}) if isinstance(place, dict) else place[key]
-            place[number.keys[-1]] = value / number.factor
-        return changed
+            changed = _replaced(changed, number.keys, value / number.factor)
+        return dict(changed)
 
     return written
+
+
+def _replaced(part: Any, keys: Sequence[Any], value: float) -> Any:
+    """A copy of a part of a document with another number, which shares everything else with it."""
+    if not keys:
+        return value
+    key, rest = keys[0], keys[1:]
+    if isinstance(part, dict):
+        return {**part, key: _replaced(part.get(key, {}), rest, value)}
+    copied = list(part)
+    copied[key] = _replaced(part[key], rest, value)
+    return copied
 
 
 def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], ...]:
