@@ -800,45 +800,6 @@ class Cable:
     def solve(self) -> tuple[int, float]:
         """Advance the cable by the sample; Newton iterations and remaining imbalance [N]."""
 
-def pulley_losses(
-    wrap: NDArray[np.float64], pulleys: NDArray[np.float64], stribeck: Stribeck
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """``blended_loss`` of pulleys at many samples: kinetic and static, shape (n, pulleys).
-
-    Args:
-        wrap: [rad], shape (n, pulleys).
-        pulleys: ``cable_records.PULLEY`` as numbers, shape (pulleys, fields).
-        stribeck: code of the form of static friction.
-    """
-
-def lagging_losses(
-    slip: NDArray[np.float64],
-    dt: NDArray[np.float64],
-    kinetic: NDArray[np.float64],
-    static: NDArray[np.float64],
-    pulleys: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Loss 1 - eta of pulleys, static friction lagging behind the slip speed: (E10)."""
-
-def shares_of_bound(
-    slip: NDArray[np.float64],
-    loss: NDArray[np.float64],
-    pull: NDArray[np.float64],
-    arc: NDArray[np.float64],
-    hidden: NDArray[np.float64],
-    pulleys: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(E20): least and largest share of its bound that a pulley's friction may have.
-
-    Args:
-        slip: of the cable [m], shape (n, pulleys), as those that follow.
-        loss: 1 - eta.
-        pull: tension on the pull side [N].
-        arc: strain of the arc per newton [m/N].
-        hidden: slip that the sensors cannot resolve [m].
-        pulleys: ``cable_records.PULLEY`` as numbers, shape (pulleys, fields).
-    """
-
 class Stepper:
     """A robot on its way along a plan; one of its joints may move freely or be balanced.
 

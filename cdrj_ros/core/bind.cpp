@@ -18,6 +18,5 @@ PYBIND11_MODULE(_core, core) {
     cdrj::bind_laws(core);
     cdrj::bind_robot(core);
     cdrj::bind_simulation(core);
-    cdrj::bind_sliding(core);
     cdrj::bind_encoderless(core);
 }

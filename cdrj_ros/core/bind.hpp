@@ -24,7 +24,6 @@ void bind_ensemble(pybind11::module_& core);
 void bind_laws(pybind11::module_& core);
 void bind_robot(pybind11::module_& core);
 void bind_simulation(pybind11::module_& core);
-void bind_sliding(pybind11::module_& core);
 void bind_encoderless(pybind11::module_& core);
 
 }  // namespace cdrj

@@ -224,7 +224,7 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
         senses = {
             name: node.winding * node.place.turn * place
             for name, node, place in ends
-            if node.place is not None
+            if node.place is not None and robot.planar
         }
         if len(set(senses.values())) > 1:
             yield Suspicion(

@@ -20,7 +20,6 @@ from cdrj_ros.model.friction import (
     Stribeck,
     blended_loss,
 )
-from cdrj_ros.model.in_space import frames_in_space, place_in_space
 from cdrj_ros.model.packing import (
     Indices,
     Numbers,
@@ -72,7 +71,6 @@ def _sizes(robot: Robot) -> Sizes:
     """How many of each thing the robot has."""
     cables = robot.cables
     nodes = sum(len(cable.nodes) for cable in cables)
-    frames = frames_in_space(robot)
     return Sizes(
         motors=len(robot.motors),
         joints=len(robot.joints),
@@ -80,8 +78,8 @@ def _sizes(robot: Robot) -> Sizes:
         elements=nodes - len(cables),
         pulleys=nodes - 2 * len(cables),
         contacts=sum(contact_cells(pulley) for cable in cables for pulley in cable.pulleys),
-        frames=len(frames),
-        nodes=nodes if frames else 0,
+        frames=len(robot.frames),
+        nodes=nodes if robot.frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
         drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
@@ -121,7 +119,7 @@ class _Rows:
         self._robot, self._plan, self._numbers = robot, plan, numbers
         self._motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         self._joints = {joint.name: k for k, joint in enumerate(robot.joints)}
-        self._frames = {frame.name: k for k, frame in enumerate(frames_in_space(robot))}
+        self._frames = {frame.name: k for k, frame in enumerate(robot.frames)}
         self._node = 0
         self._term = 0
         self._drums = 0
@@ -141,7 +139,7 @@ class _Rows:
 
     def frames(self) -> None:
         """Fill the rows of frames, parents first."""
-        for k, frame in enumerate(frames_in_space(self._robot)):
+        for k, frame in enumerate(self._robot.frames):
             _fill(
                 self._plan.frames,
                 k,
@@ -175,7 +173,7 @@ class _Rows:
             contacts=sum(contact_cells(one) for one in cable.pulleys),
             first_node=self._node,
             law=code_of(Law, cable.law),
-            routed=int(cable.spatial or cable.routed),
+            routed=int(cable.placed),
         )
         _fill(
             self._numbers.cables,
@@ -255,7 +253,7 @@ class _Rows:
 
     def _add_node(self, node: Node) -> None:
         """Fill the body of a node; a pulley's arc reference is pi until the pose is known."""
-        k, place = self._node, place_in_space(node)
+        k, place = self._node, node.place
         self._node += 1
         if not self._frames:
             return

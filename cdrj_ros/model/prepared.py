@@ -14,12 +14,12 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.division import divided
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.filling import pack
+from cdrj_ros.model.impossible import reason
 from cdrj_ros.model.packing import (
     Sizes,
     number_views,
     plan_views,
 )
-from cdrj_ros.model.spatial_reasons import spatial_reason
 from cdrj_ros.model.state import (
     ScratchViews,
     estimate_size,
@@ -28,8 +28,7 @@ from cdrj_ros.model.state import (
     scratch_views,
     state_size,
 )
-from cdrj_ros.robot.description import Node, Robot, Winch
-from cdrj_ros.robot.units import unit_doubts
+from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
 
@@ -38,9 +37,6 @@ RANGE_CHECKS: Final = 41
 
 MOST_ANGLES: Final = 65_600
 """Largest number of angles in these poses, of a robot with many joints."""
-
-NAMED_ANGLES: Final = 12
-"""Joints whose angles are listed in a message."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +185,7 @@ def _at_rest(robot: Robot) -> tuple[Model, Shape]:
     reference = np.array([joint.reference_angle for joint in robot.joints])
     rest, views = placed(model, reference)
     if not rest.possible:
-        raise RobotFileError(_impossible(model, reference, rest))
+        raise RobotFileError(reason(model, reference, rest, views))
     for c, cable in enumerate(robot.cables):
         if cable.placed:
             _set_references(model, c, views, reference)
@@ -335,7 +331,7 @@ def _check_range(model: Model) -> None:
     for first in range(0, len(angles), RANGE_CHECKS):
         some = angles[first : first + RANGE_CHECKS]
         for angle in some[~_are_possible(model, some)]:
-            raise RobotFileError(_impossible(model, angle, shape_at(model, angle)))
+            raise RobotFileError(reason(model, angle, *placed(model, angle)))
 
 
 def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -358,66 +354,3 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
         possible[k] = model.core.shape(motor_angle, joint_angles[k], scratch)
         length[k], wrap[k] = found.element_length, found.wrap
     return possible & np.all(length > 0.0, axis=1) & np.all(wrap >= 0.0, axis=1)
-
-
-def _impossible(model: Model, angle: Vector, shape: Shape) -> str:
-    """Error message of one line that names the impossible node or element and the joint angles.
-
-    It begins with a doubtful unit, if there is one.
-    """
-    doubt = next(unit_doubts(model.robot), None)
-    reason = _impossible_part(model, angle, shape)
-    return f"{doubt.where}: {doubt.text} With it {reason}" if doubt else reason
-
-
-def _impossible_part(model: Model, angle: Vector, shape: Shape) -> str:
-    """The impossible node or element and the joint angles."""
-    robot, first_node = model.robot, 0
-    touches: Any = placed(model, angle)[1].touches
-    centres = touches["centre"]
-    angles = [f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)]
-    more = ", ..." if len(angles) > NAMED_ANGLES else ""
-    where = f" at {', '.join(angles[:NAMED_ANGLES])}{more}" if angles else ""
-    element = pulley = 0
-    for k, cable in enumerate(robot.cables):
-        if cable.spatial:
-            reason = spatial_reason(cable, k, first_node, placed(model, angle)[1])
-            if reason:
-                return f"{reason}{where} ({robot.source})"
-        for e in range(len(cable.nodes) - 1 if cable.routed else 0):
-            if not _have_tangent(
-                cable.nodes[e], cable.nodes[e + 1], *centres[first_node + e :][:2]
-            ):
-                return (
-                    f"cables[{k}].nodes[{e}] and nodes[{e + 1}] ({cable.name}) have no common "
-                    f"tangent{where}: one circle lies inside the other, or both overlap where the "
-                    f"cable should cross between them ({robot.source})"
-                )
-        for p in range(len(cable.nodes) - 2):
-            wrap = shape.wrap[pulley + p]
-            if not wrap >= 0.0:
-                body = "; a cylinder with turn may be left" if cable.spatial else ""
-                return (
-                    f"cables[{k}].nodes[{p + 1}] ({cable.name}/{p + 2}) is left by its cable"
-                    f"{where}: the wrap angle is {wrap:.4g} rad and must not be negative{body} "
-                    f"({robot.source})"
-                )
-        for e in range(len(cable.nodes) - 1):
-            length = shape.length[element + e]
-            if not length > 0.0:
-                return (
-                    f"cables[{k}]: element {cable.name}/{e + 1} has the length {length:.4g} m"
-                    f"{where}; it must be positive ({robot.source})"
-                )
-        first_node += len(cable.nodes)
-        element += len(cable.nodes) - 1
-        pulley += len(cable.nodes) - 2
-    return f"the geometry is impossible{where} ({robot.source})"
-
-
-def _have_tangent(one: Node, other: Node, centre: Vector, other_centre: Vector) -> bool:
-    """Whether two nodes in the plane have a common tangent (E4)."""
-    assert one.place is not None
-    assert other.place is not None
-    offset = other.place.turn * other.radius - one.place.turn * one.radius
-    return float(np.linalg.norm(other_centre - centre)) > abs(offset)

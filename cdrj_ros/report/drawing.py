@@ -74,7 +74,7 @@ def draw_robot(inspection: Inspection) -> Figure:
     model, robot = inspection.model, inspection.model.robot
     reference = np.array([joint.reference_angle for joint in robot.joints])
     scenes = [scene_of(model, pose) for pose in (reference, *_end_poses(robot))]
-    views = SPACE if any(cable.spatial for cable in robot.cables) else PLANE
+    views = PLANE if robot.planar else SPACE
     room = _room(model, scenes[0])
     width, height = SIZE if len(views) > 1 else _fitting_size(scenes)
     figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0, layout="constrained")
@@ -122,8 +122,7 @@ def _room(model: Model, scene: Scene) -> float:
     """Length to which spans at the ends are cut off that would hide the rest of the cables [m]."""
     size = inner_size(model, scene)
     spans = [float(np.ptp(path, axis=0).max()) for path in scene.elements]
-    in_space = any(cable.spatial for cable in model.robot.cables)
-    return size if in_space and 0.0 < LONG_SPAN * size < max(spans) else float("inf")
+    return size if not model.robot.planar and 0.0 < LONG_SPAN * size < max(spans) else float("inf")
 
 
 def _fitting_size(scenes: Sequence[Scene]) -> tuple[float, float]:

@@ -2,63 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from math import atan2, cos, pi, sin
+from math import cos, pi, sin
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.prepared import Model, Shape, placed, shape_at
-from cdrj_ros.model.spatial_paths import Body as SpatialBody
-from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
-from cdrj_ros.report.visuals import PlacedVisual, placed_visuals
-from cdrj_ros.robot.description import Anchor, Frame, Node, Place, Pulley, Robot, Winch
-from cdrj_ros.robot.space import SpatialFrame
+from cdrj_ros.model.prepared import Model, placed, shape_at
+from cdrj_ros.report.visuals import FramePose, PlacedVisual, placed_visuals
+from cdrj_ros.robot.description import Anchor, Node, Pulley, Robot, Winch
 
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
 
 ARC_STEP: Final = pi / 60.0
 """Angle between two points of a drawn arc [rad]."""
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Frames and cable geometry of a robot in one pose."""
-
-    frames: dict[str, tuple[float, float, float]]
-    """Origin (x, y) [m] and angle [rad] of every planar frame in the base."""
-    origins: dict[str, Vector]
-    """Origin of every frame, planar or in space, in the base [m], shape (3,)."""
-    rotations: dict[str, NDArray[np.float64]]
-    """Orientation of every frame in the base, shape (3, 3)."""
-    shape: Shape
-
-
-def pose_of(model: Model, joint_angle: Vector) -> Pose:
-    """Frames and tangents at joint angles [rad] or [m], shape (joints,)."""
-    robot = model.robot
-    shape, views = placed(model, joint_angle)
-    rows: Any = views.pose
-    frames = {
-        frame.name: (*row.origin[:2].tolist(), atan2(row.rotation[3], row.rotation[0]))
-        for frame, row in zip(robot.frames, rows, strict=False)
-    }
-    names = [frame.name for frame in robot.frames]
-    names += [frame.name for frame in robot.spatial_frames]
-    origins = {name: row.origin.copy() for name, row in zip(names, rows, strict=True)}
-    turned = {n: row.rotation.reshape(3, 3).copy() for n, row in zip(names, rows, strict=True)}
-    return Pose(frames, origins, turned, shape)
-
-
-def _centre_of(pose: Pose, place: Place) -> tuple[float, float]:
-    """A node's centre in the base [m]."""
-    x, y, angle = pose.frames[place.frame]
-    c, s = cos(angle), sin(angle)
-    return x + c * place.x - s * place.y, y + s * place.x + c * place.y
 
 
 Colour = tuple[float, float, float]
@@ -70,7 +31,7 @@ BodyShape = Literal["disc", "cylinder", "sphere", "point"]
 """Shape of a body."""
 
 UPWARDS: Final = np.array([0.0, 0.0, 1.0])
-"""Axis of the bodies of cables in the plane."""
+"""Axis of bodies without an axis of their own."""
 
 CIRCLE_POINTS: Final = 49
 """Points of a drawn circle, the first one twice."""
@@ -99,7 +60,7 @@ class Body:
     kind: Kind
     shape: BodyShape
     centre: Vector
-    """[m], shape (3,); of a point in space the middle of its contact with the cable."""
+    """[m], shape (3,); of a point the middle of its contact with the cable."""
     radius: float
     """[m]; 0 of a point."""
     axis: Vector
@@ -114,7 +75,6 @@ class Body:
 class Scene:
     """What is drawn in one pose."""
 
-    pose: Pose
     elements: tuple[Points, ...]
     """Path of every element [m], shape (n, 3), in the order of ``Layout.elements``.
 
@@ -132,37 +92,40 @@ class Scene:
 def scene_of(model: Model, joint_angle: Vector) -> Scene:
     """The robot at joint angles [rad] or [m], shape (joints,)."""
     robot = model.robot
-    pose = pose_of(model, joint_angle)
-    in_space = paths_in_space(model, joint_angle) if robot.spatial_frames else []
-    round_bodies = {
-        (body.cable, body.node): body
-        for body in (bodies_in_space(model, joint_angle) if robot.spatial_frames else ())
+    views = placed(model, joint_angle)[1]
+    poses: Any = views.pose
+    touches: Any = views.touches
+    frames = {
+        frame.name: (row.origin.copy(), row.rotation.reshape(3, 3).copy())
+        for frame, row in zip(robot.frames, poses, strict=True)
     }
     elements: list[Points] = []
     bodies: list[Body] = []
-    row = 0
+    row = first = 0
     for c, cable in enumerate(robot.cables):
-        if cable.spatial:
-            paths, centres = _elements_in_space(in_space[c])
-        elif cable.routed:
-            paths = _placed_elements(model, pose, c)
-            centres = [np.array([*_centre_of(pose, n.place), 0.0]) for n in cable.nodes if n.place]
+        names = [f"{cable.name}/{k + 1}" for k in range(len(cable.nodes))]
+        if cable.placed:
+            own = touches[first : first + len(cable.nodes)]
+            pieces = _without_gaps(
+                [_contact(node, own[k], first=k == 0) for k, node in enumerate(cable.nodes)]
+            )
+            elements += [
+                np.concatenate([one[len(one) // 2 :], other[: len(other) // 2 + 1]])
+                for one, other in pairwise(pieces)
+            ]
+            bodies += map(_body, names, cable.nodes, own, pieces)
         else:
             paths, centres = _unrolled(model, c, row)
             row += 1
-        elements += paths
-        for k, (node, centre) in enumerate(zip(cable.nodes, centres, strict=True)):
-            name, kind, place = f"{cable.name}/{k + 1}", _kind(node), node.space or node.place
-            if (c, k) in round_bodies:
-                body = _round_body(name, kind, round_bodies[c, k])
-            elif cable.spatial:
-                body = Body(name, kind, "point", centre, 0.0, UPWARDS, 0.0)
-            else:
-                body = Body(name, kind, "disc", centre, node.radius, UPWARDS, 0.0)
-            bodies.append(replace(body, frame=place.frame if place else ""))
-    visuals = tuple(placed_visuals(robot.visuals, pose.origins, pose.rotations))
-    links = () if visuals else tuple(_links(robot, pose, bodies))
-    return Scene(pose, tuple(elements), tuple(bodies), links, visuals)
+            elements += paths
+            bodies += [
+                Body(name, _kind(node), "disc", centre, node.radius, UPWARDS, 0.0)
+                for name, node, centre in zip(names, cable.nodes, centres, strict=True)
+            ]
+        first += len(cable.nodes)
+    visuals = tuple(placed_visuals(robot.visuals, frames))
+    links = () if visuals else tuple(_links(robot, frames, bodies))
+    return Scene(tuple(elements), tuple(bodies), links, visuals)
 
 
 def _kind(node: Node) -> Kind:
@@ -171,27 +134,78 @@ def _kind(node: Node) -> Kind:
     return "anchor" if isinstance(node, Anchor) else "pulley"
 
 
-def _round_body(name: str, kind: Kind, body: SpatialBody) -> Body:
-    """A round body as it is drawn: a cylinder a little further than the cable touches it."""
-    axis = body.basis[2]
-    if body.kind == "sphere":
-        return Body(name, kind, "sphere", body.centre, body.radius, axis, 0.0)
-    if body.kind == "pulley":
-        return Body(name, kind, "disc", body.centre, body.radius, axis, 0.0)
-    along = (body.points - body.centre) @ axis if len(body.points) else np.zeros(1)
-    low, high = float(along.min()) - body.radius, float(along.max()) + body.radius
-    middle = body.centre + 0.5 * (low + high) * axis
-    return Body(name, kind, "cylinder", middle, body.radius, axis, high - low)
+def _contact(node: Node, touch: Any, *, first: bool) -> Points:
+    """Points of a cable on a node in the base [m], shape (points, 3); none where it lifted off.
+
+    Args:
+        node: a node with a place.
+        touch: its row of the scratch.
+        first: whether it is the first node of its cable, which has no part before it.
+    """
+    place = node.place
+    assert place is not None
+    if touch.touching == 0.0:
+        return np.empty((0, 3))
+    ends = np.array([touch.entry, touch.exit])
+    if place.kind == "sheath":
+        return ends
+    if place.kind == "point" or not isinstance(node, Pulley):
+        return ends[1:] if first else ends[:1]
+    shares = np.linspace(0.0, 1.0, max(2, round(touch.angle / ARC_STEP) + 1))
+    if place.kind == "swivel":
+        out = touch.exit_normal
+        local = [
+            node.radius * (1.0 - cos(a)) * out + node.radius * sin(a) * UPWARDS
+            for a in shares * touch.angle
+        ]
+    else:
+        begin = touch.entry_normal
+        across = touch.sense * np.cross(touch.normal, begin)
+        local = [node.radius * (cos(a) * begin + sin(a) * across) for a in shares * touch.angle]
+    basis = touch.basis.reshape(3, 3)
+    points: Points = touch.centre + np.array(local) @ basis
+    if place.kind == "cylinder":  # the cable is a helix that rises along the axis
+        rise = (ends - touch.centre) @ basis[2]
+        points += np.outer(rise[0] + shares * (rise[1] - rise[0]), basis[2])
+    return points
 
 
-def _links(robot: Robot, pose: Pose, bodies: Sequence[Body]) -> Iterator[Points]:
+def _without_gaps(pieces: list[Points]) -> list[Points]:
+    """The pieces; where the cable lifted off, the middle between the contacts beside it."""
+    filled = list(pieces)
+    for k, piece in enumerate(pieces):
+        if len(piece) == 0:
+            after = next(other[0] for other in pieces[k + 1 :] if len(other))
+            filled[k] = 0.5 * (filled[k - 1][-1] + after)[None]
+    return filled
+
+
+def _body(name: str, node: Node, touch: Any, piece: Points) -> Body:
+    """A node as it is drawn: a cylinder a little further than the cable touches it."""
+    place, kind, centre = node.place, _kind(node), touch.centre.copy()
+    assert place is not None
+    axis = touch.basis.reshape(3, 3)[2].copy()
+    if place.kind == "sphere":
+        return Body(name, kind, "sphere", centre, node.radius, axis, 0.0, place.frame)
+    if place.kind == "pulley":
+        return Body(name, kind, "disc", centre, node.radius, axis, 0.0, place.frame)
+    if place.kind == "cylinder":
+        along = (piece - centre) @ axis if touch.touching else np.zeros(1)
+        low, high = float(along.min()) - node.radius, float(along.max()) + node.radius
+        middle = centre + 0.5 * (low + high) * axis
+        return Body(name, kind, "cylinder", middle, node.radius, axis, high - low, place.frame)
+    return Body(name, kind, "point", piece[len(piece) // 2], 0.0, UPWARDS, 0.0, place.frame)
+
+
+def _links(
+    robot: Robot, frames: Mapping[str, FramePose], bodies: Sequence[Body]
+) -> Iterator[Points]:
     """Ends of the links of frames that move with a joint."""
-    frames: tuple[Frame | SpatialFrame, ...] = (*robot.frames, *robot.spatial_frames)
-    for frame in frames:
+    for frame in robot.frames:
         if frame.motion == "fixed":
             continue
-        start = pose.origins[frame.name]
-        ends = [pose.origins[one.name] for one in frames if one.parent == frame.name]
+        start = frames[frame.name][0]
+        ends = [frames[one.name][0] for one in robot.frames if one.parent == frame.name]
         ends = ends or [body.centre for body in bodies if body.frame == frame.name]
         away = [float(np.linalg.norm(end - start)) for end in ends]
         if max(away, default=0.0) > 0.0:
@@ -219,65 +233,6 @@ def straight_piece(path: Points) -> Points:
     return path[longest : longest + 2]
 
 
-def _elements_in_space(pieces: list[Points]) -> tuple[list[Points], list[Vector]]:
-    """Elements of one cable, and the middle of its contact with every node.
-
-    Args:
-        pieces: points of contact with every node [m], shape (n, 3) each; none where it lifted off.
-    """
-    filled = list(pieces)
-    for k, piece in enumerate(pieces):
-        if len(piece) == 0:  # on the straight line between the contacts beside it
-            before = filled[k - 1][-1]
-            after = next(other[0] for other in pieces[k + 1 :] if len(other))
-            filled[k] = 0.5 * (before + after)[None]
-    paths = [
-        np.concatenate([one[len(one) // 2 :], other[: len(other) // 2 + 1]])
-        for one, other in pairwise(filled)
-    ]
-    return paths, [piece[len(piece) // 2] for piece in filled]
-
-
-def _placed_elements(model: Model, pose: Pose, c: int) -> list[Points]:
-    """Tangents of one cable, each with half of the arcs at its ends."""
-    paths: list[Points] = []
-    before: list[tuple[float, float]] = []
-    for start, end, arc in _strands_and_arcs(model, pose, c):
-        middle = len(arc) // 2
-        paths.append(_in_space([*before, start, end, *arc[: middle + 1]]))
-        before = arc[middle:]
-    return paths
-
-
-def _strands_and_arcs(
-    model: Model, pose: Pose, c: int
-) -> Iterator[tuple[tuple[float, float], tuple[float, float], list[tuple[float, float]]]]:
-    """Both ends of every element, and the arc around the pulley that follows it."""
-    robot = model.robot
-    cable = robot.cables[c]
-    first = sum(len(other.nodes) - 1 for other in robot.cables[:c])
-    wraps = pose.shape.wrap[sum(len(other.pulleys) for other in robot.cables[:c]) :]
-    for e in range(len(cable.nodes) - 1):
-        ux, uy, _ = pose.shape.direction[first + e]
-        ends = []
-        for node in cable.nodes[e : e + 2]:
-            place = node.place
-            assert place is not None
-            x, y = _centre_of(pose, place)
-            arm = place.turn * node.radius  # the tangent point, where the turn moves along u
-            ends.append((x + arm * uy, y - arm * ux))
-        arc: list[tuple[float, float]] = []
-        node = cable.nodes[e + 1]
-        if isinstance(node, Pulley):
-            assert node.place is not None
-            x, y = _centre_of(pose, node.place)
-            begin = np.arctan2(ends[1][1] - y, ends[1][0] - x)
-            steps = max(2, round(wraps[e] / ARC_STEP) + 1)
-            angles = begin + node.place.turn * np.linspace(0.0, wraps[e], steps)
-            arc = [(x + node.radius * cos(a), y + node.radius * sin(a)) for a in angles]
-        yield ends[0], ends[1], arc
-
-
 def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Vector]]:
     """Elements and nodes of a cable as a straight line, in the reference pose."""
     robot = model.robot
@@ -287,12 +242,8 @@ def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Vector
     cable = robot.cables[c]
     along = np.concatenate([[0.0], np.cumsum(lengths[first : first + len(cable.nodes) - 1])])
     y = -row * ROW * max(node.radius for cable in robot.cables for node in cable.nodes)
-    nodes = _in_space([(float(x), y) for x in along])
+    nodes = np.column_stack([along, np.full(len(along), y), np.zeros(len(along))])
     return [nodes[e : e + 2] for e in range(len(nodes) - 1)], list(nodes)
-
-
-def _in_space(points: list[tuple[float, float]]) -> Points:
-    return np.column_stack([np.array(points), np.zeros(len(points))])
 
 
 def tension_colour(tension: float, preload: float, limit: float) -> Colour:

@@ -20,6 +20,8 @@ from cdrj_ros.robot.visuals import MESHES, Visual, VisualShape
 Vector = NDArray[np.float64]
 Points = NDArray[np.float64]
 Faces = NDArray[np.uint32]
+FramePose = tuple[Vector, NDArray[np.float64]]
+"""Origin [m] and orientation of a frame in the base, shapes (3,) and (3, 3)."""
 
 LARGEST_MESH: Final = 20_000_000
 """Largest file of a mesh that is read [bytes]."""
@@ -78,21 +80,18 @@ class PlacedVisual:
 
 
 def placed_visuals(
-    visuals: Sequence[Visual],
-    origins: Mapping[str, Vector],
-    rotations: Mapping[str, NDArray[np.float64]],
+    visuals: Sequence[Visual], frames: Mapping[str, FramePose]
 ) -> Iterator[PlacedVisual]:
     """The visuals of a robot, in the base.
 
     Args:
         visuals: of the robot.
-        origins: of every frame in the base [m].
-        rotations: of every frame in the base, shape (3, 3).
+        frames: pose of every frame in the base.
     """
     for one in visuals:
-        turned = rotations[one.frame]
+        origin, turned = frames[one.frame]
         yield PlacedVisual(
-            one.shape, np.array(one.size), origins[one.frame] + turned @ np.array(one.origin),
+            one.shape, np.array(one.size), origin + turned @ np.array(one.origin),
             turned @ np.reshape(one.rotation, (3, 3)), one.mesh,
         )  # fmt: skip
 

@@ -11,12 +11,10 @@ from cdrj_ros.robot.axes import given
 from cdrj_ros.robot.description import (
     Anchor,
     Cable,
-    Frame,
     Friction,
     Motor,
     MovingEnd,
     Node,
-    Place,
     Profile,
     Pulley,
     Winch,
@@ -34,11 +32,9 @@ class CableReader:
     friction: Document
     """Friction entry of the whole robot, overridden by cables and pulleys."""
     motors: Sequence[Motor]
-    frames: Sequence[Frame]
+    places: PlaceReader
     profiles: ProfileReader
     refuse: Refusal
-    places: PlaceReader | None = None
-    """Reads positions in space; None for a robot described in the plane."""
 
     def read(self, path: str, entry: Document) -> Cable:
         """One cable.
@@ -123,8 +119,7 @@ class CableReader:
         self, path: str, entry: Document, routed: bool, friction_layers: list[Document]
     ) -> Node:
         self._check_place(path, entry, routed)
-        place = self._place(path, entry) if routed and self.places is None else None
-        space = self.places.read(path, entry) if routed and self.places is not None else None
+        place = self.places.read(path, entry) if routed else None
         if entry["type"] == "winch":
             motors = [motor.name for motor in self.motors]
             if entry["motor"] not in motors:
@@ -132,13 +127,11 @@ class CableReader:
                     f"{path}.motor", f"must be one of {listed(motors)}, got {entry['motor']!r}"
                 )
             pitch = float(entry.get("pitch", 0.0))
-            if pitch and space is None:
+            if pitch and (place is None or self.places.planar):
                 raise self.refuse(f"{path}.pitch", "needs a drum in space, with its axis")
-            return Winch(
-                entry["motor"], float(entry["radius"]), entry["winding"], place, space, pitch
-            )
+            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place, pitch)
         if entry["type"] == "anchor":
-            return Anchor(**given(entry, "radius"), place=place, space=space)
+            return Anchor(**given(entry, "radius"), place=place)
         if entry["type"] == "pulley":
             self._check_wrap(path, entry, routed)
         pulley = self._pulley(path, entry, friction_layers)
@@ -153,7 +146,6 @@ class CableReader:
             wrap=wrap,
             place=place,
             cells=int(entry.get("cells", Pulley.cells)),
-            space=space,
             moving_end=moving_end,
         )
 
@@ -244,20 +236,3 @@ class CableReader:
             )
         names = {field.name for field in fields(Friction)}
         return Friction(**{key: value for key, value in merged.items() if key in names})
-
-    def _place(self, path: str, entry: Document) -> Place:
-        frame = entry.get("frame", "base")
-        names = [known.name for known in self.frames]
-        if frame not in names:
-            raise self.refuse(f"{path}.frame", f"must be one of {listed(names)}, got {frame!r}")
-        round_ = entry.get("radius", 0.0) > 0.0
-        if round_ != ("turn" in entry):
-            raise self.refuse(
-                f"{path}.turn",
-                "is missing: ccw or cw, the sense in which the cable goes round"
-                if round_
-                else "has no meaning for a point",
-            )
-        turn = {"ccw": 1, "cw": -1}[entry["turn"]] if round_ else 0
-        x, y = entry["position"]
-        return Place(frame, float(x), float(y), turn)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.robot.laws import Law
-from cdrj_ros.robot.space import SpatialFrame, SpatialPlace
+from cdrj_ros.robot.space import Frame, Place
 from cdrj_ros.robot.visuals import Visual
 
 StribeckForm = Literal["printed", "capstan"]
@@ -20,9 +20,6 @@ StribeckForm = Literal["printed", "capstan"]
 MovingEnd = Literal["before", "after", "both"]
 """End of an arc that moves on its pulley as the wrap changes: that nearer the first node, or the
 last node, or both by half of the change."""
-
-FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
-"""Type of a frame's motion relative to its parent."""
 
 Tracking = Literal["fixed", "adaptive"]
 """Bandwidth of the filter between counts: that of the file, or at least that."""
@@ -179,20 +176,6 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Position of a node, for cables described by positions."""
-
-    frame: str
-    x: float
-    """Coordinate of the centre in the frame [m]."""
-    y: float
-    """Coordinate of the centre in the frame [m]."""
-    turn: int
-    """+1 if the cable, followed from node 1, goes round counter-clockwise, -1 if clockwise, 0 for a
-    point."""
-
-
-@dataclass(frozen=True)
 class Winch:
     """A motor's drum at an end of a cable."""
 
@@ -202,7 +185,6 @@ class Winch:
     winding: int
     """+1: a positive motor angle winds the cable in; -1: pays it out."""
     place: Place | None = None
-    space: SpatialPlace | None = None
     pitch: float = 0.0
     """Distance by which the point of departure moves along the axis per turn wound in [m]."""
 
@@ -237,7 +219,6 @@ class Pulley:
     cell_width: float = 0.0
     """Width of contact cells that are fixed to the surface [m], of which ``cells`` are at hand; 0
     for cells that are equal parts of the arc.  Only the simulated rig sets it."""
-    space: SpatialPlace | None = None
     moving_end: MovingEnd = "both"
     """End of the arc that moves as ``wrap`` changes; without meaning where positions give the wrap.
     The middle of the arc moves towards the last node by 1/2 (after), 0 (both) or -1/2 (before) of
@@ -246,9 +227,9 @@ class Pulley:
     @property
     def kind(self) -> str:
         """What it is, for people: ``pulley``, ``eyelet``, ``cylinder``."""
-        if self.space is None:
+        if self.place is None:
             return "pulley"
-        return "eyelet" if self.space.kind == "point" else self.space.kind
+        return "eyelet" if self.place.kind == "point" else self.place.kind
 
 
 @dataclass(frozen=True)
@@ -258,30 +239,9 @@ class Anchor:
     radius: float = 0.0
     """Radius of the sector [m]; 0 for a point."""
     place: Place | None = None
-    space: SpatialPlace | None = None
 
 
 Node = Winch | Pulley | Anchor
-
-
-@dataclass(frozen=True)
-class Frame:
-    """A planar frame that moves with a joint."""
-
-    name: str
-    parent: str | None
-    motion: FrameMotion
-    joint: str | None
-    x: float
-    """Origin in the parent [m]."""
-    y: float
-    """Origin in the parent [m]."""
-    angle: float
-    """Orientation in the parent at joint angle 0 [rad]."""
-    direction: tuple[float, float] = (1.0, 0.0)
-    """Unit vector of a prismatic motion."""
-    rolling_radius: float = 0.0
-    """Radius of both circles of a rolling joint [m]."""
 
 
 @dataclass(frozen=True)
@@ -321,19 +281,12 @@ class Cable:
         return tuple(node for node in self.nodes if isinstance(node, Pulley))
 
     @property
-    def routed(self) -> bool:
-        """Whether lengths and wrap angles are computed from positions in the plane."""
-        return self.nodes[0].place is not None
-
-    @property
-    def spatial(self) -> bool:
-        """Whether lengths and wrap angles are computed from positions in space."""
-        return self.nodes[0].space is not None
-
-    @property
     def placed(self) -> bool:
-        """Whether it is described by positions, so that its forces are in the base frame."""
-        return self.routed or self.spatial
+        """Whether lengths and wrap angles are computed from positions.
+
+        Its forces are then in the base frame.
+        """
+        return self.nodes[0].place is not None
 
     @property
     def element_names(self) -> tuple[str, ...]:
@@ -355,14 +308,14 @@ class Robot:
     joints: tuple[Joint, ...]
     cables: tuple[Cable, ...]
     frames: tuple[Frame, ...] = ()
-    """Frames in the plane; empty for a robot described in space."""
+    """Parents first; empty where no cable is described by positions."""
     source: str = ""
     """The file it was read from."""
     uncertainty: Uncertainty | None = None
     document: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     """The file's document in SI; empty for robots that were not read from a file."""
-    spatial_frames: tuple[SpatialFrame, ...] = ()
-    """Frames in space; empty for a robot described in the plane."""
+    planar: bool = True
+    """Whether the file describes it in the plane, or by tables alone."""
     base_link: str = "base"
     """Name in tf of the frame ``base``, in which positions and forces are given."""
     visuals: tuple[Visual, ...] = ()
@@ -371,9 +324,8 @@ class Robot:
     @property
     def prismatic_joints(self) -> frozenset[str]:
         """Names of the joints whose readings are positions [m] instead of angles."""
-        frames: tuple[Frame | SpatialFrame, ...] = (*self.frames, *self.spatial_frames)
         return frozenset(
-            frame.joint for frame in frames if frame.motion == "prismatic" and frame.joint
+            frame.joint for frame in self.frames if frame.motion == "prismatic" and frame.joint
         )
 
     @property

@@ -6,7 +6,6 @@ allowed.  All other code relies on a ``Robot`` being valid.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +13,11 @@ import numpy as np
 
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
-from cdrj_ros.robot.description import Cable, Frame, FrameMotion, Robot, Uncertainty
+from cdrj_ros.robot.description import Cable, Robot, Uncertainty
 from cdrj_ros.robot.document import Document, parse_document, read_text
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.refusal import Refusal, listed
-from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_spatial_frames
+from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
 from cdrj_ros.robot.tolerances import complete_uncertainty
 from cdrj_ros.robot.visuals import read_visuals
 
@@ -66,34 +65,30 @@ def build_robot(document: Document, source: str) -> Robot:
         if motor.name in joints:  # both may be read from one topic
             raise refuse(f"motors[{k}].name", f"{motor.name!r} is the name of a joint")
     profiles = ProfileReader(joints, refuse)
-    in_space = is_spatial(document)
-    frames = () if in_space else tuple(_frames(document, profiles, refuse))
-    spatial_frames = (
-        tuple(read_spatial_frames(document, profiles.known_joint, refuse)) if in_space else ()
-    )
-    places = PlaceReader([frame.name for frame in spatial_frames], refuse) if in_space else None
-    reader = CableReader(document.get("friction", {}), motors, frames, profiles, refuse, places)
+    planar = not is_spatial(document)
+    frames = tuple(read_frames(document, planar, profiles.known_joint, refuse))
+    names = [frame.name for frame in frames]
+    places = PlaceReader(names, planar, refuse)
+    reader = CableReader(document.get("friction", {}), motors, places, profiles, refuse)
     cables = tuple(reader.read(f"cables[{k}]", entry) for k, entry in enumerate(document["cables"]))
     elements = {element for cable in cables for element in cable.element_names}
     for name in (*(motor.name for motor in motors), *joints):
         if name in elements:  # both may be the name of a sensor
             raise refuse(f"the name {name!r} of a motor or joint", "is that of an element")
-    routed = any(cable.routed for cable in cables)
-    spatial = any(cable.spatial for cable in cables)
-    names = [one.name for one in frames] + [one.name for one in spatial_frames]
+    placed = any(cable.placed for cable in cables)
     visuals = tuple(read_visuals(document, names, refuse))
     return Robot(
         document["name"],
         motors,
         tuple(joints.values()),
         cables,
-        frames if routed else (),
+        frames if placed else (),
         source,
         _uncertainty(document, cables, refuse),
         document,
-        spatial_frames if spatial else (),
+        planar or not placed,
         document.get("base_link", Robot.base_link),
-        visuals if routed or spatial else (),
+        visuals if placed else (),
     )
 
 
@@ -103,48 +98,6 @@ def _check_unique(document: Document, kind: str, refuse: Refusal) -> None:
         if entry["name"] in seen:
             raise refuse(f"{kind}[{k}].name", f"{entry['name']!r} is taken already")
         seen.add(entry["name"])
-
-
-def _frames(document: Document, profiles: ProfileReader, refuse: Refusal) -> Iterator[Frame]:
-    known = {"base"}
-    yield Frame("base", None, "fixed", None, 0.0, 0.0, 0.0)
-    for k, entry in enumerate(document.get("frames", [])):
-        path = f"frames[{k}]"
-        if entry["name"] == "base":
-            raise refuse(f"{path}.name", "'base' always exists and cannot be defined")
-        parent = entry.get("parent", "base")
-        if parent not in known:
-            raise refuse(
-                f"{path}.parent", f"must name an earlier frame ({listed(known)}), got {parent!r}"
-            )
-        motion: FrameMotion = "revolute" if entry["motion"] == "continuous" else entry["motion"]
-        joint = entry.get("joint")
-        if motion == "fixed":
-            if joint is not None:
-                raise refuse(f"{path}.joint", "has no meaning for a fixed frame")
-        else:
-            profiles.known_joint(f"{path}.joint", joint)
-        if (motion == "rolling") != ("radius" in entry):
-            raise refuse(f"{path}.radius", "is allowed only for a rolling frame")
-        if "direction" in entry and motion != "prismatic":
-            raise refuse(f"{path}.direction", "is allowed only for a prismatic frame")
-        direction = np.array(entry.get("direction", (1.0, 0.0)), dtype=float)
-        norm = float(np.hypot(*direction))
-        if norm == 0.0:
-            raise refuse(f"{path}.direction", "must not be zero")
-        x, y = entry.get("origin", (0.0, 0.0))
-        known.add(entry["name"])
-        yield Frame(
-            entry["name"],
-            parent,
-            motion,
-            joint,
-            float(x),
-            float(y),
-            float(entry.get("angle", 0.0)),
-            (float(direction[0]) / norm, float(direction[1]) / norm),
-            float(entry.get("radius", 0.0)),
-        )
 
 
 def _uncertainty(

@@ -1,4 +1,7 @@
-"""The parsed geometry of a robot described in three dimensions: frozen values, SI units."""
+"""The parsed geometry of a robot: frozen values, SI units.
+
+A robot that is described in the plane lies at z = 0, with all axes along z.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ Vector3 = tuple[float, float, float]
 Matrix3 = tuple[float, ...]
 """Rotation matrix by rows, nine numbers."""
 
-SpatialMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
+FrameMotion = Literal["fixed", "revolute", "prismatic", "rolling"]
 """Type of a frame's motion relative to its parent."""
 
 ContactKind = Literal["point", "pulley", "swivel", "cylinder", "sphere", "sheath"]
@@ -47,12 +50,12 @@ IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class SpatialFrame:
-    """A frame in space that moves with a joint."""
+class Frame:
+    """A frame that moves with a joint."""
 
     name: str
     parent: str | None
-    motion: SpatialMotion
+    motion: FrameMotion
     joint: str | None
     origin: Vector3 = (0.0, 0.0, 0.0)
     """Origin in the parent [m]."""
@@ -69,8 +72,8 @@ class SpatialFrame:
 
 
 @dataclass(frozen=True)
-class SpatialPlace:
-    """Position and shape of a node of a cable that runs in space."""
+class Place:
+    """Position and shape of a node, for cables described by positions."""
 
     kind: ContactKind
     frame: str

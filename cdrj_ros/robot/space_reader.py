@@ -1,10 +1,10 @@
-"""Frames and nodes of a robot file that is described in three dimensions."""
+"""Frames and positions of nodes of a robot file, in the plane or in space."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import cos, hypot, sin, sqrt
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -14,10 +14,10 @@ from cdrj_ros.robot.space import (
     GUIDES,
     IDENTITY,
     ContactKind,
+    Frame,
+    FrameMotion,
     Matrix3,
-    SpatialFrame,
-    SpatialMotion,
-    SpatialPlace,
+    Place,
     Vector3,
     quaternion_rotation,
     rpy_rotation,
@@ -39,7 +39,7 @@ KINDS: Final[MappingProxyType[str, ContactKind]] = MappingProxyType(
 ONLY_IN_SPACE: Final = frozenset({"swivel", "eyelet", "cylinder", "sphere", "sheath"})
 """Types of nodes that exist in space only."""
 
-_MOTIONS: Final[MappingProxyType[str, SpatialMotion]] = MappingProxyType(
+_MOTIONS: Final[MappingProxyType[str, FrameMotion]] = MappingProxyType(
     {
         "fixed": "fixed",
         "revolute": "revolute",
@@ -48,6 +48,8 @@ _MOTIONS: Final[MappingProxyType[str, SpatialMotion]] = MappingProxyType(
         "rolling": "rolling",
     }
 )
+
+_TURNS: Final = MappingProxyType({"ccw": 1, "cw": -1})
 
 _FRAME_KEYS: Final = ("rpy", "quaternion", "axis", "multiplier", "offset")
 """Keys of a frame in space."""
@@ -74,16 +76,25 @@ def is_spatial(document: Document) -> bool:
     )
 
 
-def read_spatial_frames(
-    document: Document, known_joint: Callable[[str, str | None], Any], refuse: Refusal
-) -> Iterator[SpatialFrame]:
+def read_frames(
+    document: Document,
+    planar: bool,
+    known_joint: Callable[[str, str | None], Any],
+    refuse: Refusal,
+) -> Iterator[Frame]:
     """The base and the frames of the file, parents first.
+
+    Args:
+        document: content of the robot file.
+        planar: whether it describes the robot in the plane.
+        known_joint: refuses a joint that the file does not have.
+        refuse: makes the errors.
 
     Raises:
         RobotFileError: names the key, what was given and what is allowed.
     """
     known = {"base"}
-    yield SpatialFrame("base", None, "fixed", None)
+    yield Frame("base", None, "fixed", None)
     for k, entry in enumerate(document.get("frames", [])):
         path = f"frames[{k}]"
         if entry["name"] == "base":
@@ -93,35 +104,69 @@ def read_spatial_frames(
             raise refuse(
                 f"{path}.parent", f"must name an earlier frame ({listed(known)}), got {parent!r}"
             )
-        _check_keys(path, entry, refuse)
         motion, joint = _MOTIONS[entry["motion"]], entry.get("joint")
         if motion != "fixed":
             known_joint(f"{path}.joint", joint)
+        elif joint is not None:
+            raise refuse(f"{path}.joint", "has no meaning for a fixed frame")
+        if (motion == "rolling") != ("radius" in entry):
+            raise refuse(
+                f"{path}.radius", "is required for a rolling frame, and allowed only there"
+            )
         known.add(entry["name"])
-        default = (1.0, 0.0, 0.0) if motion == "prismatic" else (0.0, 0.0, 1.0)
-        yield SpatialFrame(
+        place = _in_plane if planar else _in_space
+        origin, rotation, axis = place(path, entry, motion, refuse)
+        yield Frame(
             entry["name"],
             parent,
             motion,
             joint,
-            vector(entry.get("origin", (0.0, 0.0, 0.0))),
-            _rotation(path, entry, refuse),
-            unit_vector(f"{path}.axis", entry.get("axis", default), refuse),
+            origin,
+            rotation,
+            axis,
             float(entry.get("radius", 0.0)),
             float(entry.get("multiplier", 1.0)),
             float(entry.get("offset", 0.0)),
         )
 
 
+def _in_plane(
+    path: str, entry: Document, motion: FrameMotion, refuse: Refusal
+) -> tuple[Vector3, Matrix3, Vector3]:
+    """Origin, rotation and axis of a frame in the plane."""
+    if "direction" in entry and motion != "prismatic":
+        raise refuse(f"{path}.direction", "is allowed only for a prismatic frame")
+    x, y = entry.get("direction", (1.0, 0.0))
+    norm = hypot(x, y)
+    if norm == 0.0:
+        raise refuse(f"{path}.direction", "must not be zero")
+    axis = (x / norm, y / norm, 0.0) if motion == "prismatic" else (0.0, 0.0, 1.0)
+    angle = float(entry.get("angle", 0.0))
+    c, s = cos(angle), sin(angle)
+    turned = (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+    return vector((*entry.get("origin", (0.0, 0.0)), 0.0)), turned, axis
+
+
+def _in_space(
+    path: str, entry: Document, motion: FrameMotion, refuse: Refusal
+) -> tuple[Vector3, Matrix3, Vector3]:
+    """Origin, rotation and axis of a frame in space."""
+    _check_keys(path, entry, refuse)
+    default = (1.0, 0.0, 0.0) if motion == "prismatic" else (0.0, 0.0, 1.0)
+    return (
+        vector(entry.get("origin", (0.0, 0.0, 0.0))),
+        _rotation(path, entry, refuse),
+        unit_vector(f"{path}.axis", entry.get("axis", default), refuse),
+    )
+
+
 def _check_keys(path: str, entry: Document, refuse: Refusal) -> None:
     """Refuse keys that belong to no frame in space, or to another motion."""
     motion = entry["motion"]
     if motion == "fixed":
-        for key in ("joint", "axis", "multiplier", "offset"):
+        for key in ("axis", "multiplier", "offset"):
             if key in entry:
                 raise refuse(f"{path}.{key}", "has no meaning for a fixed frame")
-    if (motion == "rolling") != ("radius" in entry):
-        raise refuse(f"{path}.radius", "is required for a rolling frame, and allowed only there")
     if motion == "rolling" and "axis" in entry:
         raise refuse(
             f"{path}.axis",
@@ -172,18 +217,36 @@ def _rotation(path: str, entry: Document, refuse: Refusal) -> Matrix3:
 
 @dataclass(frozen=True)
 class PlaceReader:
-    """Reads the positions of one robot file's nodes in space."""
+    """Reads the positions of one robot file's nodes."""
 
     frames: Sequence[str]
     """Names of the known frames."""
+    planar: bool
+    """Whether the robot is described in the plane."""
     refuse: Refusal
 
-    def read(self, path: str, entry: Document) -> SpatialPlace:
+    def read(self, path: str, entry: Document) -> Place:
         """Shape and position of a node.
 
         Raises:
             RobotFileError: names the key, what was given and what is allowed.
         """
+        return self._in_plane(path, entry) if self.planar else self._in_space(path, entry)
+
+    def _in_plane(self, path: str, entry: Document) -> Place:
+        frame = self._frame(f"{path}.frame", entry.get("frame", "base"))
+        position = vector((*entry["position"], 0.0))
+        if not entry.get("radius", 0.0) > 0.0:
+            if "turn" in entry:
+                raise self.refuse(f"{path}.turn", "has no meaning for a point")
+            return Place("point", frame, position)
+        if "turn" not in entry:
+            raise self.refuse(
+                f"{path}.turn", "is missing: ccw or cw, the sense in which the cable goes round"
+            )
+        return Place("pulley", frame, position, turn=_TURNS[entry["turn"]])
+
+    def _in_space(self, path: str, entry: Document) -> Place:
         for key in ("position", "exit"):
             if key in entry and len(entry[key]) != 3:
                 raise self.refuse(f"{path}.{key}", f"must have three numbers, {IN_SPACE}")
@@ -199,12 +262,12 @@ class PlaceReader:
         far = (f"{path}.exit_frame", entry.get("exit_frame", "base"))
         if "side" in entry:
             far = (f"{path}.side_frame", entry.get("side_frame", frame))
-        return SpatialPlace(
+        return Place(
             kind,
             self._frame(f"{path}.frame", frame),
             vector(entry["position"]),
             axis,
-            {"ccw": 1, "cw": -1}.get(entry.get("turn", ""), 0),
+            _TURNS.get(entry.get("turn", ""), 0),
             "side" in entry,
             bool(entry.get("ignored_inside", False)),
             bool(entry.get("inside", False)),

@@ -38,9 +38,7 @@ def unit_doubts(robot: Robot) -> Iterator[Doubt]:
         if joint.name not in robot.prismatic_joints:
             yield from _range(joint)
     for frame in robot.frames:
-        yield from _coordinates(f"frame {frame.name}", "origin", (frame.x, frame.y))
-    for own in robot.spatial_frames:
-        yield from _coordinates(f"frame {own.name}", "origin", own.origin)
+        yield from _coordinates(f"frame {frame.name}", "origin", frame.origin)
     for cable in robot.cables:
         yield from _nodes(cable)
 
@@ -75,6 +73,4 @@ def _nodes(cable: Cable) -> Iterator[Doubt]:
         elif 0.0 < node.radius < SMALLEST_RADIUS:
             yield Doubt(where, f"radius is {1e3 * node.radius:g} mm: is it radius, in m?")
         if node.place is not None:
-            yield from _coordinates(where, "position", (node.place.x, node.place.y))
-        if node.space is not None:
-            yield from _coordinates(where, "position", node.space.position)
+            yield from _coordinates(where, "position", node.place.position)

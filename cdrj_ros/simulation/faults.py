@@ -128,7 +128,7 @@ def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
                 extra = Motor(f"{cable.name}_anchor")
             motors.append(extra)
             nodes = list(cables[index].nodes)
-            nodes[place] = Winch(extra.name, radius, winding, node.place, node.space)
+            nodes[place] = Winch(extra.name, radius, winding, node.place)
             cables[index] = replace(cables[index], nodes=tuple(nodes))
         amount = fault.amount
         if amount is None:

@@ -148,9 +148,8 @@ def usual_load(robot: Robot, joint: int) -> LoadKind:
     name = robot.joints[joint].name
     if name in robot.prismatic_joints:
         return "lift"
-    planar = {frame.motion for frame in robot.frames if frame.joint == name}
-    in_space = {frame.motion for frame in robot.spatial_frames if frame.joint == name}
-    return "pendulum" if planar | in_space == {"revolute"} else "rolling"
+    motions = {frame.motion for frame in robot.frames if frame.joint == name}
+    return "pendulum" if motions == {"revolute"} else "rolling"
 
 
 def cable_torque(rig: Rig, drums: Vector, joints: Vector, joint: int) -> Callable[[Vector], Vector]:

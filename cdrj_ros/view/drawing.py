@@ -170,8 +170,9 @@ def _unit_mesh(look: PlacedVisual) -> Mesh | None:
 
 def layers_of(model: Model) -> dict[str, int]:
     """Layer of every cable: those in the plane are drawn one in front of the other."""
-    flat = [cable.name for cable in model.robot.cables if not cable.spatial]
-    layers = dict.fromkeys((cable.name for cable in model.robot.cables), 0)
+    robot = model.robot
+    flat = [cable.name for cable in robot.cables if robot.planar or not cable.placed]
+    layers = dict.fromkeys((cable.name for cable in robot.cables), 0)
     return layers | {name: k for k, name in enumerate(flat)}
 
 

@@ -156,7 +156,7 @@ class Page:
         self.pictures = 0
         """Number of pictures drawn."""
         self._plotted_s = 0.0
-        self._flat = not any(cable.spatial for cable in model.robot.cables)
+        self._flat = model.robot.planar
         self.gui.set_panel_label(printable(title))
         self.drawing = Drawing(self.server.scene, model, self.choose)
         self._build(settings.dark, axis)

@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.friction_chain import (
+from cdrj_ros.model.along import Course, course
+from cdrj_ros.model.elasticity import elasticity_of, modulus_at
+from cdrj_ros.model.filling import stribeck_of
+from cdrj_ros.model.packing import number_views, plan_views
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Anchor, Pulley, Robot
+from examples.paper.friction_chain import (
     CableMotion,
     Readings,
     chain_from,
@@ -33,12 +39,6 @@ from cdrj_ros.identification.friction_chain import (
     slips_of,
     tension_bounds,
 )
-from cdrj_ros.model.along import Course, course
-from cdrj_ros.model.elasticity import elasticity_of, modulus_at
-from cdrj_ros.model.filling import stribeck_of
-from cdrj_ros.model.packing import number_views, plan_views
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Anchor, Pulley, Robot
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

@@ -167,5 +167,5 @@ def test_every_file_that_the_document_names_is_there() -> None:
 def test_the_example_in_space_is_a_valid_robot() -> None:
     head = FIRST.partition("frames:")[0] + "friction: {mu_c: 0.1}\n"
     model = prepare(parse_robot(head + SPACE))
-    assert model.robot.cables[0].spatial
+    assert not model.robot.planar
     assert [pulley.kind for pulley in model.robot.cables[0].pulleys] == ["sphere", "eyelet"]

@@ -622,7 +622,7 @@ def _outputs(
                 motor_effort[names.index(node.motor)] -= node.winding * lever * pull
         cells, own = [pulley.cells for pulley in cable.pulleys], speed[rows(robot, c)[1]]
         speeds.extend(np.mean(part) for part in np.split(own, np.cumsum(cells)[:-1]) if part.size)
-        if cable.routed or cable.spatial:
+        if cable.placed:
             along = t[:, None] * pose.direction[elements]
             force = np.diff(along, axis=0)
             magnitudes.append(np.linalg.norm(force, axis=1))

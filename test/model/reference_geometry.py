@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.robot.description import Cable, Frame, Profile, Robot
+from cdrj_ros.robot.description import Cable, Profile, Robot
+from cdrj_ros.robot.space import Frame
 
 Vector = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -48,7 +49,7 @@ def plane(robot: Robot, q: Vector) -> Geometry:
     """(E4) to (E6) or the sums of tables, (E26) and (E27)."""
     parts = [
         _positions(robot, cable, q.astype(complex))
-        if cable.routed
+        if cable.placed
         else _tables(robot, cable, q.astype(complex))
         for cable in robot.cables
     ]
@@ -71,7 +72,9 @@ def plane(robot: Robot, q: Vector) -> Geometry:
 def moved_middle(robot: Robot, before: Geometry, now: Geometry) -> Vector:
     """Motion of the middle of every arc on its body between two poses [m], the nearest one."""
     radius = np.array([pulley.radius for cable in robot.cables for pulley in cable.pulleys])
-    spatial = np.array([cable.spatial for cable in robot.cables for _ in cable.pulleys])
+    spatial = np.array(
+        [cable.placed and not robot.planar for cable in robot.cables for _ in cable.pulleys]
+    )
     way = now.middle - before.middle
     turn = 2 * np.pi * np.where(radius > 0.0, radius, 1.0)
     whole = np.where(spatial, 0.0, np.floor(way / turn + 0.5))  # in space, turns are counted
@@ -86,7 +89,7 @@ def _frozen(robot: Robot, cable: Cable, q: Vector, moved: Complex) -> Vector:
         q: joint angles.
         moved: the same with an imaginary step of one of them.
     """
-    if not cable.routed:
+    if not cable.placed:
         return _tabled_span(robot, cable, moved).imag / STEP
     _, angle, _ = _tangents(robot, cable, q.astype(complex))
     here, there = _frames(robot, q.astype(complex)), _frames(robot, moved)
@@ -97,7 +100,10 @@ def _frozen(robot: Robot, cable: Cable, q: Vector, moved: Complex) -> Vector:
         reach = node.place.turn * node.radius  # the centre lies to the left of the cable
         x, y, turned = here[node.place.frame]
         right = np.sin(angle[e] - turned), -np.cos(angle[e] - turned)
-        px, py = node.place.x + reach * right[0], node.place.y + reach * right[1]
+        px, py = (
+            node.place.position[0] + reach * right[0],
+            node.place.position[1] + reach * right[1],
+        )
         x, y, turned = there[node.place.frame]
         c, s = np.cos(turned), np.sin(turned)
         return x + c * px - s * py, y + s * px + c * py
@@ -200,8 +206,8 @@ def _tangents(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex,
     for node in cable.nodes:
         x, y, angle = pose[node.place.frame]
         c, s = np.cos(angle), np.sin(angle)
-        centre.append((x + c * node.place.x - s * node.place.y,
-                       y + s * node.place.x + c * node.place.y))  # fmt: skip
+        centre.append((x + c * node.place.position[0] - s * node.place.position[1],
+                       y + s * node.place.position[0] + c * node.place.position[1]))  # fmt: skip
         turned.append(angle)
     (dx, dy) = np.diff(np.array(centre), axis=0).T
     h = np.diff([node.place.turn * node.radius for node in cable.nodes])
@@ -216,10 +222,11 @@ def _frames(robot: Robot, q: Complex) -> dict[str, tuple[complex, complex, compl
     for frame in robot.frames:
         px, py, pa = pose[frame.parent] if frame.parent else (0j, 0j, 0j)
         x, y, turn = _motion(frame, q[joints[frame.joint]] if frame.joint else 0j)
-        c, s = np.cos(frame.angle), np.sin(frame.angle)
-        x, y = frame.x + c * x - s * y, frame.y + s * x + c * y
+        c, s = frame.rotation[0], frame.rotation[3]
+        x, y = frame.origin[0] + c * x - s * y, frame.origin[1] + s * x + c * y
+        angle = np.arctan2(s, c)
         c, s = np.cos(pa), np.sin(pa)
-        pose[frame.name] = px + c * x - s * y, py + s * x + c * y, pa + frame.angle + turn
+        pose[frame.name] = px + c * x - s * y, py + s * x + c * y, pa + angle + turn
     return pose
 
 
@@ -228,7 +235,7 @@ def _motion(frame: Frame, q: complex) -> tuple[complex, complex, complex]:
     if frame.motion == "revolute":
         return 0j, 0j, q
     if frame.motion == "prismatic":
-        return q * frame.direction[0], q * frame.direction[1], 0j
+        return q * frame.axis[0], q * frame.axis[1], 0j
     if frame.motion == "rolling":
         reach = 2 * frame.rolling_radius
         return reach * np.cos(q), reach * np.sin(q), 2 * q

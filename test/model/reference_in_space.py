@@ -14,7 +14,7 @@ from model.reference_geometry import STEP, Complex, Geometry, Vector, tabled
 from scipy.optimize import brentq
 
 from cdrj_ros.robot.description import Cable, Node, Pulley, Robot, Winch
-from cdrj_ros.robot.space import SpatialPlace
+from cdrj_ros.robot.space import Place
 
 Z = np.array([0.0, 0.0, 1.0])
 SWEEPS = 80
@@ -58,7 +58,7 @@ def frames(robot: Robot, q: Complex) -> Poses:
     """Every frame in the base, parents first."""
     joints = [joint.name for joint in robot.joints]
     found: Poses = {}
-    for frame in robot.spatial_frames:
+    for frame in robot.frames:
         rotation, origin = np.reshape(frame.rotation, (3, 3)) + 0j, np.array(frame.origin) + 0j
         if frame.joint is not None:
             by = frame.multiplier * q[joints.index(frame.joint)] + frame.offset
@@ -78,7 +78,7 @@ def frames(robot: Robot, q: Complex) -> Poses:
     return found
 
 
-def own_axes(place: SpatialPlace) -> Vector:
+def own_axes(place: Place) -> Vector:
     """Unit vectors of a body's own axes in its frame, by columns; the last is its axis."""
     z = np.array(place.axis)
     x = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
@@ -110,7 +110,7 @@ def nearest(a: Vector, b: Vector) -> tuple[Vector, float]:
 
 def way_round(node: Node, a: Vector, b: Vector, axis: Vector, side: Vector) -> tuple[bool, float]:
     """Whether the cable touches a round body, and its sense about the axis."""
-    place = node.space
+    place = node.place
     assert place is not None
     at = min(max(nearest(a, b)[1], 0.0), 1.0)
     close = a + at * (b - a)
@@ -139,14 +139,14 @@ def arc(
     """Normals of an arc in a plane through the centre, its angle and both free lengths."""
     first, before = tangent(a, axis, node.radius, sense)
     last, after = tangent(b, axis, node.radius, -sense)
-    turns = node.space.turns if node.space else 0
+    turns = node.place.turns if node.place else 0
     return first, last, angle(first, last, axis, sense) + 2 * np.pi * turns, before, after
 
 
 def grooved(node: Node, a: Vector, b: Vector, near: float) -> Contact:
     """A grooved pulley; ``near``: its wrap in the reference pose [rad]."""
-    assert node.space is not None
-    flat, sense = np.array([1.0, 1.0, 0.0]), float(node.space.turn)
+    assert node.place is not None
+    flat, sense = np.array([1.0, 1.0, 0.0]), float(node.place.turn)
     first, last, found, _, _ = arc(node, a * flat, b * flat, Z, sense)
     found = near + (found - near + np.pi) % (2 * np.pi) - np.pi
     n = turned(Z, sense * 0.5 * found).real @ first
@@ -156,9 +156,9 @@ def grooved(node: Node, a: Vector, b: Vector, near: float) -> Contact:
 
 def cylinder(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
     """(G5), or (G6) where the cable runs through a ring."""
-    assert node.space is not None
+    assert node.place is not None
     flat = np.array([1.0, 1.0, 0.0])
-    if node.space.inside:
+    if node.place.inside:
         return through_ring(node, a, b, Z, a * flat, b * flat)
     touches, sense = way_round(node, a * flat, b * flat, Z, side * flat)
     first, last, by, before, after = arc(node, a * flat, b * flat, Z, sense)
@@ -175,9 +175,9 @@ def cylinder(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
 
 def sphere(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
     """A great circle."""
-    assert node.space is not None
+    assert node.place is not None
     axis = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
-    if node.space.inside:
+    if node.place.inside:
         return through_ring(node, a, b, axis, a, b)
     touches, sense = way_round(node, a, b, axis, side - axis * (side @ axis))
     first, last, by, _, _ = arc(node, a, b, axis, sense)
@@ -236,7 +236,7 @@ class Path:
 def path(robot: Robot, cable: Cable, q: Vector, rest: Path | None) -> Path:
     """Points of contact, by sweeps; ``rest``: in the reference pose, None for that pose itself."""
     poses, last = frames(robot, q + 0j), len(cable.nodes) - 1
-    spots = [node.space for node in cable.nodes if node.space]
+    spots = [node.place for node in cable.nodes if node.place]
     bases = [poses[p.frame][0].real @ own_axes(p) for p in spots]
     centres = [point(poses, p.frame, p.position).real for p in spots]
     far = [point(poses, p.exit_frame, p.exit).real for p in spots]
@@ -281,11 +281,11 @@ def path(robot: Robot, cable: Cable, q: Vector, rest: Path | None) -> Path:
 
 def wound(node: Node, now: tuple[float, float], rest: Path, end: int) -> float:
     """(G8): angle of cable that has come onto an end since the reference pose [rad]."""
-    assert node.space is not None
+    assert node.place is not None
     (angle_now, turn), (angle_then, turn_then) = now, rest.ends[end]
     grown = angle_now - angle_then + turn - turn_then
     grown = (grown + np.pi) % (2 * np.pi) - np.pi - (turn - turn_then)
-    return float(node.space.turn * grown * (-1.0 if end else 1.0))
+    return float(node.place.turn * grown * (-1.0 if end else 1.0))
 
 
 def frame_turn(robot: Robot, frame: str, q: Vector, axis: Vector) -> float:
@@ -336,7 +336,7 @@ def elements(cable: Cable, found: Path) -> tuple[Vector, Vector]:
 
 def arms(robot: Robot, cable: Cable, found: Path, q: Vector, direction: Vector) -> Vector:
     """(G12): lever arms of the elements about the joints [m]; points rest in their bodies."""
-    spots = [node.space for node in cable.nodes if node.space]
+    spots = [node.place for node in cable.nodes if node.place]
     poses, arm = frames(robot, q + 0j), np.zeros((len(spots) - 1, q.size))
     for j in range(q.size):
         moved = frames(robot, stepped(q, j))
@@ -367,22 +367,22 @@ def in_space(robot: Robot, q: Vector) -> Geometry:
         for k, (node, one) in enumerate(zip(cable.pulleys, found.contacts[1:-1], strict=True)):
             if not one.touches:
                 continue
-            assert node.space is not None
+            assert node.place is not None
             wrap[k], arcs[k] = one.wrap, one.arc
-            if node.space.kind == "sheath":
-                wrap[k], arcs[k] = bend_of(robot, node, q), node.space.length
-            elif node.space.kind == "point" or node.space.inside:
+            if node.place.kind == "sheath":
+                wrap[k], arcs[k] = bend_of(robot, node, q), node.place.length
+            elif node.place.kind == "point" or node.place.inside:
                 wrap[k] = bend(direction[k], direction[k + 1])
         length[:-1] += 0.5 * arcs
         length[1:] += 0.5 * arcs
         laid, levers = np.zeros((2, 2))
         for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
-            assert node.space is not None
+            assert node.place is not None
             reel = node.reel if isinstance(node, Winch) else node.radius
             levers[end] = reel
-            if node.space.kind == "pulley":
+            if node.place.kind == "pulley":
                 laid[end] = reel * wound(node, found.ends[end], rest, end)
-                axis = frames(robot, q + 0j)[node.space.frame][0].real @ own_axes(node.space)[:, 2]
+                axis = frames(robot, q + 0j)[node.place.frame][0].real @ own_axes(node.place)[:, 2]
                 levers[end] = node.radius * np.linalg.norm(np.cross(axis, direction[-end]))
         length[0] += laid[0]
         length[-1] += laid[1]

@@ -33,21 +33,15 @@ def bodies(robot: Robot, q: Array) -> dict[str, Body]:
     """Every frame in the base, for real or complex joint angles; parents come first."""
     joints = {joint.name: k for k, joint in enumerate(robot.joints)}
     found: dict[str, Body] = {"base": (np.eye(3), np.zeros(3))}
-    for frame in robot.spatial_frames or robot.frames:
+    for frame in robot.frames:
         rotation, origin = found[frame.parent or "base"]
-        if robot.spatial_frames:
-            place, rest = np.array(frame.origin), np.reshape(frame.rotation, (3, 3))
-            axis = slide = np.array(frame.axis)
-            factor, offset = frame.multiplier, frame.offset
-        else:
-            place, axis = np.array([frame.x, frame.y, 0.0]), np.array([0.0, 0.0, 1.0])
-            rest, slide = turned(axis, frame.angle), np.array([*frame.direction, 0.0])
-            factor, offset = 1.0, 0.0
+        place, rest = np.array(frame.origin), np.reshape(frame.rotation, (3, 3))
+        axis = np.array(frame.axis)
         origin, rotation = origin + rotation @ place, rotation @ rest
         if frame.joint:
-            motion = factor * q[joints[frame.joint]] + offset
+            motion = frame.multiplier * q[joints[frame.joint]] + frame.offset
             if frame.motion == "prismatic":
-                origin = origin + rotation @ slide * motion
+                origin = origin + rotation @ axis * motion
             elif frame.motion == "rolling":
                 reach = turned(axis, motion) @ np.array([2 * frame.rolling_radius, 0.0, 0.0])
                 origin, rotation = origin + rotation @ reach, rotation @ turned(axis, 2 * motion)
@@ -83,11 +77,11 @@ def pulls(model: Model, q: Vector, motor: Vector | None = None) -> list[Pull]:
     node = element = 0
     for cable in robot.cables:
         count, first = len(cable.nodes) - 1, 0
-        for k in range(count if cable.spatial or cable.routed else 0):
-            if k + 1 < count and cable.spatial and touches["touching"][node + k + 1] == 0.0:
+        for k in range(count if cable.placed else 0):
+            if k + 1 < count and not robot.planar and touches["touching"][node + k + 1] == 0.0:
                 continue
             unit = shape.direction[element + k].copy()
-            if cable.spatial:
+            if not robot.planar:
                 left = _frame(cable.nodes[first], leaving=True), touches["exit"][node + first]
                 meets = _frame(cable.nodes[k + 1]), touches["entry"][node + k + 1]
             else:
@@ -117,7 +111,7 @@ def rate_of_free_length(robot: Robot, q: Vector, joint: int, pull: Pull) -> floa
 
 
 def _frame(node: Node, leaving: bool = False) -> str:
-    place = node.space
+    place = node.place
     assert place is not None
     return place.exit_frame if leaving and place.kind == "sheath" else place.frame
 
@@ -127,6 +121,6 @@ def _tangent_point(here: dict[str, Body], node: Node, unit: Vector) -> tuple[str
     place = node.place
     assert place is not None
     rotation, origin = here[place.frame or "base"]
-    centre = origin + rotation @ np.array([place.x, place.y, 0.0])
+    centre = origin + rotation @ np.array(place.position)
     right = np.array([unit[1], -unit[0], 0.0])  # the centre lies to the left, counter-clockwise
     return place.frame or "base", centre + place.turn * node.radius * right

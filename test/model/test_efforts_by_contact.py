@@ -115,7 +115,7 @@ def test_the_effort_of_a_joint_is_the_power_of_the_forces_of_contact(path: Path)
         t, expected, scale = estimate.tension, np.zeros(count), 1e-9
         # of cables by tables: the tensions times the rates of free lengths, contacts at rest
         given = np.repeat(
-            [not (cable.routed or cable.spatial) for cable in robot.cables],
+            [not cable.placed for cable in robot.cables],
             [len(cable.nodes) - 1 for cable in robot.cables],
         )
         if given.any():
@@ -164,16 +164,15 @@ def test_the_effort_of_a_motor_is_the_moment_of_the_pull_about_its_drum(path: Pa
             for node, e, way in ((cable.nodes[0], element, -1), (cable.nodes[-1], last, 1)):
                 if not isinstance(node, Winch):
                     continue
-                place = node.space if cable.spatial else node.place
+                place = node.place
                 moment = -node.reel * estimate.tension[e]
                 if place is not None and place.turn != 0:
                     (pull,) = (one for one in free if one.elements.start <= e < one.elements.stop)
                     rotation, origin = here[place.frame]
-                    at = place.position if cable.spatial else (place.x, place.y, 0.0)
-                    axis = rotation @ (place.axis if cable.spatial else np.array([0.0, 0.0, 1.0]))
+                    axis = rotation @ np.array(place.axis)
                     _, point = pull.left if way < 0 else pull.meets
                     force = -way * estimate.tension[e] * pull.unit
-                    arm = point - origin - rotation @ np.array(at)
+                    arm = point - origin - rotation @ np.array(place.position)
                     # the drum turns against the cable's way at the first end as it winds in
                     moment = way * place.turn * float(axis @ np.cross(arm, force))
                 expected[names.index(node.motor)] += node.winding * moment
@@ -189,9 +188,9 @@ def fleet_angles(model: Model, q: Vector) -> Vector:
     direction = shape_at(model, q).direction
     for c, cable in enumerate(robot.cables):
         for k, one in enumerate(cable.nodes):
-            if one.space is None or one.space.kind != "pulley":
+            if one.place is None or one.place.kind != "pulley":
                 continue
-            axis = here[one.space.frame][0] @ np.array(one.space.axis)
+            axis = here[one.place.frame][0] @ np.array(one.place.axis)
             for e in {max(k - 1, 0), min(k, len(cable.nodes) - 2)}:
                 element = node - c + e
                 aside = abs(float(np.arcsin(axis @ direction[element])))

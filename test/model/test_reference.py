@@ -126,7 +126,7 @@ def course(robot: Robot) -> Course:
     tracks = along.course(model, joint).track
     poses = [geometry(robot, model, *both) for both in zip(joint, motor, tracks, strict=True)]
     for k, (one, other) in enumerate(pairwise(poses)):
-        if robot.spatial_frames:
+        if not robot.planar:
             way = moved(robot, joint[k], joint[k + 1])
         else:
             way = moved_middle(robot, one, other)
@@ -145,15 +145,15 @@ def geometry(robot: Robot, model: Model, joint: Vector, motor: Vector, track: Ve
         found.length, found.lever_arm, found.wrap, found.direction, views.arc, track,
         drum_levers(robot, model, joint, motor), views.laid,
     )  # fmt: skip
-    own = in_space(robot, joint) if robot.spatial_frames else plane(robot, joint)
+    own = in_space(robot, joint) if not robot.planar else plane(robot, joint)
     for name, one in vars(own).items():
         other = getattr(given, name)
         if name == "middle" or (
-            name == "direction" and not any(cable.routed or cable.spatial for cable in robot.cables)
+            name == "direction" and not any(cable.placed for cable in robot.cables)
         ):
             continue
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=2e-14, err_msg=name)
-    return replace(own, middle=track) if robot.spatial_frames else own
+    return replace(own, middle=track) if not robot.planar else own
 
 
 def drum_levers(robot: Robot, model: Model, joint: Vector, motor: Vector) -> Vector:
@@ -169,7 +169,7 @@ def drum_levers(robot: Robot, model: Model, joint: Vector, motor: Vector) -> Vec
         for k, e in ((0, elements.start), (len(cable.nodes) - 1, elements.stop - 1)):
             end = cable.nodes[k]
             lever = end.reel if isinstance(end, Winch) else end.radius
-            if end.space is not None and end.space.kind == "pulley":
+            if end.place is not None and not robot.planar and end.place.kind == "pulley":
                 axis = touches["basis"][node + k, 6:9]
                 lever = end.radius * float(np.linalg.norm(np.cross(axis, found.direction[e])))
             levers.append(lever)

@@ -444,7 +444,7 @@ def parse_table(robot: Robot, which: str, table: str) -> Robot:
     """The robot of ``in_space`` on another table."""
     rest = involute(np.zeros(1), 1.0, SPACE[which][1])[0]
     nodes = at("table", -BEFORE, -RADIUS, 0.0), SPACE[which][0], at("hand", *rest)
-    assert robot.spatial_frames
+    assert robot.frames
     return cable(*nodes, head=IN_SPACE.replace(TILT, table))
 
 

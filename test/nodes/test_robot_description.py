@@ -39,7 +39,7 @@ def listening(ros: None) -> Iterator[Any]:
 def test_the_frames_are_those_of_the_description(robot_file: Path) -> None:
     with description_given(lambda: URDF):
         told = load_robot(robot_file)
-    assert told.spatial_frames == load_robot(ROBOTS / "finger3d.yaml").spatial_frames
+    assert told.frames == load_robot(ROBOTS / "finger3d.yaml").frames
 
 
 def test_without_a_node_one_line_says_where_to_get_it(robot_file: Path) -> None:

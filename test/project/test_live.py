@@ -78,9 +78,7 @@ def test_an_exact_copy_keeps_the_robot_and_its_urdf(tmp_path: Path) -> None:
         load_model(str(exact_copy(robot_path("finger3d"), tmp_path))),
     )
     assert copy.layout == model.layout
-    assert [one.name for one in copy.robot.spatial_frames] == [
-        one.name for one in model.robot.spatial_frames
-    ]
+    assert [one.name for one in copy.robot.frames] == [one.name for one in model.robot.frames]
     assert copy.robot.document["uncertainty"] == {"others": "exact"}
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.report.drawing import draw_robot, write_png
 from cdrj_ros.report.scene import Scene, by_cable, scene_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -75,6 +75,7 @@ def test_the_drawn_line_is_as_long_as_the_cable(
     begin = scene_of(inspection.model, inspection.poses[0])
     for angle in inspection.poses[:: max(1, len(inspection.poses) // 7)]:
         pose = scene_of(inspection.model, angle)
+        shapes = [shape_at(inspection.model, at) for at in (inspection.poses[0], angle)]
         element = 0
         for c, cable in enumerate(model.robot.cables):
             part = slice(element, element + len(cable.nodes) - 1)
@@ -83,14 +84,14 @@ def test_the_drawn_line_is_as_long_as_the_cable(
                 np.hypot(*np.diff(line(inspection, at, c), axis=0).T).sum() for at in (begin, pose)
             ]
             # cable wound on the drum as the first element rotates is counted but not drawn
-            first = [at.pose.shape.direction[part.start] for at in (begin, pose)]
+            first = [shape.direction[part.start] for shape in shapes]
             turned = np.arctan2(
                 first[0][0] * first[1][1] - first[0][1] * first[1][0], first[0] @ first[1]
             )
             winch = cable.nodes[0]
             assert winch.place is not None
             on_drum = winch.place.turn * winch.radius * turned
-            change = pose.pose.shape.length[part].sum() - begin.pose.shape.length[part].sum()
+            change = shapes[1].length[part].sum() - shapes[0].length[part].sum()
             assert drawn[1] - drawn[0] == pytest.approx(change - on_drum, abs=1e-4)
 
 

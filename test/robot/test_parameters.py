@@ -15,7 +15,6 @@ from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.robot.description import (
     Anchor,
     Cable,
-    FrameMotion,
     Friction,
     Joint,
     Motor,
@@ -34,6 +33,7 @@ from cdrj_ros.robot.parameters import (
     with_numbers,
 )
 from cdrj_ros.robot.reader import build_robot, parse_robot
+from cdrj_ros.robot.space import FrameMotion
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

@@ -84,7 +84,7 @@ def test_a_good_file_becomes_a_robot() -> None:
     assert [motor.max_speed for motor in robot.motors] == [50.0]
     assert (robot.joints[0].lower, robot.joints[0].upper) == (-1.0, 1.0)
     tabled, routed = robot.cables
-    assert (tabled.routed, routed.routed) == (False, True)
+    assert (tabled.placed, routed.placed) == (False, True)
     assert tabled.axial_stiffness == 1000.0
     assert routed.axial_stiffness == pytest.approx(2e11 * pi * 1e-8)
     winch, pulley, anchor = tabled.nodes
@@ -215,7 +215,7 @@ REFUSED = {
     "unknown joint of a frame": ("    joint: q", "    joint: p", "frames[0].joint must be one of q", "got 'p'"),
     "unknown frame": ("frame: arm", "frame: leg", "cables[1].nodes[2].frame must be one of arm, base", "got 'leg'"),
     "unknown parent": ("    joint: q", "    joint: q\n    parent: leg", "frames[0].parent must name an earlier frame", "got 'leg'"),
-    "reserved frame": ("- name: arm", "- name: base", "frames[0].name", "always exists"),
+    "reserved frame": ("- name: arm", "- name: base", "frames[0].name", "always there"),
     "unknown law": ("mu_c: 0.1", "mu_c: 0.1\n  law: dahl", "friction.law must be one of none, euler, steady", "'dahl'"),
     "unknown node": ("{type: anchor}", "{type: hook}", "cables[0].nodes[2].type must be one of", "'hook'"),
     "unknown motion": ("motion: revolute", "motion: turning", "frames[0].motion must be one of", "'turning'"),
@@ -249,7 +249,7 @@ REFUSED = {
     "moving end of an anchor": ("{type: anchor}", "{type: anchor, moving_end: before}", "cables[0].nodes[2].moving_end is not a known key", "known keys: axis,"),
     "position beside spans": ("{type: anchor}", "{type: anchor, position: [1, 1]}", "cables[0].nodes[2].position", "described by spans"),
     "turn of a point": ("position: [0.5, -1]", "position: [0.5, -1], turn: cw", "cables[1].nodes[2].turn", "no meaning for a point"),
-    "radius of a revolute frame": ("    joint: q", "    joint: q\n    radius: 1", "frames[0].radius", "is allowed only for a rolling frame"),
+    "radius of a revolute frame": ("    joint: q", "    joint: q\n    radius: 1", "frames[0].radius", "allowed only there"),
     "direction of a revolute frame": ("    joint: q", "    joint: q\n    direction: [1, 0]", "frames[0].direction", "prismatic"),
     "no direction": ("motion: revolute", "motion: prismatic\n    direction: [0, 0]", "frames[0].direction", "must not be zero"),
     "joint of a fixed frame": ("motion: revolute", "motion: fixed", "frames[0].joint", "no meaning"),

@@ -81,7 +81,7 @@ def test_links_become_frames_and_limits_ranges(tmp_path: Path) -> None:
     assert prepare(found).layout.force_frame == found.base_link == "world_link"
     stated = robot(tmp_path, f"base_link: arm/world\n{ROBOT}")
     assert prepare(stated).layout.in_frame("").base_link == "arm/world"
-    frames = {frame.name: frame for frame in found.spatial_frames}
+    frames = {frame.name: frame for frame in found.frames}
     assert "aside" not in frames  # no node is on it
     assert frames["coupled"].joint == "shoulder"
     assert found.prismatic_joints == {"slide"}
@@ -136,7 +136,7 @@ def test_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
     text = ROBOT.replace("{urdf: arm.urdf}", "{urdf: arm.urdf, joints: [elbow]}")
     found = robot(tmp_path, text)
     assert [joint.name for joint in found.joints] == ["elbow"]
-    assert {f.motion for f in found.spatial_frames if f.joint is None} == {"fixed"}
+    assert {f.motion for f in found.frames if f.joint is None} == {"fixed"}
 
 
 def test_a_package_is_found_through_the_ament_index(
@@ -162,7 +162,7 @@ def test_a_thousand_links_cost_only_what_nodes_need(tmp_path: Path) -> None:
         for k in range(1000)
     )
     found = robot(tmp_path, ROBOT, URDF.replace("</robot>", more + "</robot>"))
-    assert len(found.spatial_frames) == 7
+    assert len(found.frames) == 7
     assert len(found.joints) == 3
 
 
@@ -260,7 +260,7 @@ def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path: Path) -> N
     before = robot(here)
     text = moved(ROBOT, str(here / "arm.yaml"), str(there / "arm.yaml"))
     (there / "arm.yaml").write_text(text)
-    assert load_robot(there / "arm.yaml").spatial_frames == before.spatial_frames
+    assert load_robot(there / "arm.yaml").frames == before.frames
     assert moved(ROBOT, str(here / "arm.yaml"), str(here / "other.yaml")) == ROBOT
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.model.spatial_paths import bodies_in_space, paths_in_space
+from cdrj_ros.report.scene import scene_of
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = """
@@ -32,15 +32,17 @@ cables:
 def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
     model = prepare(parse_robot(ROBOT))
     for angle in (-0.2, 0.0, 0.25):
-        (pieces,) = paths_in_space(model, np.array([angle]))
+        paths = scene_of(model, np.array([angle])).elements
         shape = shape_at(model, np.array([angle]))
-        assert len(pieces) == 7
-        assert len(pieces[5]) == 0  # the cable does not touch the far sphere
-        line = np.vstack([piece for piece in pieces if len(piece)])
+        assert len(paths) == 6
+        assert len(paths[4]) > 2, "on the pulley"
+        assert len(paths[5]) == 2, "straight on, since it does not touch the far sphere"
+        line = np.vstack([paths[0], *(path[1:] for path in paths[1:])])
         drawn = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
         assert drawn == pytest.approx(shape.length.sum(), rel=1e-3)
         # no corner is sharper than a step of an arc: the line is smooth where it touches
         steps = np.diff(line, axis=0)
+        steps = steps[np.linalg.norm(steps, axis=1) > 1e-12]
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         corners = np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))
         assert corners.max() < 0.2
@@ -52,13 +54,13 @@ def test_a_cable_ends_on_its_sector_where_it_arrives() -> None:
         "radius: 0.02, position: [0.1, -0.1, 0], frame: arm, axis: [0, 0, 1], turn: cw}",
     )
     model = prepare(parse_robot(text))
-    (pieces,) = paths_in_space(model, np.zeros(1))
-    before, end, centre = pieces[4][-1], pieces[6][-1], np.array([0.4, -0.1, 0.0])
+    scene = scene_of(model, np.zeros(1))
+    before, end = scene.elements[5][[0, -1]]
+    centre = np.array([0.4, -0.1, 0.0])
     assert np.linalg.norm((end - centre)[:2]) == pytest.approx(0.02)
     # clockwise: the moment of the cable's direction about the centre is negative
     assert np.cross(end - centre, end - before)[2] < 0.0
-    bodies = list(bodies_in_space(model, np.zeros(1)))
-    assert [(body.node, body.kind) for body in bodies] == [
-        (2, "cylinder"), (3, "sphere"), (4, "pulley"), (5, "sphere"), (6, "pulley"),
+    assert [body.shape for body in scene.bodies] == [
+        "point", "point", "cylinder", "sphere", "disc", "sphere", "disc",
     ]  # fmt: skip
-    assert bodies[4].centre == pytest.approx(centre)
+    assert scene.bodies[6].centre == pytest.approx(centre)

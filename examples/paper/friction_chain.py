@@ -6,14 +6,13 @@ docs/model.md, section 10.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros import _core
 from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
-from cdrj_ros.model.outputs import nodal_force_magnitude
+from cdrj_ros.model.friction import BOUND_FLOOR, Stribeck, blended_loss, stribeck_share
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -39,7 +38,7 @@ class CableMotion:
     """Tension-strain law of the cable."""
     constants: Any
     """Constants of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
-    stribeck: _core.Stribeck
+    stribeck: Stribeck
     """Form of static friction."""
 
     def slips(self, tension: Table) -> Table:
@@ -65,18 +64,33 @@ class CableMotion:
 
     def losses(self) -> tuple[Table, Table]:
         """(43): kinetic and static loss of every pulley at every sample, shape (n, pulleys)."""
-        return _core.pulley_losses(self.wrap, self.rows, self.stribeck)
+        found = np.array(
+            [
+                [
+                    blended_loss(
+                        one.rho, one.mu_c, one.mu_s, wrap, one.bearing_ratio, self.stribeck
+                    )
+                    for wrap in wraps
+                ]
+                for one, wraps in zip(self.constants, self.wrap.T.tolist(), strict=True)
+            ]
+        )
+        return found[:, :, 0].T, found[:, :, 1].T
 
     def lagging_losses(self, tension: Table, kinetic: Table, static: Table) -> Table:
         """(E10): loss 1 - eta at the slip speeds that follow from ``tension``."""
-        dt = np.diff(self.stamp_ns, prepend=self.stamp_ns[:1]) * 1e-9
-        return _core.lagging_losses(self.slips(tension), dt, kinetic, static, self.rows)
+        if not static.any():
+            return kinetic
+        dt = np.diff(self.stamp_ns) * 1e-9
+        moved = np.diff(self.slips(tension), axis=0)
+        lag, speed = self.constants["stribeck_lag"], np.zeros_like(kinetic)
+        for k in range(1, len(dt)):  # the speed of a sample acts on the next one
+            speed[k + 1] = (lag * speed[k] + moved[k - 1]) / (lag + dt[k - 1])
+        share = _SHARES(speed, self.constants["stribeck_speed"])
+        return np.asarray(kinetic + static * share)
 
-    @property
-    def rows(self) -> Table:
-        """``constants`` as plain numbers, shape (pulleys, fields)."""
-        rows: Table = self.constants.view(np.float64).reshape(len(self.constants), -1)
-        return rows
+
+_SHARES: Final = np.vectorize(stribeck_share, otypes=[float])
 
 
 def slips_of(material: Table, wound: Vector, held_last: bool) -> Table:
@@ -115,9 +129,30 @@ def friction_shares(
         Two shares in [-1, 1], shape (n, pulleys), positive where the cable slips towards the last
         node.
     """
+    constants = motion.constants
     pull = np.nan_to_num(np.maximum(tension[:, :-1], tension[:, 1:]))
-    arc = motion.constants["radius"] * motion.wrap / modulus_at(motion.elastic, pull)
-    return _core.shares_of_bound(slip, loss, pull, arc, hidden, motion.rows)
+    arc = constants["radius"] * motion.wrap / modulus_at(motion.elastic, pull)
+    bound = loss * pull + constants["drag"] + BOUND_FLOOR
+    # slip from no friction to the full bound: of bristles and arc, and what is not resolved
+    reach = bound * (1.0 / constants["bristle_stiffness"] + arc) + hidden
+    return limited_sums(np.diff(slip, axis=0, prepend=slip[:1]) / reach)
+
+
+def limited_sums(steps: Table) -> tuple[Table, Table]:
+    """Sums that every step leaves within [-1, 1], from -1 and from +1, shape (n, pulleys).
+
+    A step with its limits maps x to clip(x + shift, low, high), and so do several in a row:
+    doubling their number gives the maps from the start to every sample.
+    """
+    shift, low, high = steps.copy(), np.full_like(steps, -1.0), np.ones_like(steps)
+    count = 1
+    while count < len(steps):
+        limits = low[count:].copy(), high[count:].copy()
+        low[count:] = np.clip(low[:-count] + shift[count:], *limits)
+        high[count:] = np.clip(high[:-count] + shift[count:], *limits)
+        shift[count:] = shift[:-count] + shift[count:]
+        count *= 2
+    return np.clip(shift - 1.0, low, high), np.clip(shift + 1.0, low, high)
 
 
 def sliding_directions(
@@ -235,6 +270,12 @@ def tension_bounds(
     nothing = np.isnan(tension)
     lower, upper = np.minimum(lower, tension), np.maximum(upper, tension)
     return np.where(nothing, np.nan, lower), np.where(nothing, np.nan, upper)
+
+
+def nodal_force_magnitude(before: Table, after: Table, cosine: Table) -> Table:
+    """(38), phi = pi - beta: force of a cable on a pulley [N], from its tensions and cos beta."""
+    squared = before**2 + after**2 - 2.0 * before * after * cosine
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
 
 def nodal_force(tension: Table, wrap: Table) -> tuple[Table, Table, Table]:
