@@ -252,6 +252,10 @@ class Conditioner:
     @property
     def alternating(self) -> list[str]: ...
     @property
+    def lagging(self) -> dict[str, tuple[int, float]]:
+        """Least lag behind the others [ns], and its growth, of axes where this counts, by name."""
+
+    @property
     def held_of(self) -> dict[str, list[tuple[int, float]]]:
         """Stamps [ns] and readings [rad] held after a possible jump of the clock, by name."""
 

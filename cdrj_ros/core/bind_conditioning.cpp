@@ -320,6 +320,16 @@ void bind_conditioner(py::module_& core) {
                 return py::bool_(true);
             }));
         })
+        .def_property_readonly("lagging", [](const Conditioner& c) {
+            py::dict found;
+            for (std::size_t k = 0; k < c.axes().size(); ++k) {
+                const Channel& channel = c.channels()[k];
+                if (!channel.lags(c.axes()[k])) continue;
+                found[py::str(c.axes()[k].name)] =
+                    py::make_tuple(channel.lag.lag_ns, channel.lag.growth);
+            }
+            return found;
+        })
         .def_property_readonly("held", [](const Conditioner& c) {
             std::size_t held = 0;
             for (const Channel& channel : c.channels()) {

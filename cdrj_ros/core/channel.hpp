@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "lag.hpp"
 #include "motion.hpp"
 #include "records.hpp"
 #include "step_detector.hpp"
@@ -102,6 +103,12 @@ public:
     /// Whether readings may be wrong because their sensor has stepped, or is not the only one.
     bool is_doubtful() const { return steps.memory.stepped || steps.alternates(); }
 
+    /// Whether an error of the stamps by the lag would count: in the fastest motion so far it would be
+    /// worth half of what makes tensions UNSURE.
+    bool lags(const Axis& axis) const {
+        return axis.worth > 0.0 && lag.lag_ns * 1e-9 * motion.fastest > 0.5 * axis.worth;
+    }
+
     /// Tracked angle at an accepted reading; call before it becomes the last one.
     double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);
 
@@ -124,6 +131,7 @@ public:
     Nanoseconds usual_ns = 0;     // longest of the latest intervals; 0 before the second reading
     std::vector<Raw> held;        // readings after a possible jump of the clock
     double resumed = 0.0;         // curvature since the last sample of an earlier run [rad/ns^2]
+    Lag lag;
     StepDetector steps;
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so

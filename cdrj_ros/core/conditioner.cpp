@@ -16,6 +16,7 @@ Conditioner::Conditioner(
 void Conditioner::begin() {
     channels_ = std::vector<Channel>(axes_.begin(), axes_.end());
     time_line_.begin();
+    newest_ns_ = -1;
 }
 
 Conditioner::Target Conditioner::find(Topic topic, std::string_view name) const {
@@ -91,6 +92,8 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
         return false;
     }
     drop_held(channel);
+    if (newest_ns_ >= 0) channel.lag.take(raw.stamp_ns, newest_ns_);
+    newest_ns_ = std::max(newest_ns_, raw.stamp_ns);
     return judge(k, raw);
 }
 

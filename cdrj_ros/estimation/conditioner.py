@@ -47,8 +47,8 @@ class Conditioner(_core.Conditioner):
     wait until it is known whether the clock has jumped, ``unheard`` are the names without an
     accepted reading since the last reset, ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
-    between two motions, and ``lag_ns`` is the lag of the last sample behind the
-    newest reading.
+    between two motions, ``lagging`` has the lag of axes whose topic is always late, or whose clock
+    differs, and ``lag_ns`` is the lag of the last sample behind the newest reading.
     """
 
     def __init__(

@@ -70,6 +70,8 @@ class Health(NamedTuple):
     """Number of invalid times received on /clock."""
     misfit: str = ""
     """Why the readings do not fit the robot file; empty if they may."""
+    alternating: str = ""
+    """Axes whose readings alternate between two motions, and who publishes them; or empty."""
 
 
 def names_with(estimate: Estimate, flag: int) -> list[str]:
@@ -112,6 +114,13 @@ def _steps(live: LiveEstimator) -> list[str]:
     return [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
 
 
+def _lags(live: LiveEstimator) -> list[str]:
+    return [
+        f"{name} by {lag_ns * 1e-6:.2g} ms, which grows by {growth * 1e6:.0f} ppm"
+        for name, (lag_ns, growth) in live.conditioner.lagging.items()
+    ]
+
+
 def _verdict(
     live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health
 ) -> tuple[bytes, str]:
@@ -120,7 +129,7 @@ def _verdict(
     others = live.fusion
     health_of = others.health.values() if others is not None else ()
     dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in health_of if one.dropped]
-    stepped, alternating = _steps(live), live.conditioner.alternating
+    stepped, lagging = _steps(live), _lags(live)
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
     causes = (
@@ -134,12 +143,16 @@ def _verdict(
             f"estimates are {health.age_s:.3g} s old: a topic lags, or all inputs come late",
         ),
         (
-            alternating, warn,
-            f"readings alternate between two motions: {', '.join(alternating)}; two publishers?",
+            health.alternating, warn,
+            f"readings alternate between two motions: {health.alternating}",
         ),
         (
             stepped, warn,
             f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare",
+        ),
+        (
+            lagging, warn,
+            f"readings lag: {', '.join(lagging)}; a late topic, or another clock (clock_offset)",
         ),
         (dropped, warn, "; ".join(dropped)),
         (health.refusing, warn, health.refusing),
@@ -173,6 +186,7 @@ def _figures(
         "gaps": str(conditioner.gaps),
         "readings stepped": ", ".join(_steps(live)) or "none",
         "readings alternating": ", ".join(conditioner.alternating) or "none",
+        "readings lagging": ", ".join(_lags(live)) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),

@@ -124,6 +124,11 @@ class InputTopic:
             self._changed = self.messages, now_s
         self.silent_s = now_s - self._changed[1] if self.messages else 0.0
 
+    def publishing_nodes(self) -> list[str]:
+        """Full names of the nodes that publish on the topic, one per publisher."""
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in publishers)
+
     def adapt(self) -> str:
         """Count the publishers and adapt to best-effort ones; call while inputs are missing.
 
@@ -347,7 +352,19 @@ class InputWatch:
             self._travel.add(sample.motor_angle, sample.joint_angle)
         misfit = self._travel.suspicion()
         timeout_s = self._silence.timeout_s
-        return Health(timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused, misfit)
+        return Health(
+            timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused, misfit,
+            self._alternating(),
+        )  # fmt: skip
+
+    def _alternating(self) -> str:
+        """Axes whose readings alternate between two motions, and who publishes them; or empty."""
+        axes = self._live.conditioner.alternating
+        return "; ".join(
+            f"{', '.join(own)}, published by {_listed(one.publishing_nodes())}"
+            for one in self._inputs
+            if (own := [axis for axis in axes if axis in one.axes])
+        )
 
     def _refusing(self) -> str:
         """Rate and causes of the readings refused since the last call; empty if tolerated.

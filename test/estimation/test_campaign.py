@@ -179,8 +179,8 @@ def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course
 
 @pytest.mark.parametrize(
     ("axis", "slip", "in_stddev"),
-    [("elbow", 0.002, True), ("elbow", 0.005, False), ("elbow", -0.02, False),
-     ("winch", 0.02, True), ("winch", 0.05, False)],
+    [("elbow", 0.002, True), ("elbow", 0.005, False), ("elbow", 0.01, False),
+     ("elbow", -0.02, False), ("winch", 0.02, True), ("winch", 0.05, False)],
 )  # fmt: skip
 def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth(
     axis: str, slip: float, in_stddev: bool, model: Model, course: Course
@@ -222,6 +222,25 @@ def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
     assert named == [[axis]]
     verdict = judge(course, outputs, 20 * MS, course.duration_ns)
     assert verdict.ratio.size == 0
+
+
+@pytest.mark.parametrize(
+    ("clock", "axis", "lag_ms", "ppm"),
+    [((-5 * MS, 0.0), "elbow", 5.0, 0.0), ((5 * MS, 0.0), "winch", 5.0, 0.0),
+     ((0, -3e-4), "elbow", 3.0, 300.0), ((0, 1e-3), "winch", 10.0, 1000.0)],
+)  # fmt: skip
+def test_clocks_that_differ_are_named_with_their_size(
+    clock: tuple[int, float], axis: str, lag_ms: float, ppm: float, model: Model, course: Course
+) -> None:
+    """To within an interval of the other axis's readings, and what a clock creeps in a second."""
+    found: list[dict[str, tuple[int, float]]] = []
+    for faults in (Faults(clocks={"elbow": clock}), Faults()):
+        run(model, course, faults, watch=lambda live: found.append(live.conditioner.lagging))
+    lag_ns, growth = found[0][axis]
+    assert found[0].keys() == {axis}
+    assert lag_ns * 1e-6 == pytest.approx(lag_ms, abs=3.1)
+    assert growth * 1e6 == pytest.approx(ppm, abs=1.0 if axis == "elbow" else 250.0)
+    assert found[1] == {}
 
 
 @pytest.mark.parametrize("hertz", [20, 200])

@@ -190,6 +190,43 @@ def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> Non
     assert "20 readings per second refused: 20 out_of_range (joint angle outside" in status.message
 
 
+def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) -> None:
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+
+    estimator = bench.estimator()
+    others = [Node(name, namespace="/drives") for name in ("front", "rear")]
+    try:
+        for one in others:
+            one.create_publisher(JointState, "/cdrj/joint_states", 10)
+        assert bench.until(lambda: len(estimator.inputs[1].publishing_nodes()) == 2)
+        for k in range(40):
+            sample = sample_at(k)
+            position = sample.joint_angle + 0.005 * (k % 2)
+            estimator.joint(JOINT.encode(sample.stamp_ns, position=position))
+            estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        status = diagnosed(estimator)
+    finally:
+        for one in others:
+            one.destroy_node()
+    words = "elbow, published by /drives/front, /drives/rear"
+    assert status.level == status.WARN
+    assert status.message == f"readings alternate between two motions: {words}"
+    assert values_of(status)["readings alternating"] == "elbow"
+
+
+def test_a_clock_that_differs_is_a_warning_with_its_size(bench: Bench) -> None:
+    estimator = bench.estimator()
+    for k in range(2500):
+        sample = sample_at(k)
+        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+        behind_ns = 20 * MILLISECOND  # of the clock that stamps the joint
+        estimator.joint(JOINT.encode(sample.stamp_ns - behind_ns, position=sample.joint_angle))
+    status = diagnosed(estimator)
+    assert status.level == status.WARN
+    assert status.message.startswith("readings lag: elbow by 20 ms, which grows by 0 ppm; ")
+
+
 # quality of service ----------------------------------------------------------------------------
 
 
