@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.checks import (
     CableCheck,
@@ -29,8 +30,7 @@ from cdrj_ros.model.elasticity import (
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.filling import bearing_drag, friction_numbers
-from cdrj_ros.model.friction import RIGID_BRISTLE, Stribeck, blended_loss
+from cdrj_ros.model.filling import RIGID_BRISTLE, bearing_drag, friction_numbers
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
 from cdrj_ros.robot.laws import FRICTION_LAWS

@@ -1,4 +1,4 @@
-"""What a cable's solver knows of every contact and segment, and where it keeps its unknowns.
+"""What a cable's solver knows of every contact, segment and drum, and where it keeps its unknowns.
 
 A pulley is one contact, or a row of contact cells, each with friction of its own.  The n contacts
 of a cable divide it into n + 1 segments: contact ``i`` lies between segments ``i`` and ``i + 1``.
@@ -10,7 +10,19 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdrj_ros.model.records import record_type
+
+Vector = NDArray[np.float64]
+
+
+CAPACITY: Final = 64
+"""Break points that a drum remembers."""
+
+FIRST_SPACING: Final = 0.1
+"""Distance of break points [rad] until the memory is full for the first time."""
 
 
 class PulleyNumbers:
@@ -117,6 +129,29 @@ class Contact:
     """Eliminated system: coefficient of the next contact's step [-]."""
 
 
+class Drum:
+    """What a drum holds: cable comes off at the strain at which it went on.
+
+    The rate form ``ds = -r dphi / (1 + t/EA)`` forgets this.  Where winding and unwinding happen at
+    different tensions, as friction makes them, it feeds a little cable out in every cycle and the
+    preload decays to nothing.  A drum without slip is a stack: last on, first off.  It is kept here
+    as a piecewise linear map from the wound angle to the material on the drum.  docs/model.md,
+    section 2.
+    """
+
+    points: float
+    """Break points in use, a whole number."""
+    spacing: float
+    """Distance of break points [rad]."""
+    rate_below: float
+    """Unstretched material per radian below the first break point [m/rad]."""
+    angle: Vector
+    """Wound angle of every break point, increasing [rad], shape (CAPACITY,)."""
+    material: Vector
+    """Unstretched material up to every break point [m], shape (CAPACITY,)."""
+
+
 PULLEY: Final = record_type(PulleyNumbers)
 SEGMENT: Final = record_type(Segment)
 CONTACT: Final = record_type(Contact)
+DRUM: Final = record_type(Drum, angle=CAPACITY, material=CAPACITY)

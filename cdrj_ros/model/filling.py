@@ -12,14 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
+from cdrj_ros._core import Law, Stribeck, blended_loss
 from cdrj_ros.model import geometry
 from cdrj_ros.model.elasticity import elasticity_of
-from cdrj_ros.model.friction import (
-    RIGID_BRISTLE,
-    Law,
-    Stribeck,
-    blended_loss,
-)
 from cdrj_ros.model.packing import (
     Indices,
     Numbers,
@@ -46,6 +41,9 @@ Vector = NDArray[np.float64]
 
 MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
 """Motion of the middle of an arc per growth of the arc, by the end that moves [-]."""
+
+RIGID_BRISTLE: Final = 1e9
+"""Contact stiffness [N/m] that stands for a rigid contact in the laws ``euler`` and ``steady``."""
 
 NEVER_SLIDES: Final = 1e9
 """Stribeck speed [m/s] that stands for 'no Stribeck effect'; no slip reaches it."""

@@ -7,6 +7,7 @@ the same two vectors; ``plan_views`` and ``number_views`` return their named vie
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,8 +26,7 @@ from cdrj_ros.model.geometry import (
     NodeNumbers,
     NodePlan,
 )
-from cdrj_ros.model.parts import rows
-from cdrj_ros.model.records import Rows, record_type, words
+from cdrj_ros.model.records import Part, Rows, part, record_type, size_of, views
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
 Vector = NDArray[np.float64]
@@ -199,12 +199,6 @@ JOINT: Final = record_type(JointNumbers)
 AXIS: Final = record_type(AxisNumbers)
 
 _SIZES: Final = len(Sizes._fields)
-_CABLE_PLAN, _END_PLAN, _PULLEY_PLAN = words(CABLE_PLAN), words(END_PLAN), words(PULLEY_PLAN)
-_FRAME_PLAN, _NODE_PLAN, _TERM_PLAN = words(FRAME_PLAN), words(NODE_PLAN), words(TERM_PLAN)
-_CABLE, _END, _PULLEY, _ELEMENT = words(CABLE), words(END), words(PULLEY), words(ELEMENT)
-_SEGMENT = words(SEGMENT_NUMBERS)
-_FRAME, _NODE, _MOTOR, _JOINT = words(FRAME), words(NODE), words(MOTOR), words(JOINT)
-_AXIS, _TABLE = words(AXIS), words(CUBIC) * TABLE_INTERVALS
 
 
 class Plan(NamedTuple):
@@ -239,50 +233,41 @@ class Numbers(NamedTuple):
     nodes: Rows[NodeNumbers]
 
 
-def _plan_ends(sizes: Sizes) -> tuple[int, int, int, int, int, int]:
-    """Where each part of a plan ends, in the order of ``Plan``."""
-    cables = _SIZES + sizes.cables * _CABLE_PLAN
-    ends = cables + 2 * sizes.cables * _END_PLAN
-    pulleys = ends + sizes.pulleys * _PULLEY_PLAN
-    terms = pulleys + sizes.terms * _TERM_PLAN
-    frames = terms + sizes.frames * _FRAME_PLAN
-    nodes = frames + sizes.nodes * _NODE_PLAN
-    return cables, ends, pulleys, terms, frames, nodes
+@lru_cache
+def _plan_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of a plan after its sizes, in the order of ``Plan``."""
+    return (
+        part(sizes.cables, record=CABLE_PLAN),
+        part(2 * sizes.cables, record=END_PLAN),
+        part(sizes.pulleys, record=PULLEY_PLAN),
+        part(sizes.terms, record=TERM_PLAN),
+        part(sizes.frames, record=FRAME_PLAN),
+        part(sizes.nodes, record=NODE_PLAN),
+    )
 
 
 def plan_views(plan: Indices) -> Plan:
     """Named views of the parts of a plan."""
     sizes = Sizes(*plan[:_SIZES].tolist())
-    cables, ends, pulleys, terms, frames, nodes = _plan_ends(sizes)
-    return Plan(
-        sizes,
-        rows(plan, _SIZES, cables, CABLE_PLAN),
-        rows(plan, cables, ends, END_PLAN),
-        rows(plan, ends, pulleys, PULLEY_PLAN),
-        rows(plan, pulleys, terms, TERM_PLAN),
-        rows(plan, terms, frames, FRAME_PLAN),
-        rows(plan, frames, nodes, NODE_PLAN),
-    )
+    return Plan(sizes, *views(plan, _plan_parts(sizes), _SIZES))
 
 
-def _number_ends(
-    sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int]:
-    """Where each part of the numbers ends, in the order of ``Numbers``."""
-    cables = sizes.cables * _CABLE
-    ends = cables + 2 * sizes.cables * _END
-    pulleys = ends + sizes.pulleys * _PULLEY
-    elements = pulleys + sizes.elements * _ELEMENT
-    segments = elements + (sizes.contacts + sizes.cables) * _SEGMENT
-    motors = segments + sizes.motors * _MOTOR
-    joints = motors + sizes.joints * _JOINT
-    axes = joints + (sizes.motors + sizes.joints) * _AXIS
-    tables = axes + sizes.terms * _TABLE
-    frames = tables + sizes.frames * _FRAME
-    nodes = frames + sizes.nodes * _NODE
+@lru_cache
+def _number_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of the numbers, in the order of ``Numbers``."""
     return (
-        cables, ends, pulleys, elements, segments, motors, joints, axes, tables, frames, nodes,
-    )  # fmt: skip
+        part(sizes.cables, record=CABLE),
+        part(2 * sizes.cables, record=END),
+        part(sizes.pulleys, record=PULLEY),
+        part(sizes.elements, record=ELEMENT),
+        part(sizes.contacts + sizes.cables, record=SEGMENT_NUMBERS),
+        part(sizes.motors, record=MOTOR),
+        part(sizes.joints, record=JOINT),
+        part(sizes.motors + sizes.joints, record=AXIS),
+        part(sizes.terms * TABLE_INTERVALS, record=CUBIC),
+        part(sizes.frames, record=FRAME),
+        part(sizes.nodes, record=NODE),
+    )
 
 
 def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
@@ -293,26 +278,11 @@ def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
         numbers: shape (numbers,); in Python also (robots, numbers), and the views then have the
             same first axis.
     """
-    (
-        cables, ends, pulleys, elements, segments, motors, joints, axes, tables, frames, nodes,
-    ) = _number_ends(sizes)  # fmt: skip
-    return Numbers(
-        rows(numbers, 0, cables, CABLE),
-        rows(numbers, cables, ends, END),
-        rows(numbers, ends, pulleys, PULLEY),
-        rows(numbers, pulleys, elements, ELEMENT),
-        rows(numbers, elements, segments, SEGMENT_NUMBERS),
-        rows(numbers, segments, motors, MOTOR),
-        rows(numbers, motors, joints, JOINT),
-        rows(numbers, joints, axes, AXIS),
-        rows(numbers, axes, tables, CUBIC),
-        rows(numbers, tables, frames, FRAME),
-        rows(numbers, frames, nodes, NODE),
-    )
+    return Numbers(*views(numbers, _number_parts(sizes)))
 
 
 def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
     """Plan and numbers of a robot, all zero except for the sizes."""
-    plan = np.zeros(_plan_ends(sizes)[-1], dtype=np.int64)
+    plan = np.zeros(_SIZES + size_of(_plan_parts(sizes)), dtype=np.int64)
     plan[:_SIZES] = sizes
-    return plan, np.zeros(_number_ends(sizes)[-1])
+    return plan, np.zeros(size_of(_number_parts(sizes)))

@@ -6,24 +6,19 @@ defines their layout.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable_records import CONTACT, SEGMENT, Contact, Segment
-from cdrj_ros.model.drum import DRUM, Drum
+from cdrj_ros.model.cable_records import CONTACT, DRUM, SEGMENT, Contact, Drum, Segment
 from cdrj_ros.model.geometry import ARC_MIDDLE, POSE, TOUCH, TWIST, ArcMiddle, Pose, Touch, Twist
 from cdrj_ros.model.packing import Sizes
-from cdrj_ros.model.parts import grid, part, rows, table
-from cdrj_ros.model.records import Grid, Rows, words
+from cdrj_ros.model.records import Grid, Part, Rows, part, size_of, views
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
-
-_DRUM, _SEGMENT, _CONTACT = words(DRUM), words(SEGMENT), words(CONTACT)
-_POSE, _TWIST, _TOUCH = words(POSE), words(TWIST), words(TOUCH)
-_ARC_MIDDLE = words(ARC_MIDDLE)
 
 
 class StateViews(NamedTuple):
@@ -126,33 +121,32 @@ class ScratchViews(NamedTuple):
     unless some of them are fixed to the surface of a body."""
 
 
-def _state_ends(
-    sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """Where each part of a state ends, in the order of ``StateViews`` after ``started``."""
-    segments = sizes.contacts + sizes.cables
-    length = 1 + segments
-    material = length + segments
-    delayed = material + segments
-    bristle = delayed + sizes.contacts
-    slip_speed = bristle + sizes.contacts
-    lagged_speed = slip_speed + sizes.contacts
-    place = lagged_speed + sizes.contacts
-    track = place + sizes.pulleys
-    covered = track + sizes.surfaces
-    angle = covered + sizes.motors + sizes.joints
-    bearing_friction = angle + sizes.motors + sizes.joints
-    drums = bearing_friction + sizes.drums * _DRUM
-    middles = drums + sizes.nodes * _ARC_MIDDLE
+@lru_cache
+def _state_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of a state, in the order of ``StateViews``."""
+    segments, contacts = part(sizes.contacts + sizes.cables), part(sizes.contacts)
+    axes = part(sizes.motors + sizes.joints)
     return (
-        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, covered,
-        angle, bearing_friction, drums, middles,
-    )  # fmt: skip
+        part(1),
+        segments,
+        segments,
+        segments,
+        contacts,
+        contacts,
+        contacts,
+        contacts,
+        part(sizes.pulleys),
+        part(sizes.surfaces),
+        axes,
+        axes,
+        part(sizes.drums, record=DRUM),
+        part(sizes.nodes, record=ARC_MIDDLE),
+    )
 
 
 def state_size(sizes: Sizes) -> int:
     """Floats of the state."""
-    return _state_ends(sizes)[12]
+    return size_of(_state_parts(sizes))
 
 
 def state_views(sizes: Sizes, state: Vector) -> StateViews:
@@ -163,110 +157,56 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
         state: shape (state_size,) or longer; in Python also (states, state_size), and the views
             then have the same first axis.
     """
-    (
-        length, material, delayed, bristle, slip_speed, lagged_speed, place, track, covered,
-        angle, bearing_friction, drums, middles,
-    ) = _state_ends(sizes)  # fmt: skip
-    return StateViews(
-        part(state, 0, 1),
-        part(state, 1, length),
-        part(state, length, material),
-        part(state, material, delayed),
-        part(state, delayed, bristle),
-        part(state, bristle, slip_speed),
-        part(state, slip_speed, lagged_speed),
-        part(state, lagged_speed, place),
-        part(state, place, track),
-        part(state, track, covered),
-        part(state, covered, angle),
-        part(state, angle, bearing_friction),
-        rows(state, bearing_friction, drums, DRUM),
-        rows(state, drums, middles, ARC_MIDDLE),
-    )
+    return StateViews(*views(state, _state_parts(sizes)))
+
+
+@lru_cache
+def _estimate_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of an estimate, in the order of ``EstimateViews``."""
+    elements, pulleys, cables = (
+        part(sizes.elements), part(sizes.pulleys), part(sizes.cables),
+    )  # fmt: skip
+    axes = part(sizes.motors), part(sizes.joints)
+    return (elements, elements, *(6 * (pulleys,)), *axes, cables, cables)
 
 
 def estimate_size(sizes: Sizes) -> int:
     """Floats of the estimate."""
-    per_axis = sizes.motors + sizes.joints
-    return 2 * sizes.elements + 6 * sizes.pulleys + per_axis + 2 * sizes.cables
+    return size_of(_estimate_parts(sizes))
 
 
 def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
     """Named views of the parts of an estimate, shape (estimate_size,) or longer."""
-    status = 2 * sizes.elements
-    force_x = status + sizes.pulleys
-    force_y = force_x + sizes.pulleys
-    force_z = force_y + sizes.pulleys
-    magnitude = force_z + sizes.pulleys
-    friction = magnitude + sizes.pulleys
-    slip_speed = friction + sizes.pulleys
-    motor_effort = slip_speed + sizes.motors
-    joint_effort = motor_effort + sizes.joints
-    iterations = joint_effort + sizes.cables
-    return EstimateViews(
-        part(estimate, 0, sizes.elements),
-        part(estimate, sizes.elements, status),
-        part(estimate, status, force_x),
-        part(estimate, force_x, force_y),
-        part(estimate, force_y, force_z),
-        part(estimate, force_z, magnitude),
-        part(estimate, magnitude, friction),
-        part(estimate, friction, slip_speed),
-        part(estimate, slip_speed, motor_effort),
-        part(estimate, motor_effort, joint_effort),
-        part(estimate, joint_effort, iterations),
-        part(estimate, iterations, estimate_size(sizes)),
-    )
+    return EstimateViews(*views(estimate, _estimate_parts(sizes)))
 
 
-def _scratch_ends(
-    sizes: Sizes,
-) -> tuple[int, int, int, int, int, int, int, int, int, int, int, int, int, int]:
-    """Where each part of the scratch ends, in the order of ``ScratchViews``."""
-    element_length = sizes.elements
-    lever_arm = element_length + sizes.elements * sizes.joints
-    direction = lever_arm + 3 * sizes.elements
-    wrap = direction + sizes.pulleys
-    arc = wrap + sizes.pulleys
-    laid = arc + 2 * sizes.cables
-    middle = laid + sizes.pulleys
-    segments = middle + (sizes.contacts + sizes.cables) * _SEGMENT
-    contacts = segments + sizes.contacts * _CONTACT
-    pose = contacts + sizes.frames * _POSE
-    twist = pose + sizes.frames * sizes.joints * _TWIST
-    touches = twist + sizes.nodes * _TOUCH
-    middles = touches + sizes.nodes * _ARC_MIDDLE
-    history = middles + (state_size(sizes) if sizes.surfaces > 0 else 0)
+@lru_cache
+def _scratch_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of the scratch, in the order of ``ScratchViews``."""
+    pulleys = part(sizes.pulleys)
     return (
-        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts,
-        pose, twist, touches, middles, history,
-    )  # fmt: skip
+        part(sizes.elements),
+        part(sizes.elements, sizes.joints),
+        part(sizes.elements, 3),
+        pulleys,
+        pulleys,
+        part(2 * sizes.cables),
+        pulleys,
+        part(sizes.contacts + sizes.cables, record=SEGMENT),
+        part(sizes.contacts, record=CONTACT),
+        part(sizes.frames, record=POSE),
+        part(sizes.frames, sizes.joints, record=TWIST),
+        part(sizes.nodes, record=TOUCH),
+        part(sizes.nodes, record=ARC_MIDDLE),
+        part(state_size(sizes) if sizes.surfaces > 0 else 0),
+    )
 
 
 def scratch_size(sizes: Sizes) -> int:
     """Floats of the scratch."""
-    return _scratch_ends(sizes)[13]
+    return size_of(_scratch_parts(sizes))
 
 
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
     """Named views of the parts of the scratch, shape (scratch_size,)."""
-    (
-        element_length, lever_arm, direction, wrap, arc, laid, middle, segments, contacts,
-        pose, twist, touches, middles, history,
-    ) = _scratch_ends(sizes)  # fmt: skip
-    return ScratchViews(
-        part(scratch, 0, element_length),
-        table(scratch, element_length, sizes.elements, sizes.joints),
-        table(scratch, lever_arm, sizes.elements, 3),
-        part(scratch, direction, wrap),
-        part(scratch, wrap, arc),
-        part(scratch, arc, laid),
-        part(scratch, laid, middle),
-        rows(scratch, middle, segments, SEGMENT),
-        rows(scratch, segments, contacts, CONTACT),
-        rows(scratch, contacts, pose, POSE),
-        grid(scratch, pose, sizes.frames, sizes.joints, TWIST),
-        rows(scratch, twist, touches, TOUCH),
-        rows(scratch, touches, middles, ARC_MIDDLE),
-        part(scratch, middles, history),
-    )
+    return ScratchViews(*views(scratch, _scratch_parts(sizes)))

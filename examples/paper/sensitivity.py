@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.friction import Stribeck, bearing_transmission, sliding_transmission
+from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
 
 Vector = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from math import degrees, radians
 from typing import TYPE_CHECKING, Final
 
-from cdrj_ros.evaluation.metrics import ChannelError
-from cdrj_ros.model.friction import (
+from cdrj_ros._core import (
     Stribeck,
     bearing_transmission,
     blended_loss,
     sliding_transmission,
 )
+from cdrj_ros.evaluation.metrics import ChannelError
 from cdrj_ros.robot.description import Pulley, Robot
 from examples.paper.study import (
     CHOICES,

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.commands import check_robot
 from cdrj_ros.inspection.checks import Suspicion, pose_text
 from cdrj_ros.inspection.ranges import inspect_robot, transmissions
 from cdrj_ros.inspection.suspicions import find_suspicions
-from cdrj_ros.model.friction import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot, parse_robot
 

@@ -12,12 +12,11 @@ import pytest
 from support.core_laws import cable
 
 from bench.scaling import chain
-from cdrj_ros._core import acceptable, element_tension, tolerance
+from cdrj_ros._core import Law, acceptable, element_tension, tolerance
 from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity, elasticity_of
-from cdrj_ros.model.friction import Law
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from cdrj_ros.model import cable_records, drum, geometry, packing
+from cdrj_ros.model import cable_records, geometry, packing
 
 CORE = Path(packing.__file__).parents[1] / "core"
-WORDS = {"Vector3": 3, "Matrix3": 9, "std::array<double, CAPACITY>": drum.CAPACITY}
+WORDS = {"Vector3": 3, "Matrix3": 9, "std::array<double, CAPACITY>": cable_records.CAPACITY}
 
 RECORDS: dict[str, Any] = {
     "CableTopology": packing.CABLE_PLAN,
@@ -31,7 +31,7 @@ RECORDS: dict[str, Any] = {
     "JointConstants": packing.JOINT,
     "AxisConstants": packing.AXIS,
     "Cubic": geometry.CUBIC,
-    "Drum": drum.DRUM,
+    "Drum": cable_records.DRUM,
     "ArcMiddle": geometry.ARC_MIDDLE,
     "Segment": cable_records.SEGMENT,
     "Contact": cable_records.CONTACT,

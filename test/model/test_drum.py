@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Drum
-from cdrj_ros.model.drum import CAPACITY, FIRST_SPACING
+from cdrj_ros.model.cable_records import CAPACITY, FIRST_SPACING
 
 RADIUS, STIFFNESS = 0.015, 6283.0
 

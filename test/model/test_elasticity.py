@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq, root
 from support.core_laws import solve_cable
 
-from cdrj_ros._core import element_tension, tolerance
+from cdrj_ros._core import Law, element_tension, tolerance
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimates, initial_state, step
 from cdrj_ros.estimation.samples import Sample
@@ -27,7 +27,6 @@ from cdrj_ros.model.elasticity import (
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.friction import Law
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot

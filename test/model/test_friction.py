@@ -8,7 +8,7 @@ from math import exp, log, pi, radians, sqrt
 import numpy as np
 import pytest
 
-from cdrj_ros.model.friction import (
+from cdrj_ros._core import (
     MINIMUM_TRANSMISSION,
     Law,
     Stribeck,

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.estimation.estimator import Estimates, State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.model.friction import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.laws import FRICTION_LAWS

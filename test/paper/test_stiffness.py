@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from support.core_laws import solve_cable
 
-from cdrj_ros._core import element_tension, tolerance
+from cdrj_ros._core import Law, element_tension, tolerance
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.cable_records import CONTACT, SEGMENT
 from cdrj_ros.model.elasticity import Elasticity
-from cdrj_ros.model.friction import Law
 from examples.paper.stiffness import (
     Stiffness,
     exact_stiffness,
