@@ -6,7 +6,7 @@
         loop.step()
         print(loop.estimate.tension - loop.rig.tension)
 
-The controllers in examples/ are tested and measured with it (docs/controllers.md).
+The controllers in examples/ are tested and measured with it (docs/ros2_control.md).
 """
 
 import numpy as np

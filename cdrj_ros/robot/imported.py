@@ -29,7 +29,7 @@ ASSUMED: Final = {
 def import_mjcf(
     path: str | Path, out: str | Path, tendons: Sequence[str] | None = None
 ) -> tuple[str, ...]:
-    """Turn a MuJoCo model's spatial tendons into the cables of a robot file, docs/importing.md.
+    """Turn a MuJoCo model's spatial tendons into the cables of a robot file, docs/robot_file.md.
 
     Args:
         path: MJCF file.

@@ -1,6 +1,6 @@
 """Every spatial tendon of a folder of public MJCF models against MuJoCo.
 
-The models are not part of the project: docs/importing.md names them.
+The models are not part of the project: docs/validation.md names them.
 """
 
 from __future__ import annotations
