@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
+from cdrj_ros.estimation.encoder_errors import slips
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion
 from cdrj_ros.inspection.shares import Shares
 from cdrj_ros.model.prepared import Model
@@ -34,6 +35,10 @@ def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[s
         "motors": [
             {"name": motor.name, "angle": _extent(names, motor.angle)}
             for motor in inspection.motors
+        ],
+        "encoders": [
+            one._asdict() | {"unsure": one.unsure if isfinite(one.unsure) else None}
+            for one in slips(inspection.model)
         ],
         "cables": [
             _cable_document(names, cable, check)

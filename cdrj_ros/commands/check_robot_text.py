@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import pi
+from math import isfinite, pi
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from cdrj_ros.estimation.encoder_errors import slips
 from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.shares import Cause, Shares
 from cdrj_ros.model.prepared import Model
@@ -47,8 +48,8 @@ def print_inspection(
     for motor in inspection.motors:
         turns = motor.angle.width / (2.0 * pi)
         console.print(Text(f"motor {motor.name}: {turns:.2f} turns to follow the joints"))
-    for conversion in mapping(robot):
-        console.print(Text(conversion))
+    for sentence in (*mapping(robot), *_slips(inspection.model)):
+        console.print(Text(sentence))
     for cable, table in zip(cables, tables, strict=True):
         console.print()
         wide.print(table)
@@ -88,6 +89,19 @@ def mapping(robot: Robot) -> Iterator[str]:
             parts.append(f"effort {effort} = {axis.effort_scale:.6g} * published")
         if parts:
             yield f"{axis.name}: {', '.join(parts)}"
+
+
+def _slips(model: Model) -> Iterator[str]:
+    """What slips of every encoder do."""
+    for one in slips(model):
+        unit = "m" if one.axis in model.robot.prismatic_joints else "rad"
+        parts = []
+        if one.unseen > 0.0:
+            parts.append(f"up to {one.unseen:.2g} {unit} ({one.tension:.2g} N) is not seen")
+        if isfinite(one.unsure):
+            parts.append(f"beyond {one.unsure:.2g} {unit}, if seen, makes all elements UNSURE")
+        if parts:
+            yield f"{one.axis}: a slip of its encoder {', '.join(parts)}"
 
 
 def _table(cable: CableTable) -> Table:

@@ -89,6 +89,20 @@ def test_an_installed_robot_is_found_by_name(capsys: pytest.CaptureFixture[str])
     assert "load 500 N on load" in capsys.readouterr().out
 
 
+def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """An encoder of a plain cable: E A r / L newtons per radian, counts of 1 mrad."""
+    text = PLAIN.replace("{name: m}", "{name: m, resolution: 0.001}")
+    path = tmp_path / "plain.yaml"
+    path.write_text(text)
+    assert check_robot.main([str(path)]) == 0
+    stiffness = 100e9 * np.pi / 4 * 1e-6 / 0.93 * 0.01
+    slip, unsure = 0.002, 2.0 / stiffness
+    words = f"up to {slip:.2g} rad ({slip * stiffness:.2g} N) is not seen, beyond {unsure:.2g} rad"
+    assert f"m: a slip of its encoder {words}" in capsys.readouterr().out
+
+
 def test_json_alone_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     assert check_robot.main(["finger", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["robot"] == "finger"
