@@ -1,4 +1,5 @@
-// The parts of the Python module `cdrj_ros._core`; each is bound in a file of its own.
+// The parts of the Python module `cdrj_ros._core`; bound in a few files: each takes the compiler
+// seconds for the headers of pybind11 alone.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -21,8 +22,6 @@ void bind_kinds(pybind11::module_& core, const char* name, const char* const (&n
 void bind_messages(pybind11::module_& core);
 void bind_conditioning(pybind11::module_& core);
 void bind_ensemble(pybind11::module_& core);
-void bind_laws(pybind11::module_& core);
-void bind_robot(pybind11::module_& core);
 void bind_simulation(pybind11::module_& core);
 void bind_encoderless(pybind11::module_& core);
 
