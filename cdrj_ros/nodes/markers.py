@@ -12,27 +12,18 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import (
     Setting,
     declare,
-    parameter_file,
     values_of,
 )
-from cdrj_ros.nodes.spinning import (
-    OneLineParser,
-    add_node_options,
-    exit_code,
-    ros_context,
-    spin_until_stopped,
-    starting,
-)
+from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, middle_of, picture_of
 
@@ -200,25 +191,15 @@ def _rgba(colour: tuple[float, float, float], opacity: float) -> ColorRGBA:
 
 
 def _body(argv: Sequence[str]) -> int:
-    arguments = ["markers", *argv]
-    parser = OneLineParser(
-        prog="markers",
-        usage="markers [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...",
-        description="The robot as markers for RViz. Topics in the namespace /cdrj: in tensions, "
-        "nodal_forces, joint_states; out markers (visualization_msgs/MarkerArray), while anybody "
-        f"subscribes. Parameters: {', '.join(one.name for one in SETTINGS)}.",
+    return run_node(
+        "markers",
+        SETTINGS,
+        "markers [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...",
+        "The robot as markers for RViz. Topics in the namespace /cdrj: in tensions, nodal_forces, "
+        "joint_states; out markers (visualization_msgs/MarkerArray), while anybody subscribes.",
+        lambda: (MarkersNode(), None),
+        argv,
     )
-    add_node_options(parser)
-    with starting():
-        own = parser.parse_args(remove_ros_args(arguments)[1:])
-    if own.print_parameters:
-        print(parameter_file("markers", SETTINGS), end="")
-        return DONE
-    with ros_context(arguments) as stop:
-        with starting():
-            node = MarkersNode()
-        spin_until_stopped(node, stop)
-    return exit_code("markers", stop, supervised=own.supervised)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

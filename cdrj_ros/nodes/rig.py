@@ -13,26 +13,17 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_commands import CommandListener
 from cdrj_ros.nodes.rig_outputs import RigOutputs
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
-from cdrj_ros.nodes.settings import parameter_file
-from cdrj_ros.nodes.spinning import (
-    OneLineParser,
-    add_node_options,
-    exit_code,
-    ros_context,
-    spin_until_stopped,
-    starting,
-)
+from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.simulation.commands import Command, Trajectory
 from cdrj_ros.simulation.drives import Drives
 from cdrj_ros.simulation.faults import FAULT_NAMES
@@ -293,27 +284,17 @@ class RigNode(Node):
 
 
 def _body(argv: Sequence[str]) -> int:
-    arguments = ["rig", *argv]
-    parser = OneLineParser(
-        prog="rig",
-        usage="rig [--supervised] --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
-        description="A simulated robot in real time. Topics in the namespace /cdrj: in "
-        "commands/position, commands/velocity, commands/effort, motor_commands, "
-        "motor_trajectory; out motor_states, joint_states, on request tension_sensors, "
-        "truth/tensions, truth/nodal_forces, truth/states and /clock; /diagnostics. Services: "
-        f"~/inject_fault, ~/push, ~/reset. Parameters: {', '.join(one.name for one in SETTINGS)}.",
+    return run_node(
+        "rig",
+        SETTINGS,
+        "rig [--supervised] --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
+        "A simulated robot in real time. Topics in the namespace /cdrj: in commands/position, "
+        "commands/velocity, commands/effort, motor_commands, motor_trajectory; out motor_states, "
+        "joint_states, on request tension_sensors, truth/tensions, truth/nodal_forces, "
+        "truth/states and /clock; /diagnostics. Services: ~/inject_fault, ~/push, ~/reset.",
+        lambda: (RigNode(), None),
+        argv,
     )
-    add_node_options(parser)
-    with starting():
-        own = parser.parse_args(remove_ros_args(arguments)[1:])
-    if own.print_parameters:
-        print(parameter_file("rig", SETTINGS), end="")
-        return DONE
-    with ros_context(arguments) as stop:
-        with starting():
-            node = RigNode()
-        spin_until_stopped(node, stop)
-    return exit_code("rig", stop, supervised=own.supervised)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -17,12 +17,14 @@ from rclpy.exceptions import InvalidHandle, NameValidationException, ParameterEx
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from cdrj_ros.commands.running import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
+from cdrj_ros.nodes.settings import Setting, parameter_file
 
 STOP_POLL_S: Final = 0.1
 """Maximum time until a stop request is noticed [s]."""
@@ -244,3 +246,45 @@ def spin_until_stopped(
                 before_end()
             executor.shutdown()
             node.destroy_node()
+
+
+def run_node(
+    name: str,
+    settings: Sequence[Setting],
+    usage: str,
+    description: str,
+    make: Callable[[], tuple[Node, Callable[[], object] | None]],
+    argv: Sequence[str],
+) -> int:
+    """Parse the command line of a node, make it and run it until it is asked to stop.
+
+    Args:
+        name: of the node.
+        settings: its parameters.
+        usage: line of the help.
+        description: sentences of the help; the names of the parameters are added.
+        make: makes the node and what is called before its end.
+        argv: the command line without the program.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        CdrjError: an argument, a parameter or the robot file is invalid.
+    """
+    arguments = [name, *argv]
+    parameters = ", ".join(one.name for one in settings)
+    parser = OneLineParser(
+        prog=name, usage=usage, description=f"{description} Parameters: {parameters}."
+    )
+    add_node_options(parser)
+    with starting():
+        own = parser.parse_args(remove_ros_args(arguments)[1:])
+    if own.print_parameters:
+        print(parameter_file(name, settings), end="")
+        return DONE
+    with ros_context(arguments) as stop:
+        with starting():
+            node, before_end = make()
+        spin_until_stopped(node, stop, before_end)
+    return exit_code(name, stop, supervised=own.supervised)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.commands.running import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
@@ -21,17 +21,9 @@ from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import (
     Setting,
     declare,
-    parameter_file,
     values_of,
 )
-from cdrj_ros.nodes.spinning import (
-    OneLineParser,
-    add_node_options,
-    exit_code,
-    ros_context,
-    spin_until_stopped,
-    starting,
-)
+from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
 from cdrj_ros.view.history import History
@@ -131,35 +123,31 @@ class ViewNode(Node):
             self.get_logger().warning(f"nothing drawn: {error}", throttle_duration_sec=5.0)
 
 
+def _made() -> tuple[Node, Callable[[], object]]:
+    """The node, and the end of its page."""
+    load_viser()
+    node = ViewNode()
+    say(f"view: {node.page.address}", flush=True)
+    return node, node.page.close
+
+
 def _body(argv: Sequence[str]) -> int:
-    arguments = ["view", *argv]
-    own = remove_ros_args(arguments)[1:]
+    own = remove_ros_args(["view", *argv])[1:]
     if any(not word.startswith("-") for word in own) or "--robot" in own:
         from cdrj_ros.commands.view import body
 
         return body(own)
-    parser = OneLineParser(
-        prog="view",
-        usage="view [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...\n"
+    return run_node(
+        "view",
+        SETTINGS,
+        "view [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...\n"
         "       view BAG --robot FILE [--help]",
-        description="The robot in a browser: cables coloured by tension, curves over time, sliders "
-        "for friction and preload. Topics in the namespace /cdrj: tensions, nodal_forces, "
-        "joint_states, truth/tensions; and /diagnostics. Parameters: "
-        f"{', '.join(one.name for one in SETTINGS)}. With a BAG: the estimates of a recording.",
+        "The robot in a browser: cables coloured by tension, curves over time, sliders for "
+        "friction and preload. Topics in the namespace /cdrj: tensions, nodal_forces, "
+        "joint_states, truth/tensions; and /diagnostics. With a BAG: the estimates of a recording.",
+        _made,
+        argv,
     )
-    add_node_options(parser)
-    with starting():
-        given = parser.parse_args(own)
-    if given.print_parameters:
-        print(parameter_file("view", SETTINGS), end="")
-        return DONE
-    load_viser()
-    with ros_context(arguments) as stop:
-        with starting():
-            node = ViewNode()
-        say(f"view: {node.page.address}", flush=True)
-        spin_until_stopped(node, stop, node.page.close)
-    return exit_code("view", stop, supervised=given.supervised)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

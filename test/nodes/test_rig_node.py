@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.status import SLACK
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulation.md"
@@ -526,7 +526,7 @@ def test_an_invalid_parameter_is_refused_at_the_start(
     from cdrj_ros.nodes.rig import RigNode
 
     made: list[Node] = []
-    with pytest.raises(UsageError, match=words):
+    with pytest.raises(CdrjError, match=words):
         made.append(RigNode(parameter_overrides=overrides(**given)))
     assert not made
 
