@@ -76,11 +76,15 @@ def load_yaml(text: str, source: str) -> Any:
         raise YamlError(f"{printable(source)} {error}") from None
 
 
-def yaml_text(document: Any) -> str:
-    """A document of mappings, lists, texts and numbers as YAML."""
-    text: str = yaml.safe_dump(
-        document, sort_keys=False, default_flow_style=None, allow_unicode=True
-    )
+def yaml_text(document: Any, *, block: bool = False) -> str:
+    """A document of mappings, lists, texts and numbers as YAML.
+
+    Args:
+        document: what is written.
+        block: whether every entry has a line of its own; otherwise short lists share one.
+    """
+    style = {"default_flow_style": False, "width": 4096} if block else {"default_flow_style": None}
+    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, **style)
     return text
 
 

@@ -8,7 +8,6 @@ import struct
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
-from io import StringIO
 from pathlib import Path
 from textwrap import indent
 from types import TracebackType
@@ -17,10 +16,10 @@ from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
-from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
+from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
@@ -302,7 +301,7 @@ class BagWriter:
                 name, encoding, text = key
                 schemas[key] = writer.register_schema(name, encoding, text.encode())
             metadata = {
-                "offered_qos_profiles": _yaml([_qos()]).strip(),
+                "offered_qos_profiles": yaml_text([_qos()], block=True).strip(),
                 "topic_type_hash": _type_hash(channel),
             }
             numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
@@ -387,7 +386,7 @@ def _information(
             "message_count": sum(counts.values()),
         }
 
-    return _yaml(
+    return yaml_text(
         {
             "version": 9,
             "storage_identifier": "mcap",
@@ -411,7 +410,8 @@ def _information(
             "files": [{"path": file_name, **extent()}],
             "custom_data": None,
             "ros_distro": "jazzy",
-        }
+        },
+        block=True,
     )
 
 
@@ -426,12 +426,3 @@ def _qos() -> dict[str, Any]:
         "liveliness": "automatic",
         "avoid_ros_namespace_conventions": False,
     } | {name: {"sec": 9223372036, "nsec": 854775807} for name in durations}
-
-
-def _yaml(content: object) -> str:
-    stream = StringIO()
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
-    yaml.width = 4096
-    yaml.dump(content, stream)
-    return stream.getvalue()
