@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import isfinite, pi
+from math import degrees, isfinite, pi
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from cdrj_ros.estimation.encoder_errors import slips
-from cdrj_ros.inspection.checks import Inspection, Suspicion
+from cdrj_ros.foundation.text import counted, fixed
+from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.shares import Cause, Shares
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.parameters import CableTable, cable_tables, headline
 from cdrj_ros.report.table import UNLIMITED
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Cable, Robot
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,8 +39,8 @@ def print_inspection(
 
     console = Console(highlight=False, soft_wrap=True)
     robot = inspection.model.robot
-    cables = cable_tables(inspection)
-    tables = [_table(cable) for cable in cables]
+    cables = list(zip(robot.cables, inspection.cables, strict=True))
+    tables = [_table(robot, *cable) for cable in cables]
     unlimited = console.options.update(max_width=UNLIMITED)
     widths = [console.measure(table, options=unlimited).maximum for table in tables]
     wide = Console(highlight=False, width=max(console.width, LEAST_WIDTH, *widths))
@@ -53,7 +53,7 @@ def print_inspection(
     for cable, table in zip(cables, tables, strict=True):
         console.print()
         wide.print(table)
-        for fact in cable.facts:
+        for fact in _facts(inspection, *cable):
             console.print(Text(f"  {fact}"))
     if shares is not None:
         _print_shares(inspection.model, shares, wide)
@@ -72,6 +72,24 @@ def print_inspection(
             line = Text("  ")
             line.append(entry.where, style="bold").append(f": {entry.text}")
             console.print(line)
+
+
+def headline(inspection: Inspection) -> str:
+    """Numbers of parts and poses, and the loads."""
+    robot = inspection.model.robot
+    layout = inspection.model.layout
+    parts = [
+        counted(len(robot.motors), "motor"),
+        counted(len(robot.joints), "joint"),
+        counted(len(robot.cables), "cable"),
+        counted(len(layout.elements), "element"),
+        counted(len(layout.pulleys), "pulley"),
+    ]
+    loads = "".join(
+        f", load {value:g} {'N' if name in robot.prismatic_joints else 'N m'} on {name}"
+        for name, value in inspection.loads.items()
+    )
+    return f"{robot.name}: {', '.join(parts)}; {len(inspection.poses)} poses{loads}"
 
 
 def mapping(robot: Robot) -> Iterator[str]:
@@ -104,7 +122,7 @@ def _slips(model: Model) -> Iterator[str]:
             yield f"{one.axis}: a slip of its encoder {', '.join(parts)}"
 
 
-def _table(cable: CableTable) -> Table:
+def _table(robot: Robot, cable: Cable, check: CableCheck) -> Table:
     """The table of one cable for the terminal."""
     from rich import box
     from rich.table import Table
@@ -114,14 +132,95 @@ def _table(cable: CableTable) -> Table:
         title=cable.name, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
         pad_edge=False,
     )  # fmt: skip
+    units = ["-" if joint.name in robot.prismatic_joints else "mm" for joint in robot.joints]
+    arms = [f"arm {one.name} [{unit}]" for one, unit in zip(robot.joints, units, strict=True)]
     table.add_column("")
-    for heading in cable.headings[1:]:
+    for heading in ("length [mm]", *arms, "wrap [°]", "η at rest", "η sliding", "passes [mm]"):
         table.add_column(Text(heading), justify="right", no_wrap=True)
-    for k, row in enumerate(cable.rows[:-1]):
+    *parts, whole = _rows(robot, cable, check)
+    for k, row in enumerate(parts):
         table.add_row(*row, style="dim" if k % 2 else None)
     table.add_section()
-    table.add_row(*cable.rows[-1], style="bold")
+    table.add_row(*whole, style="bold")
     return table
+
+
+def _rows(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[tuple[str, ...]]:
+    """Elements and pulleys in the order in which the cable meets them, then the whole cable."""
+    blank = [""] * (1 + len(robot.joints))
+    for k, element in enumerate(check.elements):
+        arms = _arms(robot, element.moment_arm)
+        yield (f"element {k + 1}", _shown(element.length, 1e3, 1), *arms, "", "", "", "")
+        if k < len(check.pulleys):
+            pulley = check.pulleys[k]
+            yield (
+                f"{cable.pulleys[k].kind} {k + 2}",
+                *blank,
+                _shown(pulley.wrap, 180.0 / pi, 1),
+                _shown(pulley.transmission_at_rest, 1.0, 3),
+                _shown(pulley.transmission_sliding, 1.0, 3),
+                f"{1e3 * pulley.passing:.2f}",
+            )
+    yield (
+        "whole cable",
+        _shown(check.length, 1e3, 1),
+        *_arms(robot, check.moment_arm),
+        "",
+        _shown(check.transmission_at_rest, 1.0, 3),
+        _shown(check.transmission_sliding, 1.0, 3),
+        "",
+    )
+
+
+def _arms(robot: Robot, arms: Sequence[Extent]) -> list[str]:
+    positions = robot.prismatic_joints
+    return [
+        _shown(arm, 1.0, 3) if joint.name in positions else _shown(arm, 1e3, 2)
+        for joint, arm in zip(robot.joints, arms, strict=True)
+    ]
+
+
+def _shown(extent: Extent, factor: float, decimals: int) -> str:
+    """``40.9`` or ``0.6 … 78.5``."""
+    low, high = (fixed(factor * value, decimals) for value in (extent.low, extent.high))
+    return low if low == high else f"{low} … {high}"
+
+
+def _facts(inspection: Inspection, cable: Cable, check: CableCheck) -> Iterator[str]:
+    """Sentences on its stiffness and tensions."""
+    robot = inspection.model.robot
+    yield (
+        f"{elasticity_text(cable)}, {1e-3 * check.stiffness:.3g} N/mm, "
+        f"preload {cable.preload:g} N, law {cable.law}"
+    )
+    limit = f"; max_tension {cable.maximum_tension:g} N" if isfinite(cable.maximum_tension) else ""
+    loaded = "under the load" if inspection.loads else "when the motors follow"
+    where = pose_text(robot, check.worst.high_at)
+    yield (
+        f"tension {loaded}: {_shown(check.followed, 1.0, 2)} N; worst {check.worst.high:.4g} N, at "
+        f"the pulling end with every pulley slipping{f' ({where})' if where else ''}{limit}"
+    )
+    still = [
+        f"{joint.name} moved by {1e3 * way:.2f} mm"
+        if joint.name in robot.prismatic_joints
+        else f"{joint.name} turned by {degrees(way):.2f}°"
+        for joint, way in zip(robot.joints, check.slack_after, strict=True)
+        if isfinite(way)
+    ]
+    if still and cable.preload > 0.0:
+        yield f"with the motors held, its preload is lost with {' or '.join(still)}"
+
+
+def elasticity_text(cable: Cable) -> str:
+    """``EA 6283 N``, followed by bedding of the strands and creep where a cable has them."""
+    text = f"EA {cable.axial_stiffness:.4g} N"
+    if cable.bedding_strain:
+        text += f", bedding {cable.bedding_strain:.3g} at {cable.bedding_tension:.3g} N"
+    if cable.creep_share:
+        text += f", creep {cable.creep_share:.3g} in {cable.creep_time:.3g} s"
+    if isfinite(cable.flow_time):
+        text += f", flow in {cable.flow_time:.3g} s"
+    return text
 
 
 def _print_shares(model: Model, shares: Shares, console: Console) -> None:

@@ -2,84 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NoReturn
 
-from cdrj_ros.foundation.interruption import run_interruptibly
+from cdrj_ros.foundation.interruption import run_module
 
 
 def check_robot() -> NoReturn:
     """Run ``check_robot``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.check_robot import main
-
-        return main
-
-    run_interruptibly("check_robot", load)
+    run_module("check_robot", "cdrj_ros.commands.check_robot")
 
 
 def commission() -> NoReturn:
     """Run ``commission``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.commission import main
-
-        return main
-
-    run_interruptibly("commission", load)
+    run_module("commission", "cdrj_ros.commands.commission")
 
 
 def identify() -> NoReturn:
     """Run ``identify``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.identify import main
-
-        return main
-
-    run_interruptibly("identify", load)
+    run_module("identify", "cdrj_ros.commands.identify")
 
 
 def import_robot() -> NoReturn:
     """Run ``import_robot``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.import_robot import main
-
-        return main
-
-    run_interruptibly("import_robot", load)
+    run_module("import_robot", "cdrj_ros.commands.import_robot")
 
 
 def simulate() -> NoReturn:
     """Run ``simulate``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.simulate import main
-
-        return main
-
-    run_interruptibly("simulate", load)
+    run_module("simulate", "cdrj_ros.commands.simulate")
 
 
 def validate() -> NoReturn:
     """Run ``validate``."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.validate import main
-
-        return main
-
-    run_interruptibly("validate", load)
+    run_module("validate", "cdrj_ros.commands.validate")
 
 
 def view() -> NoReturn:
     """Run ``view`` for a bag."""
-
-    def load() -> Callable[[], int]:
-        from cdrj_ros.commands.view import main
-
-        return main
-
-    run_interruptibly("view", load)
+    run_module("view", "cdrj_ros.commands.view")

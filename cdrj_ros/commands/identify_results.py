@@ -16,11 +16,8 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.problem import Loss
-from cdrj_ros.report.table import r2_remark
+from cdrj_ros.report.table import new_table, print_table, r2_remark
 from cdrj_ros.robot.writer import yaml_number
-
-TABLE_WIDTH: Final = 120
-"""Columns of a table where there is no terminal."""
 
 Section = Literal["fit", "hold_out", "cross_validation"]
 
@@ -117,20 +114,14 @@ def _print_errors(title: str, compared: Compared, fitted: Sequence[str]) -> None
 
 def _print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table whose first column is text and whose others are numbers."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = new_table()
     for k, heading in enumerate(headings):
         table.add_column(heading, justify="right" if k else "left", no_wrap=True)
     for row in rows:
         table.add_row(*(Text(printable(cell)) for cell in row))
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=TABLE_WIDTH)
-    console.print(table)
+    print_table(table, None)
 
 
 def _beside(error: ChannelError, old: ChannelError | None, figure: str, form: str) -> str:

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from traceback import clear_frames
 from types import FrameType
 from typing import Final, NoReturn
@@ -60,6 +61,11 @@ def run_interruptibly(
         clear_frames(error.__traceback__)  # lets go of what would be reported as leaked
         end()
     sys.exit(code)
+
+
+def run_module(name: str, module: str, interrupted: int = INTERRUPTED) -> NoReturn:
+    """``run_interruptibly`` for the ``main`` of a module, which is imported by its name."""
+    run_interruptibly(name, lambda: import_module(module).main, interrupted)
 
 
 @contextmanager

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from typing import NoReturn
 
-from cdrj_ros.foundation.interruption import INTERRUPTED, run_interruptibly
+from cdrj_ros.foundation.interruption import INTERRUPTED, run_module
 
 
 def _run(name: str) -> NoReturn:
@@ -15,9 +14,9 @@ def _run(name: str) -> NoReturn:
     A node that takes ``--supervised`` ends with code 0 after Ctrl-C, also while it is imported.
     """
     supervised = name in ("estimator", "rig", "markers") and "--supervised" in sys.argv[1:]
-    run_interruptibly(
+    run_module(
         name,
-        lambda: import_module(f"cdrj_ros.nodes.{name}").main,
+        f"cdrj_ros.nodes.{name}",
         0 if supervised else INTERRUPTED,
     )
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cdrj_ros.commands.check_robot_text import elasticity_text
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.report.parameters import elasticity_text
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
