@@ -23,7 +23,7 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.evaluation.metrics import pooled_errors  # noqa: E402
-from cdrj_ros.evaluation.validation import validate_recording  # noqa: E402
+from cdrj_ros.evaluation.validation import Validation  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.recordings import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
@@ -49,7 +49,10 @@ class Run:
         recording = read_inputs(str(path), Topics(), model)
         conditioned = condition_recording(model, recording)
         self.name = path.name.removeprefix("Tool_4_Maryland_L_")
-        self.comparison = validate_recording(model, str(path), recording, conditioned)
+        validation = Validation(model, str(path), recording, conditioned)
+        for _ in validation.pieces():
+            pass
+        self.comparison = validation.result()
         self.channel = {channel.name: channel for channel in self.comparison.channels}
         self.samples = conditioned.segments[-1]
 

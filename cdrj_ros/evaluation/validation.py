@@ -143,7 +143,7 @@ class Validation:
         self._channels = _channels(self._model, whole, comparing)
 
     def result(self) -> BagComparison:
-        """The comparison of all pieces."""
+        """The comparison of all pieces, for which ``pieces`` must have been exhausted."""
         compared = summed_up(
             self._path,
             duration_s(self._recording, self._window),
@@ -158,20 +158,6 @@ class Validation:
             friction=self._friction.result(),
         )
         return replace(compared, health=self._health.verdict() if self._health else None)
-
-
-def validate_recording(
-    model: Model, path: str, recording: Recording, conditioned: Conditioned
-) -> BagComparison:
-    """Estimate a whole recording and compare it with all of its references, see ``Validation``.
-
-    Raises:
-        BagError: there is nothing to compare.
-    """
-    validation = Validation(model, path, recording, conditioned)
-    for _ in validation.pieces():
-        pass
-    return validation.result()
 
 
 def _by_channel(piece: Estimates) -> tuple[dict[str, Floats], dict[str, Floats]]:

@@ -96,20 +96,10 @@ def secant_at(law: Elasticity, tension: Numeric) -> Numeric:
     return found
 
 
-def stiffened_tension(law: Elasticity, strain: float) -> float:
-    """(E22): (E21) solved for the tension at a strain that is not negative [N].
+def tensions_at(law: Elasticity, strain: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(E22): tensions at many strains [N], the inverse of (E21), also below 0.
 
     With b = T_b / EA + e_b - eps the tension is the positive root of T^2 / EA + b T = T_b eps.
-    """
-    linear = law.bedding_tension / law.axial_stiffness
-    b = linear + law.bedding_strain - strain
-    q = 0.5 * (abs(b) + np.sqrt(b * b + 4.0 * strain * linear))
-    found: float = law.bedding_tension * strain / q if b > 0.0 else law.axial_stiffness * q
-    return found
-
-
-def tensions_at(law: Elasticity, strain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tensions at many strains [N], the inverse of ``strain_at``, also below 0.
 
     Args:
         law: of the cable.

@@ -23,7 +23,6 @@ from cdrj_ros.model.elasticity import (
     elasticity_of,
     modulus_at,
     secant_at,
-    stiffened_tension,
     strain_at,
     tensions_at,
 )
@@ -72,8 +71,6 @@ def test_tension_and_strain_are_inverse_for_soft_and_for_stiff_bedding(
     np.testing.assert_allclose(strain_at(law, TENSIONS), strain_of(TENSIONS, law), rtol=1e-15)
     back = tensions_at(law, strain_at(law, TENSIONS))
     np.testing.assert_allclose(back, TENSIONS, rtol=1e-11, atol=1e-12)
-    for t in TENSIONS[1:]:
-        assert stiffened_tension(law, strain_at(law, float(t))) == pytest.approx(t, rel=1e-11)
 
 
 def test_the_slope_is_the_derivative_and_rises_from_soft_to_ea() -> None:
