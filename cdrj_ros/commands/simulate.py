@@ -13,20 +13,25 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.shared import add_robot_option
 from cdrj_ros.commands.simulate_motion import (
+    MODES,
+    MOTIONS,
     TRUTH_RATE,
+    USUAL_AMPLITUDE_DEG,
     Plan,
     adaptable,
+    check_ranges,
     make_plan,
     swing_text,
 )
-from cdrj_ros.commands.simulate_options import check_ranges, parser
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
@@ -42,6 +47,83 @@ SMALLER_SHARES: Final = (0.5, 0.25, 0.125)
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    made = CommandParser(
+        prog="simulate",
+        description="Write a bag of the simulated rig, whose model is finer than the estimator's.",
+    )
+    made.add_argument("out", metavar="OUT", help="folder of the new bag")
+    add_robot_option(made)
+    made.add_argument(
+        "--rig", default="", metavar="FILE",
+        help="rig file (YAML) with sensors, drives, load and faults, or the name of an installed "
+        "one (ideal)",
+    )  # fmt: skip
+    made.add_argument(
+        "--duration", type=float, metavar="S", help="duration [s] (60; recorded: the bag's)"
+    )
+    made.add_argument("--seed", type=int, default=0, help="seed of all random numbers (0)")
+    _add_motion_options(made)
+    _add_physics_options(made)
+    return made
+
+
+def _add_motion_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("motion")
+    group.add_argument(
+        "--motion", choices=MOTIONS, default="sine", help="motion of the joint (sine)"
+    )
+    group.add_argument(
+        "--joint", action="append", metavar="NAME",
+        help="joint that moves; repeatable (the first); all others are held",
+    )  # fmt: skip
+    group.add_argument(
+        "--amplitude", metavar="X",
+        help="amplitude about the centre in rad or m, or in degrees as 20deg; with several joints "
+        f"X,X,... ({USUAL_AMPLITUDE_DEG:g}deg, less where the joint's range, the motors or the "
+        "preload require it)",
+    )  # fmt: skip
+    group.add_argument(
+        "--centre", metavar="X",
+        help="centre of the motion, as the amplitude (the reference pose, or the nearest one about "
+        "which the default amplitude fits into the range)",
+    )  # fmt: skip
+    group.add_argument(
+        "--frequency", default="0.1", metavar="HZ",
+        help="frequency of the motion; for a random motion, the highest one; HZ,HZ,... (0.1)",
+    )  # fmt: skip
+    group.add_argument("--recorded", metavar="BAG", help="repeat the joint angles of a bag instead")
+    group.add_argument(
+        "--joint-topic", default=Topics().joints, metavar="TOPIC",
+        help="topic of the joint angles in that bag (default %(default)s)",
+    )  # fmt: skip
+    group.add_argument(
+        "--warm-up", type=float, default=0.0, metavar="S",
+        help="duration of motion before the recording [s]; the friction state is then unknown (0: "
+        "the recording starts at rest in the reference pose at the preload)",
+    )  # fmt: skip
+
+
+def _add_physics_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("physics")
+    group.add_argument(
+        "--mode", choices=MODES,
+        help="balance: motors turn so that the cables carry the joint's load (for one joint); "
+        "follow: motors follow the joints so that the cables keep their lengths (for several); "
+        "forward: motors follow the motion and the joint moves by its dynamics",
+    )  # fmt: skip
+    group.add_argument(
+        "--cells", type=int, default=8, help="contact cells per simulated pulley (8)"
+    )
+    group.add_argument(
+        "--payload", type=float, metavar="KG", help="mass of the payload [kg] (the rig file's; 0.3)"
+    )
+    group.add_argument(
+        "--allow-slack", action="store_true", help="permit motions in which a cable becomes slack"
+    )
 
 
 def _body(argv: Sequence[str]) -> int:

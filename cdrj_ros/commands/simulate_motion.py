@@ -5,18 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.simulate_options import (
-    USUAL_AMPLITUDE_DEG,
-    Mode,
-    MotionKind,
-    numbers,
-    positions,
-)
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.recordings import Topics, read_recording
 from cdrj_ros.robot.description import Joint, Robot
@@ -25,6 +18,15 @@ from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.load import Load, make_load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
 from cdrj_ros.simulation.sensors import angle_of
+
+MotionKind = Literal["sine", "ramps", "dwell", "random"]
+MOTIONS: Final[tuple[MotionKind, ...]] = get_args(MotionKind)
+
+Mode = Literal["balance", "follow", "forward"]
+MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+
+USUAL_AMPLITUDE_DEG: Final = 38.0
+"""Default amplitude of a revolute joint, if its range allows it [deg]."""
 
 DWELL_S: Final = 1.0
 """Rest before the motion begins [s]."""
@@ -277,3 +279,73 @@ def _recorded(
     if not longest >= 0.01:
         raise UsageError(f"--warm-up leaves nothing of the recorded motion in {arguments.recorded}")
     return motions, longest if arguments.duration is None else arguments.duration
+
+
+def check_ranges(arguments: argparse.Namespace) -> None:
+    """Refuse numbers outside their ranges.
+
+    Raises:
+        UsageError: names the option and its range.
+    """
+    _require("warm_up", arguments.warm_up, 0.0, 1e6)
+    if arguments.payload is not None:
+        _require("payload", arguments.payload, 0.0, 1e6)
+    if arguments.duration is not None:
+        _require("duration", arguments.duration, 0.01, 1e6)
+    _require("cells", arguments.cells, 1, 200)
+    _require("seed", arguments.seed, 0, 2**63)
+
+
+def _require(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise UsageError(
+            f"--{name.replace('_', '-')} must be in [{low:g}, {high:g}], got {value:g}"
+        )
+
+
+def numbers(name: str, text: str, count: int, low: float, high: float) -> list[float]:
+    """One number for all, or one for each.
+
+    Raises:
+        UsageError: the text is not a list of numbers, their count is wrong or one is out of range.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise UsageError(f"--{name} must be numbers separated by commas, got {text!r}") from error
+    return _each(name, values, count, low, high)
+
+
+def positions(name: str, text: str, prismatic: list[bool]) -> list[float]:
+    """Positions of joints: numbers in rad or m, or angles in degrees such as ``20deg``.
+
+    Args:
+        name: of the option.
+        text: one number for all joints, or one for each.
+        prismatic: whether each of the joints is prismatic.
+
+    Raises:
+        UsageError: as ``numbers``, or a prismatic joint gets an angle.
+    """
+    parts = text.split(",")
+    if any(part.endswith("deg") for part in parts) and any(prismatic):
+        raise UsageError(f"--{name} of a prismatic joint is in m, got {text!r}")
+    try:
+        values = [
+            float(np.radians(float(part[:-3]))) if part.endswith("deg") else float(part)
+            for part in parts
+        ]
+    except ValueError as error:
+        raise UsageError(
+            f"--{name} must be numbers separated by commas, such as 0.3 or 20deg, got {text!r}"
+        ) from error
+    return _each(name, values, len(prismatic), -1e6, 1e6)
+
+
+def _each(name: str, values: list[float], count: int, low: float, high: float) -> list[float]:
+    if len(values) not in (1, count):
+        wanted = "1 number" if count == 1 else f"1 or {count} numbers"
+        raise UsageError(f"--{name} takes {wanted}, got {len(values)}")
+    for value in values:
+        _require(name, value, low, high)
+    return values * count if len(values) == 1 else values

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.commands import check_robot, commission, identify_task, simulate_options, validate
+from cdrj_ros.commands import check_robot, commission, identify_task, simulate, validate
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
@@ -24,7 +24,7 @@ PARSERS: dict[str, Callable[[], ArgumentParser]] = {
     "check_robot": check_robot._parser,
     "commission": commission._parser,
     "identify": identify_task.parser,
-    "simulate": simulate_options.parser,
+    "simulate": simulate.parser,
     "validate": validate._parser,
 }
 
