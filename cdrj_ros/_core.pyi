@@ -770,40 +770,6 @@ class Drum:
     def spacing(self) -> float:
         """Distance of break points [rad]."""
 
-class Cable:
-    """One cable in one sample: all its contacts solved together (E11)."""
-
-    def __init__(
-        self,
-        elastic: tuple[float, float, float],
-        law: Law,
-        segments: NDArray[np.float64],
-        contacts: NDArray[np.float64],
-        first_flux: float,
-        last_flux: float,
-        dt: float,
-    ) -> None:
-        """Take the arrays, which the other functions change.
-
-        Args:
-            elastic: EA [N], e_b [-] and t_b [N] of (E21).
-            law: code of the friction law.
-            segments: ``cable_records.SEGMENT`` as numbers, shape (n + 1, fields).
-            contacts: ``cable_records.CONTACT`` as numbers, shape (n, fields).
-            first_flux, last_flux: material that enters at the first and leaves at the last node
-                [m].
-            dt: duration of the sample [s]; 0 where it is unknown.
-        """
-
-    def balance(self, hardness: float = 1.0) -> float:
-        """Imbalance of every contact at its trial flux; returns the largest magnitude [N]."""
-
-    def matrix_row(self, contact: int) -> tuple[float, float, float]:
-        """Derivatives of its residual by the fluxes of the contact before, itself, the next."""
-
-    def solve(self) -> tuple[int, float]:
-        """Advance the cable by the sample; Newton iterations and remaining imbalance [N]."""
-
 class Stepper:
     """A robot on its way along a plan; one of its joints may move freely or be balanced.
 

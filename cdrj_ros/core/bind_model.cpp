@@ -22,50 +22,11 @@ using namespace py::literals;
 namespace cdrj {
 namespace {
 
-constexpr Index SEGMENT_WORDS = sizeof(Segment) / 8, CONTACT_WORDS = sizeof(Contact) / 8;
-
 using Numbers3 = std::array<double, 3>;
 
 Elasticity elasticity_of(const Numbers3& elastic) { return {elastic[0], elastic[1], elastic[2]}; }
 
 py::tuple pair(const Loss& loss) { return py::make_tuple(loss.kinetic, loss.fading); }
-
-/// A cable whose arrays stay alive with it.
-struct HeldCable {
-    HeldCable(
-        const Numbers3& elastic, Law law, Matrix segments, Matrix contacts,
-        double first_flux, double last_flux, double dt)
-        : segments(std::move(segments)), contacts(std::move(contacts)) {
-        require(
-            this->segments.ndim() == 2 && this->segments.shape(1) == SEGMENT_WORDS &&
-                this->contacts.ndim() == 2 && this->contacts.shape(1) == CONTACT_WORDS &&
-                this->segments.shape(0) == this->contacts.shape(0) + 1,
-            "segments and contacts have not the shapes of their records");
-        cable = {
-            elasticity_of(elastic),
-            law,
-            first_flux,
-            last_flux,
-            dt,
-            {reinterpret_cast<Segment*>(this->segments.mutable_data()),
-             std::size_t(this->segments.shape(0))},
-            {reinterpret_cast<Contact*>(this->contacts.mutable_data()),
-             std::size_t(this->contacts.shape(0))},
-        };
-    }
-
-    py::tuple matrix_row_at(py::ssize_t i) const {
-        require(0 <= i && i < contacts.shape(0), "there is no such contact");
-        const Segment &left = cable.segments[i], &right = cable.segments[i + 1];
-        const MatrixRow row = matrix_row(
-            cable.contacts[i], segment_stiffness(cable.elastic, left),
-            segment_stiffness(cable.elastic, right), right.tension >= left.tension, 0.0);
-        return py::make_tuple(row.lower, row.diagonal, row.upper);
-    }
-
-    Matrix segments, contacts;
-    Cable cable{};
-};
 
 void bind_friction(py::module_& core) {
     bind_kinds<Law>(core, "Law", LAW_NAMES);
@@ -133,21 +94,6 @@ void bind_cable(py::module_& core) {
         .def_property_readonly("held", material_held)
         .def_property_readonly("points", [](const Drum& d) { return static_cast<int>(d.points); })
         .def_readonly("spacing", &Drum::spacing);
-    py::class_<HeldCable>(core, "Cable")
-        .def(
-            py::init<
-                const Numbers3&, Law, Matrix, Matrix, double, double, double>(),
-            "elastic"_a, "law"_a, "segments"_a.noconvert(), "contacts"_a.noconvert(),
-            "first_flux"_a, "last_flux"_a, "dt"_a)
-        .def(
-            "balance",
-            [](HeldCable& held, double hardness) { return held.cable.balance(hardness); },
-            "hardness"_a = 1.0)
-        .def("matrix_row", &HeldCable::matrix_row_at, "contact"_a)
-        .def("solve", [](HeldCable& held) {
-            const Effort effort = held.cable.solve();
-            return py::make_tuple(effort.iterations, effort.imbalance);
-        });
     core.def(
         "tolerance", [](const Numbers3& elastic) { return tolerance(elasticity_of(elastic)); },
         "elastic"_a);

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
-from support.core_laws import cable
 
 from bench.scaling import chain
-from cdrj_ros._core import Law, acceptable, element_tension, tolerance
+from cdrj_ros._core import acceptable, tolerance
 from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.model.cable_records import CONTACT, SEGMENT
-from cdrj_ros.model.elasticity import Elasticity, elasticity_of
+from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.laws import FRICTION_LAWS
-from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.assembly import divide_contacts
 
 Variant = Callable[..., Robot]
@@ -219,18 +214,6 @@ def test_flags_mark_slack_and_overload(prototype: Robot, drive: Drive) -> None:
     assert (status & OVERLOAD).any()
 
 
-def test_material_is_conserved(variant: Variant, drive: Drive) -> None:
-    # with the winch at rest every cable keeps its material for any motion of the joint
-    model = prepare(variant())
-    time = np.arange(5000) * 1e-3
-    samples = drive(time, np.zeros(time.size), 0.05 * np.sin(5.0 * time))
-    start = run(model, initial_state(model), _part(samples, 0, 1))[0]
-    end = run(model, start, _part(samples, 1, None))[0]
-    for part in (slice(17, 25), slice(25, 33)):  # after the flag and 16 lengths
-        assert end.values[part].sum() == pytest.approx(start.values[part].sum(), rel=1e-13)
-        assert np.abs(end.values[part] - start.values[part]).max() > 1e-9
-
-
 @pytest.mark.parametrize("cells", [1, 2, 3])
 def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
     cells: int, prototype: Robot, drive: Drive
@@ -254,151 +237,3 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
 
 def sample_at(samples: Samples, k: int) -> Sample:
     return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
-
-
-def _part(samples: Samples, begin: int, end: int | None) -> Samples:
-    return Samples(*(column[begin:end] for column in vars(samples).values()))
-
-
-def test_equation_eleven_is_the_first_order_form_of_the_exact_tension() -> None:
-    stiffness, length, preload = 6283.0, 0.2, 36.85
-    law = Elasticity(stiffness)
-    material = length / (1.0 + preload / stiffness)
-    by_length, by_material = stiffness / material, -stiffness * length / material**2
-    errors = []
-    for share in (2e-3, 1e-3, 5e-4):
-        longer, more = share * length, -0.4 * share * length
-        exact = element_tension(law, length + longer, material + more)
-        errors.append(abs(exact - preload - by_length * longer - by_material * more))
-    assert errors[0] > 1e-3
-    for coarse, fine in pairwise(errors):
-        assert coarse / fine == pytest.approx(4.0, rel=0.02)
-    # k = EA / L of (11) is this slope except for the strain, here 0.6 %
-    assert by_length == pytest.approx(stiffness / length, rel=0.013)
-    assert by_material == pytest.approx(-stiffness / length, rel=0.013)
-    assert element_tension(law, length, material) == pytest.approx(preload, rel=1e-12)
-    assert element_tension(law, 0.99 * material, material) == 0.0
-
-
-def _plain_cable(law: str = "none") -> Model:
-    return prepare(
-        parse_robot(f"""
-        name: plain
-        motors: [{{name: m}}]
-        joints: [{{name: q, range: [-1, 1]}}]
-        friction: {{law: {law}, mu_c: 0.15}}
-        cables:
-          - name: c
-            axial_stiffness: 6283
-            preload: 30
-            nodes:
-              - {{type: winch, motor: m, winding: 1, radius: 0.015}}
-              - {{type: pulley, radius: 0.01, wrap_angle: 1.5}}
-              - {{type: pulley, radius: 0.01, wrap_angle: 2.0}}
-              - {{type: anchor}}
-            spans: [0.5, 0.3, {{joint: q, offset: 0.4, sine: -0.06}}]
-        """)
-    )
-
-
-def tension_at(model: Model, motor: float, joint: float) -> np.ndarray:
-    """Tensions after one sample away from the reference pose."""
-    state, _ = walk_to(model, initial_state(model), 0.0, 0.0)
-    return walk_to(model, state, motor, joint)[1].tension
-
-
-def test_small_motions_change_the_tension_by_the_stiffness_of_equation_eleven() -> None:
-    # a frictionless cable is one spring of k = EA over its whole material
-    model = _plain_cable()
-    state, first = walk_to(model, initial_state(model), 0.0, 0.0)
-    length, material = state.values[1:4].sum(), state.values[4:7].sum()
-    errors = []
-    for share in (0.1, 0.05, 0.025):
-        wound, moved = share, -0.3 * share
-        taken_in = 0.015 * wound / (1.0 + 30.0 / 6283.0) * length / material
-        linear = first.tension[0] + 6283.0 / material * (taken_in - 0.06 * moved)
-        errors.append(float(np.abs(tension_at(model, wound, moved) - linear).max()))
-    assert errors[0] > 1e-3, "large enough to distinguish the exact form from the linear one"
-    for coarse, fine in pairwise(errors):
-        assert coarse / fine == pytest.approx(4.0, rel=0.1)
-
-
-LINEAR = Elasticity(6283.0)
-
-
-def _random_problem(seed: int, count: int, elastic: Elasticity = LINEAR) -> dict[str, Any]:
-    """A taut cable with some slip, bristle forces and losses; arguments of the residual."""
-    generator = np.random.default_rng(seed)
-    segments = np.zeros(count + 1, SEGMENT)
-    length = generator.uniform(0.05, 0.4, count + 1)
-    segments["length_before"] = length
-    segments["length"] = length * (1.0 + generator.normal(size=count + 1) * 1e-4)
-    segments["material_before"] = length / generator.uniform(1.002, 1.01, count + 1)
-    work = np.zeros(count, CONTACT)
-    work["trial"] = generator.normal(size=count) * 3e-6
-    work["bristle_before"] = generator.normal(size=count)
-    work["loss"] = generator.uniform(0.02, 0.4, count)
-    work["static_share"] = generator.random(count)
-    work["shift"] = generator.normal(size=count) * 3e-6
-    work["stiffness"] = 1e6
-    work["damping"] = 300.0
-    work["viscous"] = 20.0
-    work["breakaway"] = 0.7
-    work["drag"] = 0.05
-    return {"elastic": elastic, "segments": segments, "work": work}
-
-
-def _residual(problem: dict[str, Any], law: Law, flux: np.ndarray) -> np.ndarray:
-    work = problem["work"].copy()
-    work["trial"] = flux
-    cable(problem["elastic"], problem["segments"].copy(), work, 1e-6, -2e-6, law, 1e-3).balance()
-    return np.array(work["residual"])
-
-
-def _jacobian(problem: dict[str, Any], law: Law) -> np.ndarray:
-    work, segments = problem["work"].copy(), problem["segments"].copy()
-    one = cable(problem["elastic"], segments, work, 1e-6, -2e-6, law, 1e-3)
-    one.balance()
-    matrix = np.zeros((len(work), len(work) + 2))
-    for i in range(len(work)):
-        matrix[i, i : i + 3] = one.matrix_row(i)
-    return matrix[:, 1:-1]
-
-
-@pytest.mark.parametrize("law", [Law.none, Law.lugre, Law.elastoplastic], ids=lambda law: law.name)
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize(
-    "elastic", [LINEAR, Elasticity(6283.0, 0.004, 8.0)], ids=["linear", "soft"]
-)
-def test_the_newton_matrix_is_the_derivative_of_the_imbalance(
-    law: Law, seed: int, elastic: Elasticity
-) -> None:
-    problem = _random_problem(seed, 7, elastic)
-    flux = problem["work"]["trial"]
-    matrix = _jacobian(problem, law)
-    small = 1e-11
-    difference = np.column_stack(
-        [
-            (
-                _residual(problem, law, flux + small * unit)
-                - _residual(problem, law, flux - small * unit)
-            )
-            / (2 * small)
-            for unit in np.eye(7)
-        ]
-    )
-    # pull side and branch change over a step only where a kink lies closer than the step
-    np.testing.assert_allclose(matrix, difference, atol=2e-4 * np.abs(matrix).max())
-
-
-def test_the_frictionless_matrix_is_symmetric_and_negative_definite() -> None:
-    matrix = _jacobian(_random_problem(3, 7), Law.none)
-    np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
-    assert np.linalg.eigvalsh(matrix).max() < 0.0
-    # (25)-(28) to first order: k of both neighbours on the diagonal, the shared one beside it
-    problem = _random_problem(3, 7)
-    lengths = problem["segments"]["length"]
-    np.testing.assert_allclose(np.diag(matrix, 1), 6283.0 / lengths[1:-1], rtol=0.03)
-    np.testing.assert_allclose(
-        np.diag(matrix), -6283.0 * (1 / lengths[:-1] + 1 / lengths[1:]), rtol=0.03
-    )

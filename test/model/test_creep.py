@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.commands.check_robot_text import elasticity_text
-from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
@@ -98,35 +95,6 @@ def test_a_slack_rope_recovers() -> None:
     at_once = PRELOAD * (1.0 + SHARE)
     assert found[9001] == pytest.approx(at_once, rel=0.02), "all delayed strain is gone"
     assert found[-1] == pytest.approx(PRELOAD, rel=0.02)
-
-
-def test_a_rope_without_creep_is_elastic() -> None:
-    angle = np.concatenate([[0.0], np.full(300, 0.2)])
-    found = tensions(prepare(rope("sensor_noise: 1")), angle, 1.0)
-    assert np.all(found[1:] == found[1])
-
-
-@pytest.mark.parametrize(("key", "stddev"), [("creep_share", 0.04), ("creep_time", 1.0)])
-def test_the_ensemble_gives_the_finite_difference(key: str, stddev: float) -> None:
-    uncertain = f", parameters: [cables.c.{key}], stddev: [{stddev}], drums: hold"
-    robot = rope(uncertain=uncertain)
-    model = prepare(robot)
-    spread, state, found = Ensemble(model), initial_state(model), 0.0
-    angle = np.append(np.linspace(0.0, 1.0, 1001), np.ones(200))
-    for k, at in enumerate(angle):
-        sample = Sample(1 + k * 10**7, np.array([at]), np.zeros(0))
-        state, estimate = step(model, state, sample)
-        found = float(spread.update(sample, estimate)[0])
-    cable = robot.cables[0]
-    ends = [
-        tensions(
-            prepare(replace(robot, cables=(replace(cable, **{key: getattr(cable, key) + d}),))),
-            angle, 0.01,
-        )[-1]
-        for d in (-stddev, stddev)
-    ]  # fmt: skip
-    assert found == pytest.approx(0.5 * abs(ends[1] - ends[0]), rel=0.03)
-    assert found > 0.1
 
 
 def test_what_a_robot_file_says_of_creep_is_checked_and_reported() -> None:

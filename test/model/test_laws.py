@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
-from cdrj_ros.estimation.estimator import Estimates, State, initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.laws import FRICTION_LAWS
 
 Variant = Callable[..., Robot]
@@ -120,17 +120,6 @@ def test_without_friction_every_cable_has_one_tension(
     assert np.ptp(tension[:, 0]) > 5.0
 
 
-def test_all_frictionless_laws_agree(variant: Variant, drive: Drive) -> None:
-    slippery = {"mu_c": 0.0, "mu_s": 0.0, "bearing_friction": 0.0}
-    samples = erratic(drive, 4)
-    first, *others = (
-        estimated(prepare(variant(law, **slippery)), samples).values[:, :16]
-        for law in FRICTION_LAWS
-    )
-    for other in others:
-        np.testing.assert_allclose(other, first, atol=1e-6)
-
-
 def work_put_in(samples: Samples, estimates: Estimates) -> np.ndarray:
     """Work of motor and joint on the cables from the first sample on [J], shape (n,)."""
     layout = estimates.layout
@@ -150,24 +139,6 @@ def test_a_closed_cycle_costs_work(law: str, variant: Variant, drive: Drive) -> 
     second, third = work[8000] - work[4000], work[12_000] - work[8000]
     assert third > 0.05
     assert third == pytest.approx(second, rel=5e-3), "the cycle is steady"
-
-
-def test_a_motion_there_and_back_without_friction_costs_nothing(
-    variant: Variant, drive: Drive
-) -> None:
-    samples = cyclic(drive, lead=0.0)
-    work = work_put_in(samples, estimated(prepare(variant("none")), samples))
-    assert np.ptp(work) > 0.02, "energy goes in and out again"
-    assert abs(work[8000] - work[4000]) < 1e-4 * np.ptp(work)
-
-
-def test_without_friction_the_drum_alone_costs_work(variant: Variant, drive: Drive) -> None:
-    # cable laid at one strain and taken off at another: 1/2 EA (difference)^2 of every metre
-    samples = cyclic(drive)
-    work = work_put_in(samples, estimated(prepare(variant("none")), samples))
-    turned = np.abs(np.diff(samples.motor_angle[4000:8001, 0])).sum()
-    most = 0.5 * 6283.0 * 0.015 * turned * (60.0 / 6283.0) ** 2
-    assert 0.0 < work[8000] - work[4000] < most
 
 
 @pytest.mark.parametrize("law", WITH_FRICTION)
@@ -225,70 +196,11 @@ def test_the_error_shrinks_when_the_sample_period_is_halved(
         assert coarser / finer > 1.6
 
 
-def energy(state: np.ndarray, stiffness: float) -> float:
-    """Elastic energy of both cables [J], from lengths and material in the state."""
-    length, material = state[1:17], state[17:33]
-    strain = np.maximum(length / material - 1.0, 0.0)
-    return float(np.sum(0.5 * stiffness * strain**2 * material))
-
-
-def test_joint_effort_is_the_derivative_of_the_elastic_energy(variant: Variant) -> None:
-    model = prepare(variant("none"))
-    stiffness = model.robot.cables[0].axial_stiffness
-    small = 1e-5
-    for more, joint in ((0.0, 0.0), (0.1, 0.25), (-0.15, -0.45), (0.05, 0.6)):
-        motor = float(follow(joint)) + more
-        state, _ = step(model, initial_state(model), Sample(1, np.zeros(1), np.zeros(1)))
-        at, estimate = step(model, state, Sample(2, np.array([motor]), np.array([joint])))
-        assert np.all(estimate.tension > 0.0)
-
-        def stored(angle: float, motor: float = motor, at: State = at) -> float:
-            sample = Sample(3, np.array([motor]), np.array([angle]))
-            return energy(step(model, at, sample)[0].values, stiffness)
-
-        slope = (stored(joint + small) - stored(joint - small)) / (2 * small)
-        assert estimate.joint_effort[0] == pytest.approx(-slope, rel=1e-5, abs=1e-5)
-
-
-def test_motor_effort_is_the_derivative_of_the_elastic_energy(variant: Variant) -> None:
-    # cable on the drum keeps the energy of the strain at which it was wound
-    model = prepare(variant("none"))
-    stiffness = model.robot.cables[0].axial_stiffness
-    small = 1e-4
-    for more, joint in ((0.0, 0.0), (0.1, 0.25), (-0.15, -0.45)):
-        motor = float(follow(joint)) + more
-        state, _ = step(model, initial_state(model), Sample(1, np.zeros(1), np.zeros(1)))
-        at, estimate = step(model, state, Sample(2, np.array([motor]), np.array([joint])))
-        stored, material = [], []
-        for moved in (small, -small):
-            sample = Sample(3, np.array([motor + moved]), np.array([joint]))
-            values = step(model, at, sample)[0].values
-            stored.append(energy(values, stiffness))
-            material.append((values[17:25].sum(), values[25:33].sum()))
-        on_drum = -np.subtract(*material)
-        tension = estimate.tension[[0, 8]]
-        change = stored[0] - stored[1] + np.sum(on_drum * tension**2 / (2.0 * stiffness))
-        # layers are unwound at the strain of their winding, which may differ from the present
-        assert estimate.motor_effort[0] == pytest.approx(-change / (2 * small), rel=5e-3, abs=1e-3)
-        drums = 0.015 * (tension[1] - tension[0])
-        assert estimate.motor_effort[0] == pytest.approx(drums, rel=1e-12, abs=1e-12)
-
-
 def roughness(series: np.ndarray) -> float:
     """Second differences over first differences of columns: small where smooth, 2 for a saw."""
     first = np.abs(np.diff(series, axis=0)).sum(axis=0)
     second = np.abs(np.diff(series, 2, axis=0)).sum(axis=0)
     return float((second / first).max())
-
-
-def test_roughness_tells_chatter_from_a_smooth_motion() -> None:
-    time = np.arange(4000) * 1e-3
-    smooth = 40.0 + 10.0 * np.sin(2 * np.pi * time)
-    assert roughness(smooth[:, None]) < 0.02
-    saw = 0.5 * (-1.0) ** np.arange(time.size)
-    assert roughness((smooth + saw)[:, None]) > 1.5
-    burst = np.where(np.abs(time - 2.0) < 0.2, saw, 0.0)  # a tenth of the time
-    assert roughness((smooth + burst)[:, None]) > 1.0
 
 
 STRONG = {"mu_c": 0.1, "mu_s": 0.3, "rho": 0.6, "stribeck_speed": 0.02}
@@ -345,13 +257,3 @@ def test_encoder_dither_relaxes_friction_with_lugre_and_not_with_elastoplastic(
     np.testing.assert_allclose(late, early, atol=0.05)
     _, late_lugre = _rest_under_dither("lugre", variant, drive)
     assert np.abs(late_lugre).max() < 0.5 * np.abs(early).max()
-
-
-def test_the_prototypes_pulleys_have_the_properties_that_these_tests_assume(
-    prototype: Robot,
-) -> None:
-    for cable in prototype.cables:
-        for pulley in cable.pulleys:
-            assert isinstance(pulley, Pulley)
-            assert pulley.bearing_torque == 0.0
-            assert pulley.friction.stribeck == "printed"

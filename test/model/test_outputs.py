@@ -5,32 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
 from cdrj_ros.robot.reader import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-
-
-@pytest.mark.parametrize("name", ["prototype", "prototype_positions"])
-def test_components_and_tensions_give_the_same_magnitude(name: str) -> None:
-    model = prepare(load_robot(ROBOTS / f"{name}.yaml"))
-    layout, size = model.layout, 30
-    joint = np.linspace(0.0, 0.02, size)[:, None]
-    stamps = 1_000_000_000 + 1_000_000 * np.arange(size)
-    motor = np.zeros((size, len(layout.motors)))
-    values = run(model, initial_state(model), Samples(stamps, motor, joint))[1].values
-    wrap = np.array([shape_at(model, angle).wrap for angle in joint])
-    tension = values[:, layout.tension]
-    before = tension[:, layout.element_before]
-    after = tension[:, layout.element_before + 1]
-    force = np.sqrt(before**2 + after**2 - 2.0 * before * after * np.cos(wrap))  # (38)
-    assert force.min() > 1.0
-    np.testing.assert_allclose(values[:, layout.magnitude], force, rtol=1e-9)
 
 
 def test_a_pulley_has_the_flags_of_both_of_its_elements() -> None:

@@ -9,7 +9,7 @@ frame that is tilted, so that nothing lies along an axis of the base.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, hypot, log, pi, sin
+from math import hypot, pi
 
 import numpy as np
 import pytest
@@ -81,12 +81,6 @@ def cable(*nodes: str, friction: str = "mu_c: 0.2", head: str = "") -> Robot:
     )
 
 
-IN_PLANE = """
-joints: [{name: x, range: [-1, 1]}, {name: y, range: [-1, 1]}]
-frames:
-  - {name: rail, motion: prismatic, joint: x, direction: [1, 0]}
-  - {name: hand, parent: rail, motion: prismatic, joint: y, direction: [0, 1]}
-"""
 IN_SPACE = f"""
 joints: [{{name: x, range: [-1, 1]}}, {{name: y, range: [-1, 1]}}, {{name: z, range: [-1, 1]}}]
 frames:
@@ -124,12 +118,6 @@ def joints_of(robot: Robot, place: Vector, rest: Vector) -> Vector:
     return np.asarray((place - rest)[:, : len(robot.joints)])
 
 
-PLANE_NODES = {
-    "ccw": (1.0, "type: pulley, radius: 0.02, position: [0, 0], turn: ccw"),
-    "cw": (-1.0, "type: pulley, radius: 0.02, position: [0, 0], turn: cw"),
-}
-
-
 def at(frame: str, x: float, y: float, z: float | None = None, kind: str = "anchor") -> str:
     """An end or an eyelet at a place."""
     numbers = [float(v) for v in ((x, y) if z is None else (x, y, z))]
@@ -146,72 +134,12 @@ def assert_nothing_happens(found: Play, least: float = 1.0) -> None:
     assert np.ptp(found.wrap, axis=0).max() > least
 
 
-@pytest.mark.parametrize("cells", [1, 5])
-@pytest.mark.parametrize("which", PLANE_NODES)
-@pytest.mark.parametrize("first", [False, True], ids=["last end", "first end"])
-def test_laying_on_in_the_plane_does_not_slide(first: bool, which: str, cells: int) -> None:
-    sense, pulley = PLANE_NODES[which]
-    rest = involute(np.zeros(1), sense)[0]
-    still = at("base", -BEFORE, -sense * RADIUS)
-    moving = at("hand", rest[0], rest[1])
-    if first:  # backwards the cable goes round in the other sense
-        turn = {"ccw": "cw", "cw": "ccw"}[which]
-        nodes = (moving, pulley.replace(f"turn: {which}", f"turn: {turn}"), still)
-    else:
-        nodes = (still, pulley, moving)
-    robot = with_cells(cable(*nodes, head=IN_PLANE), cells)
-    joint = joints_of(robot, involute(to_and_fro(1.2, -0.6), sense), rest)
-    found = play(prepare(robot, check_range=False), np.zeros((len(joint), 1)), joint)
-    assert_nothing_happens(found)
-    # the middle moves by half of what is laid on, towards the end that moves
-    moved = np.ptp(found.track[:, 0])
-    assert moved == pytest.approx(0.5 * RADIUS * 1.8, rel=1e-9)
-    assert (found.track[299, 0] < found.track[0, 0]) == first
-
-
 def with_cells(robot: Robot, cells: int) -> Robot:
     def changed(node: Node) -> Node:
         return replace(node, cells=cells) if isinstance(node, Pulley) else node
 
     (only,) = robot.cables
     return replace(robot, cables=(replace(only, nodes=tuple(map(changed, only.nodes))),))
-
-
-@pytest.mark.parametrize("cells", [1, 4])
-def test_laying_on_by_tables_does_not_slide_at_the_end_that_moves(cells: int) -> None:
-    robot = with_cells(
-        parse_robot(f"""
-        name: tables
-        motors: [{{name: m}}]
-        joints: [{{name: q, range: [-1, 2]}}]
-        friction: {{law: elastoplastic, mu_c: 0.2}}
-        cables:
-          - name: c
-            axial_stiffness: 1e4
-            preload: {PRELOAD}
-            nodes:
-              - {{type: winch, motor: m, winding: 1, radius: 0.02}}
-              - {{type: pulley, radius: {RADIUS}, wrap_angle: {{joint: q, offset: 1.2, slope: 1}}}}
-              - {{type: anchor}}
-            spans: [{BEFORE}, {{joint: q, offset: {BEHIND}, slope: {-RADIUS}}}]
-        """),
-        cells,
-    )
-
-    def moving(end: str) -> Robot:
-        def changed(node: Node) -> Node:
-            return replace(node, moving_end=end) if isinstance(node, Pulley) else node
-
-        (only,) = robot.cables
-        return replace(robot, cables=(replace(only, nodes=tuple(map(changed, only.nodes))),))
-
-    joint = to_and_fro(1.2, -0.6)[:, None]
-    motor = np.zeros_like(joint)
-    found = play(prepare(moving("after")), motor, joint)
-    assert_nothing_happens(found)
-    for end in ("both", "before"):  # then the same lengths mean that the cable slides
-        other = play(prepare(moving(end)), motor, joint)
-        assert np.ptp(other.tension, axis=0).max() > 0.1 * PRELOAD
 
 
 SPACE = {
@@ -266,92 +194,6 @@ def test_laying_on_in_space_does_not_slide(which: str, cells: int) -> None:
     assert moved == pytest.approx(0.5 * RADIUS * 1.8 * hypot(1.0, slope), rel=1e-9)
 
 
-def test_a_lever_about_the_axis_lays_a_helix_on_as_a_slide_follows() -> None:
-    """The slide lies along the level tangent and takes back what the lever lays on: s = -r q."""
-    slope, along = 0.4, (cos(START), sin(START), 0.0)
-    rest = involute(np.zeros(1), 1.0, slope)[0]
-    head = f"""
-joints: [{{name: q, range: [-3, 3]}}, {{name: s, range: [-1, 1]}}]
-frames:
-  - {{name: table, motion: fixed, {TILT}}}
-  - {{name: lever, parent: table, motion: revolute, joint: q, axis: [0, 0, 1]}}
-  - {{name: hand, parent: lever, motion: prismatic, joint: s, axis: {list(along)}}}
-"""
-    body, _ = SPACE["helix of a cylinder"]
-    robot = cable(at("table", -BEFORE, -RADIUS, 0.0), body, at("hand", *rest), head=head)
-    turned = to_and_fro(1.2, -0.6)
-    joint = np.stack([turned, -RADIUS * turned], axis=1)
-    found = play(prepare(robot, check_range=False), np.zeros((turned.size, 1)), joint)
-    assert_nothing_happens(found)
-
-
-@pytest.mark.parametrize("which", PLANE_NODES)
-def test_laying_on_keeps_what_friction_holds(which: str) -> None:
-    """With unequal tensions before and behind, too, but for the arc's lump.
-
-    The model divides the arc in its middle, so that what passes there is stretched by the mean of
-    both tensions, not by one of them: an element of the length l changes its tension by no more
-    than half of their difference times m / l, where m is the way of the middle.
-    """
-    sense, pulley = PLANE_NODES[which]
-    rest = involute(np.zeros(1), sense)[0]
-    start = (
-        f"type: winch, motor: m, winding: 1, radius: 0.01, "
-        f"position: [{-BEFORE}, {-sense * (RADIUS - 0.01)}], turn: {which}"
-    )
-    robot = cable(start, pulley, at("hand", *rest[:2]), friction="mu_c: 0.4", head=IN_PLANE)
-    turned = to_and_fro(1.2, -0.2)
-    pulled = np.concatenate([np.linspace(0.0, 0.1, 150), np.linspace(0.1, 0.07, 50)])
-    motor = np.concatenate([pulled, np.full(turned.size, 0.07)])[:, None]
-    joint = np.concatenate([np.zeros((200, 2)), joints_of(robot, involute(turned, sense), rest)])
-    found = play(prepare(robot, check_range=False), motor, joint)
-    held = found.tension[200:]
-    difference = held[0, 0] - held[0, 1]
-    assert difference > 15.0
-    way, shortest = np.abs(found.track[200:, 0] - found.track[200, 0]), BEHIND - 0.7 * RADIUS
-    allowed = 0.5 * difference * way / shortest
-    # the stretch is that at the sample before: the way back does not take all of it back
-    rest_of_it = 5e-5 * difference
-    assert np.all(np.abs(held - held[0]).max(axis=1) <= allowed + rest_of_it)
-    assert allowed.max() < 0.06 * difference
-
-
-def test_a_swivelling_pulley_takes_its_cable_along() -> None:
-    """The end goes round the axis along which the cable comes, and lays cable on meanwhile."""
-    robot, _, rest = in_space("swivelling pulley")
-    model = prepare(robot, check_range=False)
-    turned = to_and_fro(1.2, -0.6)
-    place = involute(turned)
-    azimuth = 0.8 * np.sin(np.linspace(0.0, 7.0, turned.size))
-    away = place[:, 1] + RADIUS  # from the axis, which the cable comes along
-    place[:, 1] = away * np.cos(azimuth) - RADIUS
-    place[:, 2] = away * np.sin(azimuth)
-    found = play(model, np.zeros((turned.size, 1)), joints_of(robot, place, rest))
-    assert_nothing_happens(found)
-
-
-@pytest.mark.parametrize("which", ["great circle of a sphere", "circle of a cylinder"])
-def test_lifting_off_and_coming_back_does_not_slide(which: str) -> None:
-    """In the air the end stays at one distance from the first; the cable is as long as before.
-
-    In the sample in which it touches again the contact is given no friction yet, and the way of the
-    middle within that sample is not known; tensions are equal then, so that nothing is lost.
-    """
-    robot, _, rest = in_space(which)
-    model = prepare(robot, check_range=False)
-    turned = to_and_fro(0.6, -START - 0.4, 400)
-    place = involute(np.maximum(turned, -START))
-    start, straight = np.array([-BEFORE, -RADIUS, 0.0]), BEFORE + BEHIND + RADIUS * START
-    off = turned < -START
-    down = turned[off] + START
-    place[off] = start + straight * np.stack([np.cos(down), np.sin(down), 0.0 * down], axis=1)
-    found = play(model, np.zeros((turned.size, 1)), joints_of(robot, place, rest))
-    assert 100 < off.sum() < turned.size - 400
-    assert np.all(found.wrap[off, 0] == 0.0)
-    assert np.all(found.wrap[~off, 0][1:-1] >= 0.0)
-    assert_nothing_happens(found)
-
-
 CARRIED = {
     "plane": (
         ("joints: [{name: q, range: [-3, 3]}, {name: p, range: [-1, 1]}]\nframes:\n"
@@ -396,116 +238,3 @@ def test_a_body_that_carries_everything_along_changes_nothing(where: str) -> Non
     np.testing.assert_allclose(found.tension, resting.tension, rtol=0, atol=most)
     np.testing.assert_allclose(found.bristle, resting.bristle, rtol=0, atol=most)
     assert np.abs(found.effort).max() < 1e-9 * PRELOAD
-
-
-def some_motion(robot: Robot, samples: int = 400) -> tuple[Vector, Vector]:
-    """Motors and joints that let the cable slide to and fro."""
-    phase = np.linspace(0.0, 8.0, samples)
-    waves = [4e-4 * np.sin((1.0 + 0.3 * k) * phase) for k in range(len(robot.joints))]
-    return 0.03 * np.sin(1.7 * phase)[:, None], np.stack(waves, axis=1)
-
-
-GENERAL = (
-    "type: winch, motor: m, winding: 1, radius: 0.015, position: [-0.15, {s}0.01], turn: {a}",
-    "type: pulley, radius: 0.02, position: [0, 0], turn: {a}",
-    "type: pulley, radius: 0.015, position: [0.05, {s}0.1], turn: {b}, frame: rail",
-    "type: anchor, position: [0.2, {s}0.06], frame: hand",
-)
-MIRRORED_RAIL = IN_PLANE.replace("direction: [0, 1]", "direction: [0, -1]")
-
-
-def test_a_mirrored_robot_has_the_same_tensions_and_efforts() -> None:
-    one = cable(*(node.format(s="", a="ccw", b="cw") for node in GENERAL), head=IN_PLANE)
-    other = cable(*(node.format(s="-", a="cw", b="ccw") for node in GENERAL), head=MIRRORED_RAIL)
-    found, image = (play(prepare(robot, check_range=False), *some_motion(robot))
-                    for robot in (one, other))  # fmt: skip
-    assert np.ptp(found.tension, axis=1).max() > 5.0
-    for name in ("tension", "bristle", "wrap", "track", "effort"):
-        mine, theirs = getattr(found, name), getattr(image, name)
-        np.testing.assert_allclose(mine - mine[0], theirs - theirs[0], rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("which", SPACE)
-def test_a_robot_that_is_moved_turned_or_mirrored_has_the_same_tensions(which: str) -> None:
-    """All frames stand on the table: its place does not count, nor do mirrored axes."""
-    robot, _, _ = in_space(which)
-    moved = parse_table(robot, which, "rpy: [-1.1, 0.3, 2.0], origin: [0.4, 0.1, -0.3]")
-    results = []
-    for one in (robot, moved):
-        motor, joint = some_motion(one)
-        results.append(play(prepare(one, check_range=False), 0.0 * motor, joint))
-    found, other = results
-    assert np.ptp(found.tension, axis=1).max() > 0.5
-    for name in ("tension", "bristle", "wrap", "effort"):
-        np.testing.assert_allclose(getattr(found, name), getattr(other, name), rtol=0, atol=2e-8)
-
-
-def parse_table(robot: Robot, which: str, table: str) -> Robot:
-    """The robot of ``in_space`` on another table."""
-    rest = involute(np.zeros(1), 1.0, SPACE[which][1])[0]
-    nodes = at("table", -BEFORE, -RADIUS, 0.0), SPACE[which][0], at("hand", *rest)
-    assert robot.frames
-    return cable(*nodes, head=IN_SPACE.replace(TILT, table))
-
-
-def test_lengths_and_arms_do_not_depend_on_the_number_of_cells() -> None:
-    for which in SPACE:
-        robot, _, _ = in_space(which)
-        whole, fine = prepare(robot, check_range=False), prepare(with_cells(robot, 7),
-                                                                 check_range=False)  # fmt: skip
-        for angle in np.random.default_rng(4).uniform(-0.02, 0.02, (10, 3)):
-            one, other = shape_at(whole, angle), shape_at(fine, angle)
-            np.testing.assert_array_equal(other.length, one.length)
-            np.testing.assert_array_equal(other.lever_arm, one.lever_arm)
-            assert other.segment.size == one.length.size + 6
-            assert other.segment.sum() == pytest.approx(one.length.sum(), rel=1e-14)
-
-
-def grooved(mu: float, cells: int) -> Robot:
-    """Half a turn of cable between a winch and an anchor."""
-    robot = cable(
-        "type: winch, motor: m, winding: 1, radius: 0.015, position: [-0.1, 0.0], turn: cw",
-        "type: pulley, radius: 0.02, position: [0.1, 0.0], turn: cw",
-        "type: anchor, position: [-0.1, -0.02]",
-        friction=f"mu_c: {mu}, bristle_stiffness: 1e9", head="joints: []\n",
-    )  # fmt: skip
-    return with_cells(robot, cells)
-
-
-def wound(robot: Robot, motor: Vector) -> tuple[Vector, Vector, Vector]:
-    """Tensions, at the last sample those of all segments [N], and the wrap [rad]."""
-    model = prepare(robot)
-    found = play(model, motor[:, None], np.empty((motor.size, 0)))
-    state = initial_state(model)
-    for k, angle in enumerate(motor):
-        sample = Sample((k + 1) * 1_000_000, np.array([angle]), np.empty(0))
-        state, _ = step(model, state, sample)
-    views = state_views(model.sizes, state.values)
-    return found.tension, 1e4 * (views.length / views.material - 1.0), found.wrap[-1]
-
-
-@pytest.mark.parametrize("cells", [2, 30])
-def test_cells_that_all_slide_have_the_tensions_of_the_whole_pulley(cells: int) -> None:
-    motor = np.concatenate([np.linspace(0.0, 0.2, 300), np.linspace(0.2, -0.02, 300)])
-    whole, _, wrap = wound(grooved(0.2, 1), motor)
-    fine, _, _ = wound(grooved(0.2, cells), motor)
-    for k, way in ((299, 1.0), (-1, -1.0)):
-        ratio = np.exp(way * 0.2 * wrap[0])
-        assert whole[k, 0] / whole[k, 1] == pytest.approx(ratio, rel=1e-6)
-        assert fine[k, 0] / fine[k, 1] == pytest.approx(ratio, rel=1e-6)
-    # the cable on the pulley is stretched by another mean tension
-    np.testing.assert_allclose(fine[[299, -1]], whole[[299, -1]], rtol=5e-3)
-
-
-def test_grashofs_sliding_arc_forms_from_the_cells() -> None:
-    """From the pulling end the cable slides over the arc that halves its excess of tension."""
-    cells, mu = 60, 0.2
-    tension, inside, wrap = wound(grooved(mu, cells), np.linspace(0.0, 0.02, 600))
-    ratio = tension[-1, 0] / tension[-1, 1]
-    assert 1.05 < ratio < np.exp(mu * wrap[0]) / 1.2
-    falls = np.diff(inside)
-    slides = falls < -0.99 * (1.0 - np.exp(-mu * wrap[0] / cells)) * inside[:-1]
-    count = int(slides.sum())
-    assert np.all(slides[:count]), "one arc, from the pulling end on"
-    assert count * wrap[0] / cells == pytest.approx(log(ratio) / mu, abs=1.5 * wrap[0] / cells)
-    np.testing.assert_allclose(inside[count + 2 :], PRELOAD, rtol=2e-3)

@@ -6,7 +6,6 @@ from math import exp
 
 import numpy as np
 import pytest
-from model.rigid_bodies import pulls, rate_of_free_length
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
@@ -76,25 +75,6 @@ def test_a_pulled_cable_has_the_capstans_ratio_of_tensions(contact: str) -> None
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-def test_without_friction_efforts_are_tension_times_moment_arm(contact: str) -> None:
-    model = robot(CONTACTS[contact], "none", ARM_END)
-    joint = 0.3 * np.sin(np.linspace(0.0, 6.0, 200))
-    found = play(model, np.full(200, 0.1), joint)
-    tension = found.values[:, model.layout.tension]
-    effort = found.values[:, model.layout.joint_effort][:, 0]
-    assert np.ptp(tension, axis=1).max() < 1e-6
-    arms = [
-        sum(
-            rate_of_free_length(model.robot, np.array([angle]), 0, pull)
-            for pull in pulls(model, np.array([angle]))
-        )
-        for angle in joint
-    ]
-    assert effort == pytest.approx(-tension[:, 0] * arms, abs=1e-7)
-    assert np.abs(effort).max() > 0.1
-
-
-@pytest.mark.parametrize("contact", CONTACTS)
 def test_friction_only_takes_energy(contact: str) -> None:
     """Over closed cycles of the joint the work done on the robot is not negative."""
     model = robot(CONTACTS[contact], end=ARM_END)
@@ -110,17 +90,6 @@ def test_friction_only_takes_energy(contact: str) -> None:
     lost = np.cumsum(friction * slip)
     assert lost[-1] > 0.0
     assert np.all(lost[[799, 1199, 1599]] > lost[[399, 799, 1199]] - 1e-9)
-
-
-def test_the_force_on_a_node_is_the_sum_of_both_pulls() -> None:
-    model = robot(CONTACTS["eyelet"], "none")
-    found = play(model, np.full(2, 0.1), np.zeros(2)).values[-1]
-    layout, direction = model.layout, shape_at(model, np.zeros(1)).direction
-    force = [found[part][0] for part in (layout.force_x, layout.force_y, layout.force_z)]
-    before, after = found[layout.tension]
-    assert force == pytest.approx(after * direction[1] - before * direction[0], abs=1e-12)
-    assert abs(force[2]) > 1.0
-    assert found[layout.magnitude][0] == pytest.approx(float(np.linalg.norm(force)), abs=1e-12)
 
 
 @pytest.mark.parametrize("law", ["lugre", "elastoplastic"])

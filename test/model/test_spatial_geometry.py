@@ -6,7 +6,6 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 import pytest
-from model.element_law import law_and_measured
 from model.rigid_bodies import pulls, rate_of_free_length
 
 from cdrj_ros.estimation.estimator import initial_state, step
@@ -128,11 +127,6 @@ ENDS = {
 }
 
 
-GEODESIC = frozenset(CONTACTS) - {"pulleys", "bodies in a row"}
-"""Contacts on which the cable takes the shortest path.  A grooved pulley holds it in its plane, and
-where it comes from aside it bends at the rim; "bodies in a row" ends with such a pulley."""
-
-
 def possible_poses(model: Model) -> list[np.ndarray]:
     """Random poses in which the cable does not leave a pulley."""
     angles = np.random.default_rng(0).uniform([-0.6, -0.1], [0.6, 0.1], (40, 2))
@@ -156,103 +150,6 @@ def test_lever_arms_are_rates_of_lengths_between_points_that_rest_in_their_bodie
             assert arms[pull.elements].sum(axis=0) == pytest.approx(np.array(expected), abs=1e-14)
             largest = max(largest, float(np.abs(expected).max()))
     assert largest > 0.05
-
-
-@pytest.mark.parametrize("ends", ["anchors", "rolling"])
-@pytest.mark.parametrize("contacts", sorted(GEODESIC))
-def test_elements_change_by_their_lever_arms_and_by_the_motion_of_the_middles(
-    contacts: str, ends: str
-) -> None:
-    first, last = ENDS[ends]
-    model = model_of(first, *CONTACTS[contacts], last)
-    checked, moved = 0, 0.0
-    for angle in possible_poses(model):
-        for joint in range(2):
-            both = law_and_measured(model, angle, joint)
-            if both is None:  # a step across a lift-off
-                continue
-            law, measured = both
-            for pull in pulls(model, angle):
-                total, grown = law[pull.elements].sum(), measured[pull.elements].sum()
-                assert total == pytest.approx(grown, abs=2e-9)
-            arms = shape_at(model, angle).lever_arm[:, joint]
-            assert arms.sum() == pytest.approx(measured.sum(), abs=2e-9)
-            moved = max(moved, float(np.abs(arms - measured).max()))
-            checked += 1
-    assert checked > 30
-    assert (moved > 1e-3) == (contacts not in ("points", "sheath")), "whose middles are at rest"
-
-
-def test_a_helix_of_three_turns_is_a_straight_line_on_the_unrolled_cylinder() -> None:
-    radius, out, rise = 0.03, 0.1, 0.05
-    model = model_of(
-        anchor(-out, -radius, 0.0),
-        f"type: cylinder, radius: {radius}, position: [0, 0, 0.3], axis: [0, 0, 2], turn: ccw, "
-        "turns: 3",
-        anchor(out, -radius, rise),
-    )
-    found = shape_at(model, REST)
-    level = 2.0 * out + 6.0 * pi * radius
-    assert found.length.sum() == pytest.approx(hypot(level, rise), abs=1e-15)
-    # the curvature of a helix is cos^2 / r: its angle falls with the cosine of the slope
-    assert found.wrap[0] == pytest.approx(6.0 * pi * level / hypot(level, rise), rel=1e-14)
-
-
-def test_a_great_circle_lies_in_the_plane_of_centre_and_points() -> None:
-    radius, centre = 0.03, np.array([0.02, 0.01, -0.02])
-    a, b = centre + np.array([-0.1, 0.02, 0.005]), centre + np.array([0.12, -0.015, 0.01])
-    model = model_of(
-        anchor(*a),
-        f"type: sphere, radius: {radius}, position: [{centre[0]}, {centre[1]}, {centre[2]}]",
-        anchor(*b),
-    )
-    found = shape_at(model, REST)
-    da, db = float(np.linalg.norm(a - centre)), float(np.linalg.norm(b - centre))
-    between = acos(float((a - centre) @ (b - centre)) / (da * db))
-    arc = between - acos(radius / da) - acos(radius / db)
-    expected = sqrt(da**2 - radius**2) + sqrt(db**2 - radius**2) + radius * arc
-    assert arc > 0.0
-    assert found.length.sum() == pytest.approx(expected, abs=1e-15)
-    assert found.wrap[0] == pytest.approx(arc, abs=1e-13)
-
-
-def test_a_swivelling_pulley_has_the_length_of_a_parallel_robot() -> None:
-    radius, out, down = 0.04, 0.9, 0.7
-    for azimuth in (0.0, 1.0, 2.5, -2.0):
-        model = model_of(
-            anchor(0, 0, -1.0),
-            f"type: swivel, radius: {radius}, position: [0, 0, 0], axis: [0, 0, 1]",
-            anchor(out * cos(azimuth), out * sin(azimuth), -down),
-        )
-        found = shape_at(model, REST)
-        # the pulley stands over the axis; the cable rises, goes over it and down to the point
-        x, free = out - radius, sqrt((out - radius) ** 2 + down**2 - radius**2)
-        wrap = pi - acos(radius / hypot(x, down)) - atan2(-down, x)
-        assert found.wrap[0] == pytest.approx(wrap, abs=1e-13)
-        assert found.length.sum() == pytest.approx(1.0 + radius * wrap + free, abs=1e-14)
-
-
-def test_an_eyelet_wraps_by_the_bend() -> None:
-    model = model_of(
-        anchor(0, 0, 0), "type: eyelet, position: [1, 0, 0]", anchor(1.0 + cos(0.3), 0, sin(0.3))
-    )
-    assert shape_at(model, REST).wrap[0] == pytest.approx(0.3, abs=1e-15)
-
-
-def test_a_grooved_pulley_is_left_along_a_tangent_of_its_circle_seen_along_the_axis() -> None:
-    """The line from a pulley to a point off its plane is at a right angle to the radius."""
-    radius, out, aside = 0.03, 0.2, 0.05
-    model = model_of(
-        anchor(-0.2, radius, 0.0),
-        f"type: pulley, radius: {radius}, position: [0, 0, 0], axis: [0, 0, 1], turn: cw",
-        anchor(out, -0.1, aside),
-    )
-    found = shape_at(model, REST)
-    distance = hypot(out, 0.1)
-    level = sqrt(distance**2 - radius**2)
-    wrap = pi / 2.0 - (acos(radius / distance) + atan2(-0.1, out))
-    assert found.wrap[0] == pytest.approx(wrap, abs=1e-14)
-    assert found.length.sum() == pytest.approx(0.2 + radius * wrap + hypot(level, aside), abs=1e-15)
 
 
 def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
@@ -316,22 +213,6 @@ cables:
         assert deep.lever_arm == pytest.approx(flat.lever_arm, abs=1e-14)
         assert deep.wrap == pytest.approx(flat.wrap, abs=1e-13)
         assert deep.direction[:, :2] == pytest.approx(flat.direction[:, :2], abs=1e-14)
-
-
-def test_a_sector_may_turn_further_than_once_round() -> None:
-    head = HEAD.replace("[-1, 1]", "[-9, 9]")
-    model = model_of(
-        anchor(0, 0.04, 0),
-        "type: anchor, radius: 0.04, position: [0, 0, 0], frame: wheel, axis: [0, 0, 1], turn: cw",
-        head=head.replace(
-            "friction:",
-            "  - {name: wheel, motion: revolute, joint: q, origin: [0.3, 0, 0]}\nfriction:",
-        ),
-    )
-    for angle in np.linspace(-6.0, 9.0, 31):
-        assert shape_at(model, np.array([angle, 0.0])).length.sum() == pytest.approx(
-            0.3 - 0.04 * angle, abs=1e-14
-        )
 
 
 MISTAKES = {
@@ -467,21 +348,3 @@ def test_a_body_may_be_ignored_while_a_neighbouring_point_lies_inside() -> None:
     assert found.possible
     assert found.length.sum() == pytest.approx(0.3, abs=1e-15)
     assert found.wrap[0] == 0.0
-
-
-def test_frames_keep_their_axes_orthogonal_in_long_chains() -> None:
-    count = 40
-    frames = "".join(
-        f"  - {{name: f{k}, parent: {f'f{k - 1}' if k else 'base'}, motion: revolute, joint: q, "
-        f"origin: [0.1, 0, 0], axis: [{k % 3 == 0:d}, {k % 3 == 1:d}, {k % 3 == 2:d}]}}\n"
-        for k in range(count)
-    )
-    ends = "".join(
-        f"      - {{type: anchor, frame: f{count - 1}, position: {place}}}\n"
-        for place in ("[0, 0, 0]", "[0.3, 0.4, 0]")
-    )
-    text = "name: chain\nmotors: []\njoints: [{name: q, range: [-3.2, 3.2]}]\nframes:\n" + frames
-    text += "cables:\n  - name: c\n    axial_stiffness: 1e4\n    preload: 1\n    nodes:\n" + ends
-    model = prepare(parse_robot(text))
-    for angle in (0.4, 2.9, -3.1):
-        assert shape_at(model, np.array([angle])).length[0] == pytest.approx(0.5, abs=1e-14)
