@@ -78,7 +78,6 @@ docs: setup $(DOCS)
 MINUTES ?= 30
 soak: setup
 	@$(IN_ENV) python tools/campaign.py --runs 10 --mixed 300
-	@$(IN_ENV) CDRJ_STREAMS=1000 python -m pytest -q test/estimation/test_time_line.py
 	@$(IN_ENV) CDRJ_SENSORS=50 python -m pytest -q test/estimation/test_take_back.py
 	@$(IN_ENV) CDRJ_HOSTILE=2000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) CDRJ_DAMAGES=10 python -m pytest -q test/robot/test_reader_fuzz.py \

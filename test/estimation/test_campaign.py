@@ -20,7 +20,6 @@ from support.campaign import (
     Course,
     Faults,
     Lie,
-    Mode,
     course_of,
     judge,
     quarter_rate,
@@ -141,25 +140,6 @@ def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course
     verdict = judge(course, outputs, KNOWN_NS, course.duration_ns)
     assert verdict.beyond(5.0) == 0.0
     assert verdict.ratio.size > 0.99 * verdict.judged
-
-
-@pytest.mark.parametrize("mode", ["wait", "predict"])
-def test_a_slow_joint_beside_a_fast_motor(mode: Mode, model: Model, course: Course) -> None:
-    faults = Faults(period_ns={"winch": MS, "elbow": SECOND // 2}, mode=mode)
-    verdict = judge(course, run(model, course, faults), KNOWN_NS, course.duration_ns)
-    assert verdict.judged > 16 * 5500
-    assert verdict.beyond(2.0) <= BEYOND_TWO
-    assert verdict.beyond(5.0) <= BEYOND_FIVE
-
-
-@pytest.mark.parametrize("hertz", [1.5, 5.0, 20.0, 100.0])
-def test_two_slow_topics(hertz: float, model: Model, course: Course) -> None:
-    period = int(SECOND / hertz)
-    faults = Faults(period_ns={"winch": period, "elbow": period})
-    verdict = judge(course, run(model, course, faults), KNOWN_NS, course.duration_ns)
-    assert verdict.judged >= 16 * 5 * hertz
-    assert verdict.beyond(2.0) <= BEYOND_TWO
-    assert verdict.beyond(5.0) <= BEYOND_FIVE
 
 
 @pytest.mark.parametrize("hertz", [20, 50, 100, 200])

@@ -24,12 +24,10 @@ from cdrj_ros.estimation.encoderless import (
     RecentEfforts,
     efforts_at,
 )
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.inspection.observability import determined_joints, effort_slopes
+from cdrj_ros.inspection.observability import determined_joints
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
@@ -99,21 +97,6 @@ def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
     assert found.values[40:].tobytes() == again.values.tobytes()
 
 
-def test_a_lost_joint_is_found_again(prototype: Model) -> None:
-    samples = motion(prototype, 400)
-    _, efforts = truth_of(prototype, samples)
-    joint = samples.joint_angle.copy()
-    far = samples.motor_angle.copy()
-    far[200:] += 20.0  # a slip of the encoder by three turns: the cables cannot explain the efforts
-    read = Samples(samples.stamp_ns, far, joint[:, :0])
-    found = EncoderlessEstimator(prototype, members=0).run(read, efforts)
-    assert found.angles is not None
-    lower, upper = prototype.robot.joints[0].lower, prototype.robot.joints[0].upper
-    assert np.all((found.angles.value >= lower) & (found.angles.value <= upper))
-    before = found.angles.value[100:200, 0] - joint[100:200, 0]
-    assert np.abs(before).max() < 0.01
-
-
 def test_the_live_estimator_gives_what_a_recording_gives(prototype: Model) -> None:
     samples = motion(prototype, 60)
     _, efforts = truth_of(prototype, samples)
@@ -170,31 +153,6 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
         heard.add(stamp, ["one", "strange"], [value, 1.0])
     one_by_one = np.array([heard.at(int(stamp)) for stamp in at])
     assert np.allclose(one_by_one, np.column_stack([found[:, 0], found[:, 1]]), equal_nan=True)
-
-
-def test_bad_arguments_are_refused(prototype: Model) -> None:
-    with pytest.raises(ValueError, match="has an encoder"):
-        EncoderlessEstimator(load_model(str(ROBOTS / "prototype.yaml")))
-    with pytest.raises(ValueError, match="even"):
-        EncoderlessEstimator(prototype, members=3)
-    samples = only_measured(prototype, motion(prototype, 5))
-    with pytest.raises(ValueError, match="shape"):
-        EncoderlessEstimator(prototype, members=0).run(samples, np.zeros((5, 2)))
-
-
-def test_slopes_are_those_of_the_model_without_friction(prototype: Model) -> None:
-    document: Any = deepcopy(dict(prototype.robot.document))
-    document["friction"]["law"] = "none"
-    bare = prepare(build_robot(document, "bare"))
-    pose = np.array([0.0])  # both cables are taut there
-    step = 1e-5
-    efforts = []
-    for angle in (pose - step, pose + step):
-        samples = Samples(np.array([START]), np.array([[0.0]]), angle[None, :])
-        _, found = run(bare, initial_state(bare), samples)
-        efforts.append(found.values[0, bare.layout.motor_effort][0])
-    slope = (efforts[1] - efforts[0]) / (2.0 * step)
-    assert effort_slopes(bare, pose)[0, 0] == pytest.approx(slope, rel=0.02)
 
 
 def test_a_joint_that_no_winch_feels_is_not_determined() -> None:

@@ -3,41 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from cdrj_ros.estimation.cable_index import CableIndex
 from cdrj_ros.estimation.draws import (
     draw_members,
-    friction_shares,
-    independent_factors,
-    reading_errors,
 )
-from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble, stddev_columns
+from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.model.elasticity import elasticity_of, tensions_at
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import state_views
 from cdrj_ros.recordings import Topics
-from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.parameters import find_number, with_numbers
-from cdrj_ros.robot.reader import build_robot, parse_robot
+from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).parents[2]
 ROBOTS = ROOT / "config" / "robots"
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 RATE = 100.0
 RUNS = 200
-FEW = 8
-"""Members, where their number does not matter."""
 WATCHED = 1000
 """Number of samples in a run of the estimator."""
 EVERY = 20
@@ -138,22 +128,6 @@ def _samples(samples: Samples) -> Sequence[Sample]:
     ]
 
 
-def test_the_spread_narrows_as_pulleys_slip(model: Model, path: Samples) -> None:
-    spread = Ensemble(model)
-    _, estimates = spread.run(initial_state(model), _part(path, slice(1700, 3000)))
-    overall = np.sqrt((estimates.stddev[:, : len(model.layout.elements)] ** 2).mean(axis=1))
-    assert overall[-100:].mean() < 0.4 * overall[0]
-
-
-def test_sample_by_sample_and_in_bulk_the_spread_is_the_same(model: Model, path: Samples) -> None:
-    samples = _part(path, slice(0, 300))
-    _, bulk = Ensemble(model).run(initial_state(model), samples)
-    spread, state = Ensemble(model), initial_state(model)
-    for k, sample in enumerate(_samples(samples)):
-        state, estimate = step(model, state, sample)
-        assert np.array_equal(spread.update(sample, estimate), bulk.stddev[k])
-
-
 @pytest.mark.parametrize("at_once", [True, False])
 @pytest.mark.parametrize("seen", [True, False])
 def test_in_one_call_estimate_and_spread_are_the_same(
@@ -196,22 +170,6 @@ def test_angles_of_any_layout_give_the_same_and_those_of_another_robot_are_refus
         step(model, state, more)
     with pytest.raises(ValueError, match="not those of this robot"):
         Ensemble(model).step(state, more)
-
-
-def test_the_spread_does_not_change_the_estimate(model: Model, path: Samples) -> None:
-    samples = _part(path, slice(0, 500))
-    _, alone = run(model, initial_state(model), samples)
-    _, beside = Ensemble(model).run(initial_state(model), samples)
-    assert np.array_equal(alone.values, beside.values)
-
-
-def test_after_a_reset_the_spread_is_that_of_a_new_one(model: Model, path: Samples) -> None:
-    samples = _part(path, slice(0, 200))
-    spread = Ensemble(model)
-    _, first = spread.run(initial_state(model), samples)
-    spread.reset()
-    _, second = spread.run(initial_state(model), samples)
-    assert np.array_equal(first.stddev, second.stddev)
 
 
 ONE_STRAND = """
@@ -265,31 +223,6 @@ def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     assert np.mean(spreads) == pytest.approx(expected, rel=0.1)
 
 
-def stiffening(model: Model) -> Robot:
-    """The robot with cables whose strands bed in."""
-    given = {
-        f"cables.{cable.name}.{key}": value
-        for cable in model.robot.cables
-        for key, value in (("bedding_strain", 0.003), ("bedding_tension", 12.0))
-    }
-    return build_robot(with_numbers(dict(model.robot.document), given), model.robot.source)
-
-
-def test_a_correction_changes_the_tensions_of_a_stiffening_cable_by_what_it_says(
-    model: Model,
-) -> None:
-    soft = prepare(stiffening(model))
-    sample = Sample(1, np.zeros(1), np.zeros(1))
-    state, estimate = step(soft, initial_state(soft), sample)
-    states, numbers = np.stack([state.values] * 2), np.stack([soft.numbers] * 2)
-    shift = np.array([np.linspace(-3.0, 5.0, 8), np.zeros(8)])
-    CableIndex(soft, 0).states(states, numbers).stretch(shift)
-    kept = state_views(soft.sizes, states)
-    law = elasticity_of(soft.robot.cables[0])
-    tension = tensions_at(law, kept.length[:, :8] / kept.material[:, :8] - 1.0)
-    np.testing.assert_allclose(tension, estimate.tension[:8] + shift, rtol=1e-12)
-
-
 def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
     """The idlers of the wrist are closer together than the default accuracy of their positions."""
     model = load_model(str(ROBOTS / "wrist.yaml"))
@@ -303,59 +236,6 @@ def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
             drawn = np.array([find_number(dict(one.document), path).value for one in robots])
             assert len(set(drawn)) == MEMBERS
             assert 0.5 < np.std(drawn - nominal) / stddev[k] < 1.5
-
-
-def test_members_stay_within_the_limits_of_a_robot_file(model: Model) -> None:
-    known = model.robot.uncertainty
-    assert known is not None
-    wide = replace(known, covariance=1e4 * known.covariance)
-    for robot in draw_members(
-        replace(model.robot, uncertainty=wide), MEMBERS, np.random.default_rng(0)
-    ):
-        for cable in robot.cables:
-            assert cable.preload >= 0.0
-            assert cable.axial_stiffness > 0.0
-            for pulley in cable.pulleys:
-                assert 0.0 <= pulley.friction.rho <= 1.0
-                assert pulley.friction.mu_s >= pulley.friction.mu_c >= 0.0
-
-
-def test_numbers_of_any_unit_are_drawn_with_their_own_spread() -> None:
-    paths = ("cables.upper.axial_stiffness", "cables.lower.axial_stiffness", "friction.rho", "x")
-    scale = np.array([2e11, 4e5, 1.5e-4, 3e-7])
-    correlation = np.full((4, 4), 0.9) + 0.1 * np.eye(4)
-    covariance = correlation * np.outer(scale, scale)
-    factors = independent_factors(Uncertainty(paths, covariance, stated=4))
-    given_back = factors @ factors.T / np.outer(scale, scale)
-    np.testing.assert_allclose(given_back, correlation, atol=1e-12)
-
-
-def test_friction_histories_are_symmetric_and_within_bounds() -> None:
-    shares = friction_shares(MEMBERS, 7, np.random.default_rng(0))
-    assert shares.shape == (MEMBERS, 7)
-    assert np.all(np.abs(shares) <= 1.0)
-    assert np.allclose(shares.sum(axis=0), 0.0)
-
-
-def test_reading_errors_have_the_sensors_noise_and_resolution(model: Model) -> None:
-    zeros = np.zeros((MEMBERS, len(model.robot.axes)))
-    errors = reading_errors(model.robot, zeros, np.random.default_rng(0))
-    counts = [axis.sensor.resolution for axis in model.robot.axes]
-    assert np.all(np.abs(errors) <= 0.5 * np.array(counts))
-    assert np.allclose(errors.std(axis=0), np.array(counts) / np.sqrt(12.0), rtol=0.05)
-
-
-def test_columns_are_tensions_forces_and_efforts(model: Model) -> None:
-    layout = model.layout
-    columns = stddev_columns(layout)
-    assert columns.size == len(layout.elements + layout.pulleys + layout.motors + layout.joints)
-    assert columns[0] == layout.tension.start
-    assert columns[-1] == layout.joint_effort.stop - 1
-
-
-def test_an_odd_number_of_members_is_refused(model: Model) -> None:
-    with pytest.raises(ValueError, match="even"):
-        Ensemble(model, members=9)
 
 
 def test_what_was_published_first_does_not_depend_on_when_the_member_is_updated(

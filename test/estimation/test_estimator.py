@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cdrj_ros.estimation.estimator import NEVER, Estimates, State, initial_state, run, step
+from cdrj_ros.estimation.estimator import State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
@@ -110,15 +110,6 @@ def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
         assert resumed.stamp_ns == state.stamp_ns
 
 
-def test_an_empty_run_changes_nothing() -> None:
-    start = initial_state(ROUTED_MODEL)
-    state, estimates = run(ROUTED_MODEL, start, part(motion(ROUTED_MODEL, 5), 0, 0))
-    assert state is start
-    assert state.stamp_ns == NEVER
-    assert isinstance(estimates, Estimates)
-    assert estimates.values.shape == (0, ROUTED_MODEL.layout.size)
-
-
 def test_states_and_samples_are_never_changed_in_place() -> None:
     samples = motion(ROUTED_MODEL, 300)
     copies = [column.copy() for column in vars(samples).values()]
@@ -135,22 +126,6 @@ def test_states_and_samples_are_never_changed_in_place() -> None:
         assert column.tobytes() == copy.tobytes()
 
 
-def test_an_estimate_does_not_change_when_the_next_sample_comes() -> None:
-    samples = motion(ROUTED_MODEL, 3)
-    state, estimate = step(ROUTED_MODEL, initial_state(ROUTED_MODEL), sample(samples, 0))
-    tension = estimate.tension.copy()
-    step(ROUTED_MODEL, state, sample(samples, 2))
-    np.testing.assert_array_equal(estimate.tension, tension)
-
-
-def test_the_time_of_the_first_sample_does_not_matter() -> None:
-    samples = motion(ROUTED_MODEL, 200)
-    early = replace(samples, stamp_ns=samples.stamp_ns - EPOCH_NS + 1)
-    one = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), samples)[1].values
-    other = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), early)[1].values
-    assert one.tobytes() == other.tobytes()
-
-
 def test_effort_signs_convert_exerted_efforts_into_balancing_ones() -> None:
     plain = prepare(parse_robot(ROUTED.replace("effort_sign: -1", "effort_sign: 1")))
     samples = motion(plain, 50)
@@ -160,22 +135,6 @@ def test_effort_signs_convert_exerted_efforts_into_balancing_ones() -> None:
         np.testing.assert_array_equal(signed.motor_effort, without.motor_effort * [1, -1])
         np.testing.assert_array_equal(signed.joint_effort, without.joint_effort * [-1, 1])
         assert np.abs(without.joint_effort).min() > 0.0
-
-
-def test_nodal_forces_are_the_vector_sums_of_both_pulls() -> None:
-    model = MODELS["elastoplastic"]
-    samples = motion(model, 500)
-    state, estimates = run(model, initial_state(model), part(samples, 0, 499))
-    _, last = step(model, state, sample(samples, 499))
-    tension = last.tension[:8]
-    wrap = np.radians([40.9, 105.4, 32.1, 57.7, np.nan, 180.0, 90.0])
-    before, after = tension[:-1], tension[1:]
-    wanted = np.sqrt(before**2 + after**2 - 2 * before * after * np.cos(wrap))  # (38)
-    fixed = np.isfinite(wrap)
-    np.testing.assert_allclose(last.nodal_force[:7][fixed], wanted[fixed], rtol=1e-12)
-    np.testing.assert_allclose(last.friction[:7], after - before, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(last.force_x, last.force_y), last.nodal_force, rtol=1e-12)
-    assert estimates.values.shape[0] == 499
 
 
 def assert_refused(state: State) -> None:

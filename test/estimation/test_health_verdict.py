@@ -39,10 +39,6 @@ def verdict(*changes: Change, times: float = 2.0, others: tuple[str, ...] = ()) 
     return Evaluation(found, 200.0, 1.0, {})
 
 
-def test_without_a_verdict_nothing_is_in_doubt(model: Model) -> None:
-    assert not unsure_elements(model.robot, None, corrected=False).any()
-
-
 @pytest.mark.parametrize("what", ["preload of upper", "cable upper"])
 def test_a_change_of_one_cable_concerns_that_cable_unless_something_else_explains_it(
     model: Model, changes: dict[str, Change], what: str
@@ -64,11 +60,6 @@ def test_every_other_verdict_concerns_all_elements(
     model: Model, changes: dict[str, Change], what: str
 ) -> None:
     assert unsure_elements(model.robot, verdict(changes[what]), corrected=False).all()
-
-
-def test_readings_that_no_change_explains_concern_all_elements(model: Model) -> None:
-    standing = Evaluation((), 0.0, 100.0, {"winch": (0.3, 0.3)})
-    assert unsure_elements(model.robot, standing, corrected=True).all()
 
 
 def test_changes_too_small_to_report_are_no_reason(

@@ -16,7 +16,6 @@ from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.motion import sine
@@ -116,11 +115,3 @@ def test_friction_that_the_file_states_is_known_to_thirty_percent() -> None:
     stated = MotorFriction(replace(robot, motors=(replace(motor, passive=passive),)))
     assert stated.stddev(0, 0.0) == pytest.approx(0.015)
     assert MotorFriction(robot).stddev(0, 0.5) == pytest.approx(0.05)
-
-
-def test_an_accuracy_that_the_file_states_is_taken() -> None:
-    document, source = load_document(ROBOT)
-    assert isinstance(document["uncertainty"], dict)
-    document["uncertainty"]["parameters"].append("motors.winch.bearing_torque")
-    document["uncertainty"]["stddev"].append(0.003)
-    assert MotorFriction(build_robot(document, source)).stddev(0, 0.5) == pytest.approx(0.003)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.robot.description import Robot, Sensor
-from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 TEXT = PROTOTYPE.read_text(encoding="utf-8")
@@ -42,29 +40,6 @@ def test_a_correction_is_linear_between_its_points_and_constant_beyond(
     reading = Series(stamps, stamps, np.full(2, np.radians(reading_deg)))
     (samples,) = condition(robot, {"winch": flat}, {"elbow": reading}).segments
     np.testing.assert_allclose(np.degrees(samples.joint_angle[:, 0]), angle_deg)
-
-
-def test_a_correction_is_the_same_bit_for_bit_message_by_message_and_in_bulk(robot: Robot) -> None:
-    time = np.arange(200)
-    stamps = EPOCH_NS + time * 5_000_000
-    angle = 0.6 * np.sin(0.1 * time)
-    readings = Series(stamps, stamps, angle)
-    (bulk,) = condition(robot, {"winch": readings}, {"elbow": readings}).segments
-    conditioner = Conditioner(robot)
-    samples = []
-    for stamp, value in zip(stamps.tolist(), angle.tolist(), strict=True):
-        samples += conditioner.feed_motors(stamp, ["winch"], [value])
-        samples += conditioner.feed_joints(stamp, ["elbow"], [value])
-    np.testing.assert_array_equal([s.joint_angle[0] for s in samples], bulk.joint_angle[:, 0])
-    assert not np.array_equal(bulk.joint_angle[:, 0], angle)
-
-
-def test_a_sensor_without_correction_is_unchanged() -> None:
-    joint = load_robot(PROTOTYPE).joints[0]
-    assert (
-        replace(joint.sensor, resolution=0.0, noise=0.0, tracking_bandwidth=0.0, tracking="fixed")
-        == Sensor()
-    )
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,12 @@ import pytest
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.estimation.sensor_health import CHECKED
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import SLACK, UNSURE
+from cdrj_ros.model.status import UNSURE
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -209,26 +208,6 @@ def test_after_a_reset_a_dropped_sensor_is_on_trial_again(model: Model) -> None:
     assert not fusion.faults()
 
 
-def test_a_good_load_cell_is_never_dropped(model: Model, readings: Samples) -> None:
-    _, values = _truth("36.85,26.26", readings)
-    tension = values[:, model.layout.tension]
-    generator = np.random.default_rng(2)
-    column = model.layout.elements.index("lower/8")
-
-    def measure(live: LiveEstimator, k: int) -> None:
-        if k % 4:
-            return
-        said = tension[k, column] + generator.normal(0.0, 0.1)
-        live.feed_tensions(int(readings.stamp_ns[k]), ["lower/8"], [said], [])
-
-    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    assert course.live.fusion is not None
-    health = course.live.fusion.health["lower/8"]
-    assert not health.dropped
-    assert health.refused == 0
-    assert health.used > CHECKED
-
-
 def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
     model: Model, readings: Samples
 ) -> None:
@@ -350,59 +329,6 @@ def test_a_restart_with_a_state_file_continues_without_a_difference(
     assert [p.name for p in tmp_path.iterdir()] == ["state"]  # no temporary file is left
 
 
-@pytest.mark.parametrize("last", [1500, 1900])
-def test_after_a_suspension_the_estimates_are_those_after_a_restart(
-    model: Model, readings: Samples, tmp_path: Path, last: int
-) -> None:
-    path = tmp_path / "state"
-    live = LiveEstimator(model)
-    live.suspend()  # does nothing yet
-    for k in range(1500):
-        live.take(_sample(readings, k))
-    write_state(live, path)
-    live.suspend()
-    assert live.sample is None
-    again = LiveEstimator(model)
-    read_state(again, path)
-    for k in range(last, last + 100):
-        one, other = live.take(_sample(readings, k)), again.take(_sample(readings, k))
-        assert np.array_equal(one.estimate.values, other.estimate.values)
-        assert one.stddev is not None
-        assert np.array_equal(one.stddev, other.stddev)
-
-
-def test_a_motion_during_a_restart_increases_the_standard_deviation(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
-    path = tmp_path / "state"
-    live = LiveEstimator(model)
-    for k in range(1500):
-        known = live.take(_sample(readings, k)).stddev
-    write_state(live, path)
-    again = LiveEstimator(model)
-    read_state(again, path)
-    later = again.take(_sample(readings, 1900)).stddev
-    assert known is not None
-    assert later is not None
-    assert later[:16].mean() > 2.0 * known[:16].mean()
-
-
-def test_a_clock_that_was_set_back_does_not_spoil_a_state_file(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
-    path = tmp_path / "state"
-    live = LiveEstimator(model)
-    for k in range(500):
-        live.take(_sample(readings, k))
-    write_state(live, path)
-    again = LiveEstimator(model)
-    read_state(again, path)
-    sample = _sample(readings, 500)
-    output = again.take(sample._replace(stamp_ns=sample.stamp_ns - 10**15))
-    expected = live.take(sample)
-    assert np.allclose(output.estimate.tension, expected.estimate.tension, atol=1e-3)
-
-
 @pytest.mark.parametrize("damage", ["cut", "garbage", "empty", "other robot", "nan"])
 def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
     model: Model, readings: Samples, tmp_path: Path, damage: str
@@ -482,26 +408,3 @@ def test_an_invalid_preload_changes_nothing(
         live.set_preload(preloads)
     one, other = live.take(_sample(readings, 100)), untouched.take(_sample(readings, 100))
     assert np.array_equal(one.estimate.values, other.estimate.values)
-
-
-def test_friction_may_change_without_forgetting_the_history(
-    model: Model, readings: Samples
-) -> None:
-    live = LiveEstimator(model)
-    for k in range(1500):
-        before = live.take(_sample(readings, k)).estimate.tension.copy()
-    live.set_numbers({"friction.rho": 0.25})
-    after = live.take(_sample(readings, 1500)).estimate
-    fresh = LiveEstimator(model).take(_sample(readings, 1500)).estimate.tension
-    assert np.abs(after.tension - before).max() < 0.5 * np.abs(fresh - before).max()
-    assert live.model.robot.cables[0].pulleys[0].friction.rho == 0.25
-    with pytest.raises(CdrjError):
-        live.set_numbers({"friction.mu_s": 0.01})  # below mu_c
-    assert live.model.robot.cables[0].pulleys[0].friction.mu_s == 0.2
-
-
-def test_no_false_slack_in_ten_minutes_of_normal_motion(model: Model, readings: Samples) -> None:
-    long = _again(readings, 10)
-    assert (long.stamp_ns[-1] - long.stamp_ns[0]) * 1e-9 > 590.0
-    _, estimates = run(model, initial_state(model), long)
-    assert not np.any(estimates.values[:, model.layout.status].astype(int) & SLACK)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,6 @@ from support.wound import robot_of
 from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.estimation.whole_recording import Conditioned, condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.reader import parse_robot
 
@@ -28,8 +26,6 @@ MOTORS, JOINTS = ("a", "b"), ("p", "q")
 NAMES = MOTORS + JOINTS
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
-STREAMS = int(os.environ.get("CDRJ_STREAMS", "50"))
-"""Number of streams of messages of any kind; 1000 in ``make soak``."""
 
 
 @dataclass(frozen=True)
@@ -85,28 +81,6 @@ def bits(samples: Sequence[Sample]) -> list[tuple[int, bytes, bytes]]:
     ]
 
 
-def offline(messages: Sequence[Message]) -> Conditioned:
-    """The messages as a recording, conditioned as a whole; they arrive in their order."""
-    rows: dict[str, list[tuple[int, int, float]]] = {name: [] for name in NAMES}
-    for arrival, message in enumerate(messages):
-        for name, value in zip(message.names, message.values, strict=True):
-            rows.setdefault(name, []).append((message.stamp, arrival, value))
-
-    def readings(name: str) -> Series:
-        stamps, arrivals, values = zip(*rows[name], strict=True) if rows[name] else ((), (), ())
-        return Series(
-            np.array(stamps, dtype=np.int64),
-            np.array(arrivals, dtype=np.int64),
-            np.array(values, float),
-        )
-
-    return condition(
-        ROBOT,
-        {name: readings(name) for name in rows if name not in JOINTS},
-        {name: readings(name) for name in JOINTS},
-    )
-
-
 def course(k: int, stamp: int) -> float:
     """Angle of channel k at a time: within its range, slower than its limit."""
     return float((0.5, 3.0, 0.9, 0.5)[k] * np.sin((stamp - START) * 1e-9 * (2.0 + k)) + (k == 3))
@@ -147,22 +121,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
-@given(SEEDS, SEEDS)
-def test_offline_and_online_agree_to_the_bit_whatever_the_interleaving(
-    seed: int, order: int
-) -> None:
-    streams = two_topics(seed)
-    listener = listen(interleaved(streams, order))
-    assert bits(listener.samples) == bits(listen(by_stamp(streams)).samples)
-    done = offline(by_stamp(streams))
-    assert done.accepted == listener.conditioner.accepted
-    assert done.accepted == sum(len(m.names) for one in streams for m in one)
-    assert not any(done.refused.values())
-    whole = [s.at(k) for s in done.segments for k in range(s.stamp_ns.size)]
-    assert bits(whole) == bits(listener.samples)
-
-
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(SEEDS)
 def test_samples_increase_and_lie_between_their_neighbours(seed: int) -> None:
     streams = two_topics(seed)
@@ -185,107 +143,6 @@ def test_samples_increase_and_lie_between_their_neighbours(seed: int) -> None:
             assert min(before, after) - 1e-15 <= value <= max(before, after) + 1e-15
             if sample.stamp_ns in channel:
                 assert value == channel[sample.stamp_ns]
-
-
-def hostile(kind: str, message: Message, last: int) -> tuple[Message, str, int]:
-    """A message that must leave no trace, the cause for which it is counted, and how often.
-
-    ``last`` is the newest stamp accepted on every channel of the message.
-    """
-    topic, names = message.topic, message.names
-    count = len(names)
-    fine = message.values
-    other = {"motors": "joints", "joints": "motors"}.get(topic, "both")
-    table: dict[str, tuple[Message, str, int]] = {
-        "nan": (Message(topic, last + 1, names, (np.nan,) * count), "not_finite", count),
-        "infinite": (Message(topic, last + 1, names, (np.inf,) * count), "not_finite", count),
-        "below": (Message(topic, last + 1, names, (-np.inf,) * count), "not_finite", count),
-        "repeated": (Message(topic, last, names, fine), "repeated", count),
-        "late": (Message(topic, last - 1, names, fine), "late", count),
-        "ancient": (Message(topic, 1, names, fine), "late", count),
-        "an hour late": (Message(topic, last - 3600 * SECOND, names, fine), "late", count),
-        "far future": (Message(topic, last + 3600 * SECOND, names, fine), "future", count),
-        "end of time": (Message(topic, 2**62, names, fine), "future", count),
-        "unstamped": (Message(topic, 0, names, fine), "unstamped", 1),
-        "before the epoch": (Message(topic, -5, names, fine), "unstamped", 1),
-        "empty": (Message(topic, last + 1, (), ()), "empty", 1),
-        "too few values": (Message(topic, last + 1, names, fine[1:]), "malformed", 1),
-        "too many values": (Message(topic, last + 1, names, (*fine, 0.0)), "malformed", 1),
-        "values without names": (Message(topic, last + 1, (), (0.0,)), "malformed", 1),
-        "strangers": (Message(topic, last + 1, ("x", "y", ""), (0.0,) * 3), "unknown_name", 3),
-        "wrong topic": (Message(other, last + 1, names, fine), "", 0),
-    }  # fmt: skip
-    return table[kind]
-
-
-KINDS = (
-    "nan", "infinite", "below", "repeated", "late", "ancient", "an hour late",
-    "far future", "end of time", "unstamped", "before the epoch", "empty", "too few values",
-    "too many values", "values without names", "strangers", "wrong topic",
-)  # fmt: skip
-
-
-def disturbed(seed: int, kinds: Sequence[str], most: int) -> None:
-    """Hostile messages between good ones: the samples are those of the good ones alone."""
-    generator = np.random.default_rng(seed)
-    names = {"motors": MOTORS, "joints": JOINTS}
-    good = []
-    for message in interleaved(two_topics(seed, 40), seed):
-        # whole messages, so that one stamp is the newest on all channels of a topic
-        whole = names[message.topic]
-        values = tuple(course(NAMES.index(name), message.stamp) for name in whole)
-        good.append(Message(message.topic, message.stamp, whole, values))
-    wanted = listen(good)
-    listener = Listener()
-    expected = dict.fromkeys(listener.conditioner.refused, 0)
-    newest: dict[str, int] = {}
-    for message in good:
-        if message.topic in newest:
-            for _ in range(generator.integers(0, most + 1)):
-                kind = kinds[generator.integers(len(kinds))]
-                bad, cause, count = hostile(kind, message, newest[message.topic])
-                assert listener.feed(bad) == []
-                if cause:
-                    expected[cause] += count
-        listener.feed(message)
-        newest[message.topic] = message.stamp
-    assert bits(listener.samples) == bits(wanted.samples)
-    assert listener.conditioner.refused == expected
-    assert listener.conditioner.accepted == wanted.conditioner.accepted
-    assert (listener.conditioner.clock_jumps, listener.conditioner.gaps) == (0, 0)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_hostile_message_leaves_no_trace_and_is_counted(kind: str) -> None:
-    for seed in range(5):
-        disturbed(seed, [kind], 1)
-
-
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
-@given(SEEDS)
-def test_hostile_messages_of_all_kinds_leave_no_trace_and_are_counted(seed: int) -> None:
-    disturbed(seed, KINDS, CONFIRMATIONS - 1)
-
-
-def test_readings_out_of_range_or_too_fast_leave_no_trace_and_are_counted() -> None:
-    good = by_stamp(two_topics(3, 40))
-    wanted = listen(good)
-    listener = Listener()
-    sent = {"out_of_range": 0, "implausible": 0}
-    for k, message in enumerate(good):
-        listener.feed(message)
-        if "p" in message.names:
-            for value in (1.0 + 1e-6, -1e300):
-                assert listener.feed(Message("joints", message.stamp + 1, ("p",), (value,))) == []
-                sent["out_of_range"] += 1
-        if "a" in message.names:
-            far = course(0, message.stamp) + (1e-3 if k % 2 else -1e9)
-            assert listener.feed(Message("motors", message.stamp + 1, ("a",), (far,))) == []
-            sent["implausible"] += 1
-    assert bits(listener.samples) == bits(wanted.samples)
-    refused = listener.conditioner.refused
-    assert {cause: refused[cause] for cause in sent} == sent
-    assert sum(refused.values()) == sum(sent.values())
 
 
 def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
@@ -319,14 +176,6 @@ def test_a_clock_that_jumps_back_is_followed_after_enough_confirmations() -> Non
     assert listener.samples[-1].stamp_ns == earlier[-1].stamp
 
 
-def test_a_clock_that_jumps_back_loses_no_reading() -> None:
-    once, earlier = looped(1)
-    listener = listen(once + earlier)
-    assert bits(listener.segments[1]) == bits(listen(earlier).samples)
-    assert listener.conditioner.accepted == 4 * (len(once) + len(earlier))
-    assert not any(listener.conditioner.refused.values())
-
-
 def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading() -> None:
     streams = two_topics(2, 200)
     once = by_stamp(streams)
@@ -355,44 +204,6 @@ def test_a_gap_is_crossed_and_loses_no_reading() -> None:
         first, last = min(stamps), max(stamps)
         assert stamps == {m.stamp for m in messages if first <= m.stamp <= last}
         assert last > cut + wait
-
-
-@settings(max_examples=STREAMS, deadline=None, derandomize=True, database=None)
-@given(st.data())
-def test_every_reading_is_accepted_refused_or_held_and_offline_agrees(data: st.DataObject) -> None:
-    # stamps wander, repeat, jump far ahead and back; values may be anything
-    stamp = START
-    messages = []
-    for _ in range(data.draw(st.integers(1, 40))):
-        stamp += data.draw(
-            st.sampled_from(
-                [1, 1000, 10**6, 10**6, 10**6, 10**6, 0, -1, -(10**6), 3 * SECOND, -3 * SECOND]
-            )
-        )
-        topic = data.draw(st.sampled_from(["motors", "joints"]))
-        names = data.draw(st.sampled_from([("a", "b"), ("a",), ("b",)] if topic == "motors" else
-                                          [("p", "q"), ("p",), ("q",)]))  # fmt: skip
-        values = [data.draw(st.sampled_from([0.0, 0.5, 1e-3, np.nan, 1e9, 1.5])) for _ in names]
-        messages.append(Message(topic, stamp, names, tuple(values)))
-    listener = listen(messages)
-    conditioner = listener.conditioner
-    sent = sum(len(message.names) for message in messages)
-    for segment in listener.segments:
-        stamps = [sample.stamp_ns for sample in segment]
-        assert stamps == sorted(set(stamps))
-        for sample in segment:
-            assert np.all(np.isfinite(sample.motor_angle))
-            assert np.all(np.abs(sample.joint_angle - [0.0, 1.0]) <= 1.0 + 1e-9)
-    done = offline(messages)
-    whole = [
-        bits([segment.at(k) for k in range(segment.stamp_ns.size)]) for segment in done.segments
-    ]
-    assert [one for one in whole if one] == [bits(one) for one in listener.segments if one]
-    assert dict(done.refused) == conditioner.refused
-    assert (done.accepted, done.clock_jumps, done.gaps) == (
-        conditioner.accepted, conditioner.clock_jumps, conditioner.gaps,
-    )  # fmt: skip
-    assert conditioner.accepted + sum(conditioner.refused.values()) + listener.held() == sent
 
 
 def _two_clocks(mode="wait", **sensor):
@@ -446,19 +257,6 @@ def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
     assert samples[0].motor_angle[0] == pytest.approx(-2.0 * 0.2 + 0.5 + 0.1)  # half way back
 
 
-def test_an_encoder_that_wraps_is_unwrapped_alike_online_and_in_bulk():
-    period = 2.0 * np.pi
-    robot, conditioner = _two_clocks(period=period, scale=0.5)
-    stamps = 1_000_000 * np.arange(1, 3001)
-    truth = 9.0 * np.sin(stamps * 2e-9)  # several turns to and fro
-    motor = _readings(stamps, np.mod(truth, period))
-    joint = _readings(stamps, np.zeros(stamps.size))
-    bulk = condition(robot, {"m": motor}, {"j": joint}).segments[0]
-    online = _in_order(conditioner, robot, motor, joint)
-    assert np.array_equal(bulk.motor_angle[:, 0], [s.motor_angle[0] for s in online])
-    assert np.allclose(np.diff(bulk.motor_angle[:, 0]), 0.5 * np.diff(truth), atol=1e-12)
-
-
 def _lagging_joint():
     """A joint encoder at half the rate whose messages come 3 ms late; both move at 1 rad/s."""
     stamps = 1_000_000 * np.arange(1, 401)
@@ -484,34 +282,6 @@ def test_the_first_intervals_of_a_slow_channel_give_no_samples_and_are_unknown()
     assert len(later) == 100
     assert all(np.all(np.isfinite(sample.unseen)) for sample in later)
     assert max(sample.unseen[0].max() for sample in later if sample.unseen.size) > 1e-3
-
-
-@pytest.mark.parametrize("late", [(0, 0, 0), (310, 0, 0), (0, 90, 40), (0, 40, 330)])
-def test_readings_within_an_unknown_interval_come_in_any_order(late: tuple[int, ...]) -> None:
-    """An interval is seen to be unknown when it ends, with the others' readings there or not.
-
-    The joints' messages and those of either motor are ``late`` by so many milliseconds.
-    """
-    stamps = START + SECOND * np.arange(1, 12) // 2
-    begin, end, ms = int(stamps[0]) - SECOND // 5, int(stamps[-1]), SECOND // 1000
-    messages = [
-        Message("joints", stamp, JOINTS, (0.1 * np.sin(stamp * 1e-9), 0.0))
-        for stamp in stamps.tolist()
-    ]
-    for name, every_ms in (("a", 20), ("b", 31)):
-        messages += [
-            Message("motors", stamp, (name,), (stamp * 1e-9 % 1.0,))
-            for stamp in range(begin, end, every_ms * ms)
-        ]
-    delay = {"p": late[0] * ms, "a": late[1] * ms, "b": late[2] * ms}
-    heard = Listener()
-    for message in sorted(messages, key=lambda one: one.stamp + delay[one.names[0]]):
-        heard.feed(message)
-    (samples,) = heard.segments
-    given = [sample.stamp_ns for sample in samples]
-    assert given == sorted(set(given))
-    assert [stamp for stamp in given if stamp <= stamps[3]] == stamps[:4].tolist()
-    assert len([stamp for stamp in given if stamps[3] < stamp <= stamps[-2]]) > 100
 
 
 def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
@@ -547,26 +317,6 @@ def test_prediction_ends_at_its_horizon_and_continues_without_a_lost_reading():
     stamped = [s.stamp_ns for s in seen]
     assert np.array_equal(stamped, stamps)  # the joint's silence is filled in once it is over
     assert np.allclose([s.motor_angle[0] for s in seen], stamps * 1e-9)
-
-
-def test_prediction_keeps_no_more_readings_the_longer_it_runs():
-    _, conditioner = _two_clocks("predict")
-    for k in range(1, 5000):
-        conditioner.feed_motors(1_000_000 * k, ("m",), (0.0,))
-        if k > 3:
-            conditioner.feed_joints(1_000_000 * (k - 3), ("j",), (0.0,))
-    assert max(conditioner.waiting.values()) < 60
-
-
-def test_apart_from_predicted_samples_prediction_gives_those_of_the_recording():
-    motor, joint = _lagging_joint()
-    robot, conditioner = _two_clocks("predict")
-    online = _in_order(conditioner, robot, motor, joint)
-    seen = [s for s in online if not s.predicted]
-    assert len(seen) < len(online)
-    bulk = condition(robot, {"m": motor}, {"j": joint}).segments[0]
-    assert np.array_equal(bulk.stamp_ns, [s.stamp_ns for s in seen])
-    assert np.array_equal(bulk.joint_angle[:, 0], [s.joint_angle[0] for s in seen])
 
 
 def test_late_readings_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():

@@ -56,23 +56,6 @@ def test_tracking_halves_the_quantisation_error_of_a_smooth_motion(frequency: fl
     assert np.sqrt(np.mean(left**2)) < 0.6 * np.sqrt(np.mean(raw**2))
 
 
-def test_constant_acceleration_is_followed_without_lag() -> None:
-    dt = np.random.default_rng(1).choice([1e-3, 2e-3, 5e-3], 2000)
-    stamps = SECOND + np.cumsum(np.round(dt * 1e9).astype(np.int64))
-    time = (stamps - stamps[0]) * 1e-9
-    truth = 0.1 + 0.5 * time + 0.4 * time**2
-    left = np.abs(tracked(stamps, truth, 12.0, 1.0) - truth)
-    assert left.max() < 1e-5  # at first the uneven steps cause a small error
-    assert left[200:].max() < 1e-9
-
-
-def test_at_rest_the_tracked_angle_is_the_reading() -> None:
-    stamps = SECOND + np.arange(5000) * 2_000_000
-    reading = np.concatenate([np.linspace(0.0, 0.1, 1000), np.full(4000, 0.1)])
-    angle = tracked(stamps, reading, 12.0, COUNT / 2)
-    np.testing.assert_allclose(angle[-2000:], 0.1, rtol=0, atol=1e-9)
-
-
 READING = st.floats(-1e12, 1e12)
 STEP = st.sampled_from((1, 1000, 1_000_000, 2_000_000, 999_999_999))
 
@@ -155,34 +138,6 @@ def test_the_bandwidth_that_adapts_is_within_a_tenth_of_the_best_fixed_one(
     truth = amplitude * np.sin(2 * np.pi * frequency * time)
     best = min(error_of(truth, time, f) for f in (12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0))
     assert error_of(truth, time, 12.0, adaptive=True) < 1.1 * best
-
-
-def test_the_bandwidth_that_adapts_follows_fast_ramps_through_lost_readings() -> None:
-    time = np.arange(0.0, 10.0, 2e-3)
-    corner = np.convolve(np.ones(10), np.ones(10)) / 100.0  # rounded over some 20 ms
-    turns = np.abs(np.mod(2.0 * time, 2.0) - 1.0) - 0.5
-    truth = np.radians(75.0) * np.convolve(np.pad(turns, (9, 9), mode="edge"), corner, "valid")
-    kept = np.random.default_rng(2).random(time.size) > 0.3
-    for some in (np.ones(time.size, dtype=bool), kept):
-        fixed = error_of(truth[some], time[some], 12.0)
-        adapts = error_of(truth[some], time[some], 12.0, adaptive=True)
-        assert adapts < 0.8 * fixed
-
-
-def test_the_bandwidth_that_adapts_returns_to_the_fixed_one_at_rest() -> None:
-    time = np.arange(0.0, 6.0, 2e-3)
-    stamps = SECOND + np.round(time * 1e9).astype(np.int64)
-    truth = np.where(time < 3.0, 0.35 * np.sin(2 * np.pi * time), 0.0)
-    filtered = TrackingFilter()
-    for stamp, before, reading in zip(
-        stamps[1:].tolist(), stamps.tolist(), counted(truth)[1:].tolist(), strict=False
-    ):
-        filtered.track(stamp - before, reading, 12.0, COUNT / 2, True)
-        seconds = (stamp - SECOND) * 1e-9
-        if 1.0 < seconds < 3.0:
-            assert filtered.moves
-        if seconds > 3.1:
-            assert not filtered.moves
 
 
 def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from io import BytesIO
@@ -124,21 +123,6 @@ def test_a_gap_without_motion_keeps_the_history(model: Model, readings: Samples)
     assert np.mean(outputs[-1].stddev[:16]) < 1.2 * np.mean(known[:16])
 
 
-def test_a_motion_while_the_clock_is_set_back_increases_the_standard_deviation(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
-    path = tmp_path / "state"
-    live = LiveEstimator(model)
-    known = [output.stddev for k in range(1500) for output in send(live, readings, k)][-1]
-    write_state(live, path)
-    again = LiveEstimator(model)
-    read_state(again, path)
-    later = send(again, readings, 1900, START - 10**15)[0].stddev
-    assert known is not None
-    assert later is not None
-    assert later[:16].mean() > 2.0 * known[:16].mean()
-
-
 # -- turns -------------------------------------------------------------------------------------
 
 
@@ -184,20 +168,6 @@ def test_turns_are_still_counted_after_every_change(
             assert np.allclose(got.estimate.tension, expected.estimate.tension, atol=1e-6)
             compared += 1
     assert compared == 3000
-
-
-def test_a_recording_that_is_played_again_restarts_the_count_of_turns(turning: Model) -> None:
-    """After a reset and stamps that go back, earlier turns are not counted."""
-    live = LiveEstimator(turning)
-    for k in range(250):
-        reading = 0.05 * k % (2.0 * pi)
-        live.feed("both", START + k * MS, ("winch", "elbow"), (reading, 0.0))
-    assert live.sample is not None
-    assert live.sample.motor_angle[0] == pytest.approx(0.05 * 249)
-    live.reset()
-    live.feed("both", START, ("winch", "elbow"), (0.5, 0.0))
-    assert live.sample is not None
-    assert live.sample.motor_angle[0] == pytest.approx(0.5)
 
 
 def test_a_restart_restores_the_turn(turning: Model, readings: Samples, tmp_path: Path) -> None:
@@ -269,17 +239,6 @@ def test_a_glitch_is_no_step(model: Model, readings: Samples, lasting: int) -> N
         off = 3.0 if 100 <= k < 100 + lasting else 0.0
         conditioner.feed_motors(START + k * MS, ("winch",), readings.motor_angle[k] + off)
     assert conditioner.refused["implausible"] == lasting
-    assert conditioner.steps == 0
-
-
-def test_noise_that_is_implausible_all_the_time_is_no_step(model: Model) -> None:
-    """The readings are not consistent with each other either."""
-    conditioner = Conditioner(stepping(model).robot)
-    generator = np.random.default_rng(0)
-    for k in range(400):
-        reading = 0.0 if k < 100 or k >= 300 else float(generator.uniform(5.0, 500.0))
-        conditioner.feed_motors(START + k * MS, ("winch",), (reading,))
-    assert conditioner.refused["implausible"] == 200
     assert conditioner.steps == 0
 
 
@@ -449,16 +408,6 @@ def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estim
     assert not any("\n" in line for line in lines)
 
 
-def test_a_state_file_of_another_time_is_said_to_be_one(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
-    live = LiveEstimator(model)
-    send(live, readings, 0)
-    write_state(live, tmp_path / "state")
-    said = read_state(LiveEstimator(model), tmp_path / "state")
-    assert re.search(r"its last estimate is \d{3,5} days before the time of this computer", said)
-
-
 # -- times -------------------------------------------------------------------------------------
 
 
@@ -486,11 +435,6 @@ def test_a_stamp_beyond_the_range_of_a_header_is_refused(model: Model, stamp: in
     assert live.feed("both", stamp, ("winch", "elbow"), (0.0, 0.0)) == (False, [])
     assert live.conditioner.refused["future"] == 2
     assert len(live.feed("both", START, ("winch", "elbow"), (0.0, 0.0))[1]) == 1
-
-
-def test_a_tare_needs_a_sample(model: Model) -> None:
-    with pytest.raises(UsageError, match="no angles yet"):
-        LiveEstimator(model).tare()
 
 
 # -- a tare is for a robot at rest -------------------------------------------------------------

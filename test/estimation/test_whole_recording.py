@@ -92,20 +92,6 @@ def test_a_recording_gives_the_samples_of_its_messages_bit_for_bit_in_pieces_of_
     assert [one.unseen.size > 0 for one in done.segments] == [True, False]
 
 
-def test_samples_of_a_clean_recording_with_a_gap_are_those_of_its_messages() -> None:
-    stamps = START + MS * np.arange(4000)
-    time = MS * np.arange(4000) * 1e-9
-    heard = np.r_[0:2000, 2300:4000]
-    motor = Series(stamps, stamps, 2.0 * np.sin(3.0 * time))
-    joint = Series(stamps[heard], stamps[heard], 0.5 * np.sin(4.0 * time)[heard])
-    wanted, conditioner = message_by_message(motor, joint)
-    assert not any(conditioner.refused.values())
-    (samples,) = condition(ROBOT, {"winch": motor}, {"elbow": joint}).segments
-    unseen = [one.unseen if one.unseen.size else np.zeros((2, 2)) for one in wanted]
-    assert samples.unseen.tobytes() == np.array(unseen).tobytes()
-    assert np.count_nonzero(samples.unseen[:, 0, 1]) == 300
-
-
 @pytest.mark.parametrize("refused", [0, 1])
 def test_little_more_memory_is_used_than_readings_and_samples_take(
     monkeypatch: pytest.MonkeyPatch, refused: int

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.draws import draw_members
-from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
+from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
@@ -20,7 +19,7 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).parents[2]
 
@@ -109,14 +108,6 @@ def test_the_models_error_is_in_the_standard_deviation() -> None:
         _, estimate = step(model, initial_state(model), sample)
         found.append(Ensemble(model).update(sample, estimate))
     assert np.sqrt(found[1][:2] ** 2 - found[0][:2] ** 2) == pytest.approx(0.7)
-
-
-@pytest.mark.parametrize("name", ["prototype_positions", "finger", "hoist", "parallel"])
-def test_no_draw_is_impossible(name: str) -> None:
-    robot = load_robot(ROOT / "config" / "robots" / f"{name}.yaml")
-    drawn = draw_members(robot, MEMBERS, np.random.default_rng(0))
-    assert len(drawn) == MEMBERS
-    assert not any(one is robot for one in drawn)
 
 
 @pytest.mark.parametrize(
