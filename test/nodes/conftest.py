@@ -9,6 +9,7 @@ from typing import IO, Any, Protocol
 
 import numpy as np
 import pytest
+from support.estimators import Bench
 from support.forked import Forked, end
 
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
@@ -76,6 +77,14 @@ def brisk_node(node: Any) -> Iterator[Any]:
         yield node
     finally:
         executor.shutdown()
+
+
+@pytest.fixture
+def bench(ros: None) -> Iterator[Bench]:
+    """Estimators in this process and a node that communicates with them."""
+    bench = Bench()
+    yield bench
+    bench.close()
 
 
 @pytest.fixture

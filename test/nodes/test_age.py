@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from time import time_ns
 from typing import Any
 
@@ -31,13 +31,6 @@ from cdrj_ros.nodes.silence import StampClock
 MS = 1_000_000
 MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
 JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
-
-
-@pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 def _late_s(lags_s: list[float], same_clock_s: float = 60.0) -> list[float]:

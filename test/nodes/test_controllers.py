@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import monotonic
@@ -13,7 +11,6 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PATIENCE_S = 60.0
-UPPER, LOWER = range(8), range(8, 16)
 
 
 class Bench:
@@ -122,16 +119,6 @@ def test_the_motors_stop_without_commands_and_without_tensions(controller: Any) 
     assert bench.until(lambda c: c == [0.0], feed[0]), "no tensions any more"
 
 
-def test_a_command_of_the_wrong_length_is_not_used(controller: Any) -> None:
-    bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
-    good = lambda: bench.publish("tensions", tensions(40.0, 30.0))  # noqa: E731
-    assert bench.until(lambda c: c == [2.0], lambda: bench.wish(2.0), good)
-    bench.wish(2.0, 2.0)
-    bench.wish(float("nan"))
-    assert bench.until(lambda c: c == [1.0], lambda: bench.wish(1.0), good)
-    assert all(len(command) == 1 and abs(command[0]) <= 2.0 for command in bench.commands)
-
-
 def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[[], None]]:
     """What the collision stop hears: a wished speed, the joint at rest, and its effort [N m]."""
     from sensor_msgs.msg import JointState
@@ -160,125 +147,3 @@ def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> Non
     assert bench.until(lambda _: done.done(), *calm)
     assert "push" in done.result().message
     assert bench.until(lambda c: c == [1.0] and not bench.controller.reason, *calm)
-
-
-def test_motors_stop_while_the_standard_deviation_of_the_efforts_is_infinite(
-    controller: Any,
-) -> None:
-    bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
-    known, unknown = (_stop_feed(bench, 0.0, stddev) for stddev in (0.1, float("inf")))
-    assert bench.until(lambda c: c == [1.0], *known)
-    assert bench.until(lambda c: c == [0.0], *unknown)
-    assert bench.until(lambda c: c == [1.0], *known)
-
-
-def test_loose_cables_are_tightened_and_tight_ones_loosened(
-    controller: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from cdrj_msgs.msg import CableTensions
-
-    bench = controller("keep_taut", "TautNode", "position", robot="finger", floor=2.0)
-    monkeypatch.setattr(sys.modules["keep_taut"], "LOOSEN_S", 0.2)  # a tenth of the usual time
-    count = bench.controller.law.elements
-
-    def feed(tension: float, status: int = 0) -> tuple[Callable[[], None], Callable[[], None]]:
-        message = CableTensions(
-            name=[str(k) for k in range(count)], tension=[tension] * count, stddev=[0.1] * count,
-            status=[status] * count,
-        )  # fmt: skip
-        return lambda: bench.wish(0.0, 0.0, 0.0), lambda: bench.publish("tensions", message)
-
-    assert bench.until(lambda c: max(c) < -0.001, *feed(20.0))
-    assert bench.until(lambda c: min(c) > 0.001, *feed(1.0)), "every motor winds in"
-    assert bench.until(lambda c: max(map(abs, c)) < 1e-6, *feed(1.0, CableTensions.STALE))
-
-
-def test_a_target_gives_a_motor_angle_unless_it_is_impossible(controller: Any) -> None:
-    from sensor_msgs.msg import JointState
-
-    bench = controller("friction_feedforward", "FeedforwardNode", "position")
-    rigid = bench.controller.law.rigid(0.2)
-
-    def feed(angle: float) -> Callable[[], None]:
-        return lambda: bench.publish("wished/joints", JointState(name=["elbow"], position=[angle]))
-
-    assert bench.until(lambda c: abs(c[0] - rigid) < 0.2, feed(0.2))
-    bench.commands.clear()
-    for impossible in (2.0, float("nan")):
-        bench.publish("wished/joints", JointState(name=["elbow"], position=[impossible]))
-    assert bench.until(lambda c: abs(c[0] - rigid) < 0.2, feed(0.2))
-    assert all(abs(command[0] - rigid) < 0.2 for command in bench.commands)
-
-
-def test_rig_estimator_and_limiter_together_keep_the_true_tensions_below_the_limit(
-    start_node: Any, node: Any
-) -> None:
-    import rclpy
-    from cdrj_msgs.msg import CableTensions
-    from std_msgs.msg import Float64MultiArray
-
-    limit, largest, newest = 70.0, [0.0], [0.0]
-    start_node("estimator", "--ros-args", "-p", "robot:=prototype")
-    start_node(
-        "rig", "--ros-args", "-p", "robot:=prototype", "-p", "cells:=1", "-p", "truth_rate:=100.0",
-        "-p", "rig:=end_stop",
-    )  # fmt: skip
-    limiter = subprocess.Popen(
-        [sys.executable, EXAMPLES / "tension_limiter.py", "--ros-args", "-p", "robot:=prototype",
-         "-p", f"limit:={limit}", "-p", "creep_speed:=0.5"],
-    )  # fmt: skip
-
-    def hear(message: Any) -> None:
-        newest[0] = max(message.tension)
-        largest[0] = max(largest[0], newest[0])
-
-    node.create_subscription(CableTensions, "/cdrj/truth/tensions", hear, 10)
-    wishes = node.create_publisher(Float64MultiArray, "/cdrj/wished/velocity", 1)
-
-    def wish() -> None:
-        # slow near the limit, so that a pause of a busy machine costs less than two sigma
-        speed = 1.0 if newest[0] < 0.6 * limit else 0.2
-        wishes.publish(Float64MultiArray(data=[speed]))
-        rclpy.spin_once(node, timeout_sec=0.02)
-
-    try:
-        deadline = monotonic() + 10.0 * PATIENCE_S
-        while newest[0] < 0.9 * limit:
-            assert limiter.poll() is None
-            assert monotonic() < deadline, f"{newest[0]:.1f} N"
-            wish()
-        end = monotonic() + 1.0  # the wish persists: the tension must stay where it is
-        while monotonic() < end:
-            wish()
-    finally:
-        limiter.kill()
-        limiter.wait()
-    assert largest[0] < limit
-
-
-LATE = """
-import rclpy
-from rclpy.node import Node
-from std_msgs.msg import Float64MultiArray
-
-class Late(Node):
-    def __init__(self):
-        super().__init__("late")
-        self.publisher = self.create_publisher(Float64MultiArray, "late", 1)
-        self.create_timer(0.01, self.send)
-
-    def send(self):
-        rclpy.shutdown()  # as the handler of Ctrl-C does
-        self.publisher.publish(Float64MultiArray())
-
-import between
-between.spin(Late)
-"""
-
-
-def test_ctrl_c_while_a_command_is_published_is_no_error() -> None:
-    found = subprocess.run(
-        [sys.executable, "-c", LATE], cwd=EXAMPLES, capture_output=True, text=True, timeout=60,
-        check=False,
-    )  # fmt: skip
-    assert (found.returncode, found.stderr) == (0, "")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,16 +27,9 @@ from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import OK, STALE, UNSURE
+from cdrj_ros.model.status import OK, UNSURE
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 @pytest.fixture
@@ -104,6 +95,19 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     quiet.diagnostics = SimpleNamespace(publish=said.append)
     quiet.diagnose()
     assert len(said[-1].status) == 1
+
+
+def test_efforts_are_a_sensor_only_where_preloads_are_tracked(bench: Bench) -> None:
+    both = Template(JOINT_STATE, ("winch",), ("position", "effort"))
+    for tracked in (True, False):
+        estimator = bench.estimator("-r", f"__ns:=/{tracked}", track_preload=tracked)
+        for k in range(50):
+            sample = sample_at(k)
+            estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+            payload = both.encode(sample.stamp_ns, position=sample.motor_angle, effort=[1.0])
+            estimator.motor(payload)
+        assert any(key.startswith("sensor ") and "winch" in key
+                   for key in values_of(diagnosed(estimator))) == tracked  # fmt: skip
 
 
 # missing and refused ---------------------------------------------------------------------------
@@ -300,13 +304,6 @@ def test_parameters_show_the_values_in_force(bench: Bench) -> None:
     assert (shown("unsure_share"), estimator.live.options.unsure_share) == (1.0, 1.0)
 
 
-def test_integers_are_accepted_for_floating_point_parameters(bench: Bench) -> None:
-    estimator = bench.estimator("-p", "timeout:=1", "-p", "preload:=[30, 20]", timeout=2)
-    assert estimator.timeout_s == 2.0
-    assert estimator.node.get_parameter("timeout").value == 2.0
-    assert [cable.preload for cable in estimator.live.model.robot.cables] == [30.0, 20.0]
-
-
 def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
     from cdrj_ros.nodes.parameters import estimator_file, settings
 
@@ -317,34 +314,6 @@ def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
 
 
 # time ------------------------------------------------------------------------------------------
-
-
-def test_without_simulated_time_a_steady_clock_detects_missing_inputs(
-    bench: Bench, log: list[tuple[int, str]]
-) -> None:
-    from cdrj_msgs.msg import CableTensions
-
-    estimator = bench.estimator(use_sim_time=True, timeout=0.2)
-    said: list[Any] = []
-    heard: list[Any] = []
-    hear_diagnostics(bench, said)
-    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
-    assert bench.until(lambda: estimator.outputs.tensions.get_subscription_count() > 0)
-    feed(estimator, 0, 10)
-    assert bench.until(lambda: bool(heard) and all(flags & STALE for flags in heard[-1].status))
-    assert logged(bench, log, "WARN", "inputs lost")
-    assert bench.until(lambda: bool(said) and said[-1].message == "no input for 0.2 s", 5.0)
-    assert said[-1].level == said[-1].STALE
-
-
-def test_the_clock_of_a_running_node_cannot_be_changed(bench: Bench) -> None:
-    from rclpy.parameter import Parameter
-
-    estimator = bench.estimator()
-    (result,) = estimator.node.set_parameters([Parameter("use_sim_time", value=True)])
-    assert not result.successful
-    assert "use_sim_time is read-only after the start" in result.reason
-    assert estimator.node.get_parameter("use_sim_time").value is False
 
 
 def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
@@ -366,60 +335,9 @@ def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
     assert values_of(diagnosed(estimator))["impossible times on /clock"] == "3"
 
 
-def test_old_estimates_are_marked_stale_and_reported(bench: Bench) -> None:
-    """Joint readings arrive ten seconds late while the motor readings are on time."""
-    estimator = bench.estimator(timeout=0.5)
-    estimator.live.set_unsure_share(10.0)
-    published: list[Any] = []
-    estimator.outputs.publish = published.append
-    late = 1000  # samples of 10 ms
-    for k in range(late + 100):
-        sample = sample_at(10 * k)
-        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
-        if k >= late:
-            before = sample_at(10 * (k - late))
-            estimator.joint(JOINT.encode(before.stamp_ns, position=before.joint_angle))
-    status = diagnosed(estimator)
-    assert status.level == status.WARN
-    assert "estimates are 10 s old" in status.message
-    assert float(values_of(status)["age [s]"]) == pytest.approx(10.0, abs=0.2)
-    assert len(published) == 100
-    assert all(int(flags) & STALE for one in published for flags in one.estimate.status)
-
-
 def test_an_input_has_no_event_that_may_wait_while_its_subscription_is_replaced(
     bench: Bench,
 ) -> None:
     """rclpy raises for an event of a destroyed subscription: every second start ended so."""
     for topic in bench.estimator().inputs:
         assert list(topic.subscription.event_handlers) == []
-
-
-def test_a_node_goes_on_after_an_event_of_a_topic_that_was_closed(
-    ros: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from rclpy.exceptions import InvalidHandle
-    from rclpy.node import Node
-
-    from cdrj_ros.nodes import spinning
-
-    stop, spun = spinning.StopRequest(), 0
-
-    class Executor:
-        add_node = shutdown = lambda *_: None
-
-        def spin_once(self, **_: Any) -> None:
-            nonlocal spun
-            spun += 1
-            if spun == 1:
-                raise InvalidHandle("cannot use Destroyable because destruction was requested")
-            stop.ask(signal.SIGTERM, None)
-
-    monkeypatch.setattr(spinning, "EventsExecutor", Executor)
-    before = {number: signal.getsignal(number) for number in spinning.SIGNALS}
-    try:
-        spinning.spin_until_stopped(Node("closing"), stop)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    assert spun == 2

@@ -81,12 +81,6 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
     return run
 
 
-def test_robot_is_required_and_all_other_arguments_have_a_default(launched: Any) -> None:
-    space = runpy.run_path(str(FILE))
-    without = [one.name for one in space["ARGUMENTS"] if not hasattr(one, "default_value")]
-    assert without == ["robot"]
-
-
 def test_the_node_gets_the_given_arguments_and_no_others(launched: Any) -> None:
     (node,) = launched("robot:=r.yaml")
     assert node.parameters == [{"robot": "r.yaml"}]
@@ -111,20 +105,6 @@ def test_the_node_gets_the_given_arguments_and_no_others(launched: Any) -> None:
     assert node.arguments == ["--supervised", "--state-file", "/s"]
     assert node.ros_arguments == ["--log-level", "debug"]
     assert node.remappings == [("motor_states", "/m"), ("joint_states", "joint_states")]
-
-
-def test_the_parameter_file_is_installed_beside_the_launch_file() -> None:
-    from ament_index_python.packages import get_package_share_directory
-
-    share = Path(get_package_share_directory("cdrj_ros"))
-    assert (share / "launch" / FILE.name).read_bytes() == FILE.read_bytes()
-    own = FILE.parents[1] / "config" / "estimator.params.yaml"
-    assert (share / "config" / own.name).read_bytes() == own.read_bytes()
-
-
-def test_an_exported_discovery_range_is_kept(launched: Any) -> None:
-    """The node itself limits discovery to this machine if the environment does not set a range."""
-    assert [type(one).__name__ for one in launched("robot:=r.yaml")] == ["Node"]
 
 
 def test_an_unknown_argument_is_refused_with_the_nearest_known_one(
@@ -179,30 +159,6 @@ def test_the_stand_in_for_hardware_publishes_what_the_launch_file_of_a_real_robo
     assert (FILE.parents[1] / "config" / "rigs" / "ros2_control.yaml").exists()
 
 
-def test_validate_gets_the_arguments_and_its_failure_is_that_of_the_launch(launched: Any) -> None:
-    (process,) = launched(
-        "bag:=b", "robot:=r.yaml", "limits:=l.yaml", "options:=--start 3", file=VALIDATE
-    )
-    assert Path(process.cmd[0]).name == "validate"
-    wanted = ["b", "--robot", "r.yaml", "--limits", "l.yaml", "--start", "3"]
-    assert process.cmd[1:] == wanted
-    process.on_exit(SimpleNamespace(returncode=0), None)
-    with pytest.raises(RuntimeError, match="validate exited with 1"):
-        process.on_exit(SimpleNamespace(returncode=1), None)
-
-
-def test_the_choices_of_the_launch_files_are_those_of_the_parameters(launched: Any) -> None:
-    from cdrj_ros.estimation.conditioner import MODES
-    from cdrj_ros.simulation.follow import MOTIONS
-
-    def choices(file: Path, name: str) -> list[str]:
-        (one,) = (a for a in runpy.run_path(str(file))["ARGUMENTS"] if a.name == name)
-        return [choice for choice in one.choices if choice]
-
-    assert choices(FILE, "conditioning") == list(MODES)
-    assert sorted(choices(DEMO, "motion")) == sorted(MOTIONS)
-
-
 def examples_of(actions: list[Any]) -> dict[str, list[str]]:
     """The examples that are started, and the words after their paths."""
     commands = [one.cmd for one in actions if hasattr(one, "cmd")]
@@ -248,15 +204,6 @@ def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched: 
     assert list(started) == ["compare", "keep_taut", "swing"]
     with pytest.raises(RuntimeError, match="friction_feedforward takes no wish"):
         launched(*given, "controller:=friction_feedforward", "wish:=0.5", file=DEMO)
-
-
-def test_the_demonstration_knows_every_controller_and_its_kind_of_wish(launched: Any) -> None:
-    examples = DEMO.parents[1] / "examples"
-    known = runpy.run_path(str(DEMO))["CONTROLLERS"]
-    between = [p for p in examples.glob("*.py") if "import Between" in p.read_text()]
-    assert sorted(name for name, kind in known.items() if kind) == sorted(p.stem for p in between)
-    for path in between:
-        assert f'"{path.stem}", "{known[path.stem]}",' in path.read_text()
 
 
 def launch(*arguments: str) -> subprocess.Popen[str]:

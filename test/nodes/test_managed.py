@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from support.estimators import (
     INPUTS,
     ROBOT,
     Bench,
-    expected,
     feed,
     hear_diagnostics,
     listen,
@@ -64,13 +63,6 @@ class Managed:
             sum(graph.count_publishers(f"/cdrj/{topic}") for topic in OUTPUTS),
             sum(graph.count_subscribers(f"/cdrj/{topic}") for topic in INPUTS),
         )
-
-
-@pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 @pytest.fixture
@@ -149,15 +141,6 @@ def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
     client.call_async(request)
     assert bench.until(lambda: state() == "inactive")
     assert process.poll() is None
-
-
-def test_an_active_node_estimates_as_an_unmanaged_one(managed: Callable[..., Managed]) -> None:
-    one = managed()
-    assert one.change("configure")
-    assert one.change("activate")
-    listen(one.estimation)
-    feed(one.estimation, 0, 300)
-    assert np.array_equal(tensions(one.estimation), expected((load_model(ROBOT),), (range(300),)))
 
 
 def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(

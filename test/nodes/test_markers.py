@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
 
 PATIENCE_S = 60.0
@@ -196,11 +195,6 @@ def test_nothing_is_heard_or_drawn_without_a_subscriber(drawing: Any) -> None:
     finally:
         executor.shutdown()
         user.destroy_node()
-
-
-def test_a_missing_robot_is_refused(drawing: Any) -> None:
-    with pytest.raises(UsageError, match="the parameter robot is missing"):
-        drawing(robot="")
 
 
 def test_shapes_of_bodies_are_markers_of_their_size_and_place(drawing: Any, tmp_path: Any) -> None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from support.estimators import (
     BEGIN,
-    JOINT,
     MILLISECOND,
-    MOTOR,
     ROBOT,
     SECOND,
     Bench,
@@ -29,13 +26,6 @@ from support.estimators import (
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import OVERLOAD, SLACK, STALE, UNSURE
-
-
-@pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 @pytest.fixture(scope="module")
@@ -67,24 +57,6 @@ def test_friction_may_change_while_running_and_the_history_stays(
     assert not np.allclose(tensions(estimator)[300:600], unchanged[300:600], rtol=1e-4)
 
 
-def test_the_filter_between_counts_may_change_while_running(bench: Bench) -> None:
-    from rclpy.parameter import Parameter
-
-    estimator, raw = bench.estimator(), bench.estimator("-r", "__ns:=/raw", tracking_bandwidth=0.0)
-    for one in (estimator, raw):
-        feed(one, 0, 200)
-    assert not np.array_equal(tensions(estimator), tensions(raw))  # the robot file's filter is on
-    (result,) = estimator.node.set_parameters([Parameter("tracking_bandwidth", value=0.0)])
-    assert result.successful
-    for one in (estimator, raw):
-        feed(one, 200, 300)
-    (motor, joint), (motor_raw, joint_raw) = (
-        (one.live.sample.motor_angle, one.live.sample.joint_angle) for one in (estimator, raw)
-    )
-    assert np.array_equal(motor, motor_raw)
-    assert np.array_equal(joint, joint_raw)
-
-
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"friction.mu_s": 0.05}, "mu_s must be at least mu_c"),
     ({"friction.rho": 2.0}, "rho"),
@@ -100,6 +72,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"tracking_bandwidth": 1e4}, "tracking_bandwidth"),
     ({"timeout": 1.0}, "read-only"),
     ({"robot": "another.yaml"}, "read-only"),
+    ({"use_sim_time": True}, "use_sim_time is read-only after the start"),
     ({"friction.rho": "much"}, "type"),
 ]
 
@@ -184,43 +157,6 @@ def test_the_responses_of_the_services_describe_their_effect(bench: Bench) -> No
 # time ------------------------------------------------------------------------------------------
 
 
-def test_a_recording_that_loops_restarts_the_estimate_once_and_loses_nothing(
-    bench: Bench, model: Model
-) -> None:
-    estimator = bench.estimator()
-    feed(estimator, 0, 3000)
-    first = len(estimator.answers)
-    feed(estimator, 0, 3000)
-    assert estimator.live.conditioner.clock_jumps == 1
-    assert not any(estimator.live.conditioner.refused.values())
-    alone = expected((model,), (range(3000),))
-    assert np.array_equal(tensions(estimator)[:first], alone)
-    assert np.array_equal(tensions(estimator)[first:], alone)
-
-
-def test_a_clock_that_jumps_forward_causes_a_gap_and_loses_nothing(bench: Bench) -> None:
-    estimator = bench.estimator()
-    feed(estimator, 0, 50)
-    feed(estimator, 50, 100, BEGIN + 3600 * SECOND)
-    conditioner = estimator.live.conditioner
-    assert (conditioner.clock_jumps, conditioner.gaps) == (0, 2)
-    assert len(estimator.answers) == 100
-    assert conditioner.accepted == 200
-
-
-def test_equal_stamps_and_stamps_from_the_future_change_nothing(bench: Bench, model: Model) -> None:
-    estimator = bench.estimator()
-    for k in range(100):
-        feed(estimator, k, k + 1)
-        feed(estimator, k, k + 1)  # repeat the sample
-        future = sample_at(k).stamp_ns + 7200 * SECOND
-        estimator.motor(MOTOR.encode(future, position=[0.0]))
-    assert np.array_equal(tensions(estimator), expected((model,), (range(100),)))
-    refused = estimator.live.conditioner.refused
-    assert refused["repeated"] == 200
-    assert refused["future"] + estimator.live.conditioner.held == 100
-
-
 def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
     """Ten simulated seconds pass quickly; the clock stops, then continues without inputs."""
     from rclpy.qos import QoSProfile
@@ -270,27 +206,6 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
     assert bench.until(lambda: said[-1].message == "no input for 0.5 s")
     assert said[-1].level == said[-1].STALE
     assert float(values_of(said[-1])["age [s]"]) > 0.5
-
-
-def test_age_counts_from_the_last_estimate_however_long_the_timeout_is(bench: Bench) -> None:
-    from diagnostic_msgs.msg import DiagnosticArray
-
-    estimator = bench.estimator(use_sim_time=True, timeout=3600.0)
-    said: list[Any] = []
-    bench.node.create_subscription(DiagnosticArray, "/diagnostics", said.append, 100)
-    clock = Clock(bench, estimator)
-    clock.set(BEGIN)
-    feed(estimator, 0, 10)
-    for tenth in range(1, 24):
-        clock.set(BEGIN + tenth * SECOND // 10)
-        bench.executor.spin_once(timeout_sec=0.02)
-    assert bench.until(lambda: len(said) >= 2)
-    for array in said:
-        (status,) = array.status
-        now = array.header.stamp
-        age_s = now.sec - BEGIN // SECOND + 1e-9 * now.nanosec
-        assert status.level != status.STALE
-        assert float(values_of(status)["age [s]"]) == pytest.approx(age_s, abs=1e-3)
 
 
 def test_outputs_are_stale_no_sooner_and_hardly_later_than_the_timeout(bench: Bench) -> None:
@@ -360,42 +275,6 @@ def test_a_tare_is_refused_while_the_inputs_are_silent(bench: Bench) -> None:
     hold(estimator, 599)
     assert bench.call(Trigger, "/cdrj/estimator/tare", Trigger.Request()).success
     assert estimator.live.model.robot.motors[0].reference_angle == sample_at(599).motor_angle[0]
-
-
-def test_the_largest_stamp_of_a_header_does_not_end_the_node(bench: Bench) -> None:
-    estimator = bench.estimator()
-    end = (2**31 - 1).to_bytes(4, "little") + (2**32 - 1).to_bytes(4, "little")
-    for template, listen in ((JOINT, estimator.joint), (MOTOR, estimator.motor)):
-        payload = template.encode(BEGIN, position=[0.0])
-        listen(payload[:4] + end + payload[12:])
-    assert not estimator.answers
-    assert estimator.live.conditioner.refused["future"] == 2
-    feed(estimator, 0, 10)
-    assert len(estimator.answers) == 10
-
-
-def test_a_step_of_an_encoder_is_reported_until_a_tare(bench: Bench) -> None:
-    from cdrj_ros.nodes.diagnostics import Health, status_of
-
-    estimator = bench.estimator()
-
-    def status() -> Any:
-        return status_of(
-            "e", estimator.live, estimator.output, Health(0.5, 0.01, 0.01, 1e3), estimator.times
-        )
-
-    feed(estimator, 0, 1500)
-    assert values_of(status())["readings stepped"] == "none"
-    for k in range(1500, 1700):
-        sample = sample_at(k)
-        estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
-        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle + 0.9))
-    assert "winch by 0." in values_of(status())["readings stepped"]
-    assert status().level != status().OK
-    assert all(int(flags) & UNSURE for flags in estimator.output.estimate.status)
-    hold(estimator, 1699, 0.9)
-    estimator.live.tare()
-    assert values_of(status())["readings stepped"] == "none"
 
 
 # diagnostics -----------------------------------------------------------------------------------
@@ -470,29 +349,3 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
 
 
 # several nodes ---------------------------------------------------------------------------------
-
-
-def test_two_estimators_in_one_executor_do_not_receive_each_others_messages(
-    bench: Bench, model: Model
-) -> None:
-    from sensor_msgs.msg import JointState
-
-    left = bench.estimator("-r", "__ns:=/left")
-    right = bench.estimator("-r", "__ns:=/right", preload=[50.0, 40.0])
-    publishers = {}
-    for side in ("left", "right"):
-        for topic in ("motor_states", "joint_states"):
-            name = f"/{side}/{topic}"
-            publishers[side, topic] = bench.node.create_publisher(JointState, name, 1000)
-    assert bench.until(lambda: all(p.get_subscription_count() == 1 for p in publishers.values()))
-    for k in range(100):
-        for side, offset in (("left", 0), ("right", 500)):
-            one = sample_at(k + offset)
-            joint = JOINT.encode(one.stamp_ns, position=one.joint_angle)
-            publishers[side, "joint_states"].publish(joint)
-            motor = MOTOR.encode(one.stamp_ns, position=one.motor_angle)
-            publishers[side, "motor_states"].publish(motor)
-    assert bench.until(lambda: len(left.answers) == len(right.answers) == 100)
-    assert np.array_equal(tensions(left), expected((model,), (range(100),)))
-    other = load_model(ROBOT, [50.0, 40.0])
-    assert np.array_equal(tensions(right), expected((other,), (range(500, 600),)))

@@ -18,8 +18,6 @@ from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
-LOST = "25.8,26.26"
-"""Preloads after a loss of 30 % in the upper cable [N]."""
 MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
 JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
 CELLS = ("upper/8", "lower/8")
@@ -96,35 +94,6 @@ def test_of_two_estimators_one_is_killed_and_continues_and_the_other_is_not_affe
     assert np.mean(apart < 2.0) > 0.95
 
 
-def test_without_a_state_file_a_restart_is_within_two_sigma_and_soon_within_three_percent(
-    brisk_node: Any, model: Model, readings: Samples, start_node: Any
-) -> None:
-    one = Remote(brisk_node, start_node, "cold")
-    one.start(**RAW)
-    begin, end = 3000, 6500
-    send(one, readings, begin - 500, begin)
-    one.kill()
-    one.start(**RAW)
-    send(one, readings, begin, end)
-    tension, stddev = one.heard()
-    truth = alone(model, readings)[begin:end]
-    error = np.abs(tension - truth)
-    assert np.all(error[0] <= 2.0 * stddev[0])
-    assert np.mean((error <= 2.0 * stddev)[:50]) > 0.97
-    assert np.mean(error[0]) > 0.5  # the friction state has been lost
-    angle = readings.joint_angle[begin:end, 0]
-    turn = int(np.argmax(np.abs(angle[:1500] - angle[0])))
-    back = turn + int(np.argmax(np.abs(angle[turn:] - angle[turn]) > 0.35))
-    assert turn < back < len(angle) - 500
-    relative = np.mean(error[back + 500 :] / truth[back + 500 :], axis=0)
-    within = np.mean((error <= 2.0 * stddev)[:50]), np.mean(error <= 2.0 * stddev)
-    figures(f"first 50: {within[0]:.1%} within two sigma, all: {within[1]:.1%}")
-    figures(
-        f"after a reversal {relative.mean():.2%} of the tension, worst element {relative.max():.2%}"
-    )
-    assert relative.max() < 0.03
-
-
 def test_values_set_by_services_survive_a_kill(
     brisk_node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
@@ -159,22 +128,3 @@ def test_values_set_by_services_survive_a_kill(
 
 def sample_of(readings: Samples, k: int) -> Sample:
     return Sample(int(readings.stamp_ns[k]), readings.motor_angle[k], readings.joint_angle[k])
-
-
-def test_load_cells_over_dds_find_a_lost_preload_in_every_element(
-    brisk_node: Any, readings: Samples, start_node: Any
-) -> None:
-    lost = load_model(ROBOT, LOST)
-    truth = alone(lost, readings)[:8000]  # both cells are trusted after some 6600
-    columns = [lost.layout.elements.index(name) for name in CELLS]
-    cells = truth[:, columns] + np.random.default_rng(0).normal(0.0, 0.05, (len(truth), 2))
-    one = Remote(brisk_node, start_node, "measured")
-    one.start(tension_sensors=True, **RAW)
-    assert one.until(lambda: one.cells.get_subscription_count() == 1)
-    send(one, readings, 0, len(truth), cells)
-    tension, stddev = one.heard()
-    error = np.abs(tension - truth)
-    assert error[0].max() > 10.0
-    # 0.8 % of the preload; a cell may be off by 1 % for good (U8)
-    assert error[7000:].mean(axis=0).max() < 0.3
-    assert np.mean(error[7000:] < 2.0 * stddev[7000:]) > 0.9

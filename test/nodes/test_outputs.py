@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,13 +24,6 @@ from cdrj_ros.messages.estimate_encoder import marked_stale
 from cdrj_ros.model.loading import load_model
 
 PLACED = str(Path(__file__).parents[2] / "config" / "robots" / "prototype_positions.yaml")
-
-
-@pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench: Bench) -> None:

@@ -13,22 +13,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
 from support.forked import Forked, end
-from support.turned_forces import turned_bag
 
-from cdrj_ros.commands import validate
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
-SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
 PATIENCE_S = 120.0
 LAST_WORDS_S = 30.0
-ASK_AGAIN_S = 5.0
 
 ANSWERED = r"[1-9]\d* answered"
 """Pattern of a progress line once estimates have been received."""
@@ -140,42 +133,6 @@ def test_replay_evaluates_the_node_and_writes_json_and_report(
     assert "rate achieved" in report.read_text()
 
 
-def test_replay_compares_force_vectors_as_validate_does(
-    estimator: Any, replay: Any, tmp_path: Path
-) -> None:
-    degrees = 6.0
-    bag = str(turned_bag(tmp_path, degrees))
-    played, offline = tmp_path / "played.json", tmp_path / "offline.json"
-    code, out = replay(bag, "--json", str(played)).finish()
-    assert code == 0, out
-    assert "mean direction" in out
-    assert validate.main([bag, "--robot", ROBOT, "--json", str(offline), "--quiet"]) == 0
-    ours, theirs = (
-        {
-            name: figures
-            for name, figures in json.loads(path.read_text())["all"]["channels"].items()
-            if name.startswith("force_vector/")
-        }
-        for path in (played, offline)
-    )
-    assert len(ours) == 14
-    assert ours.keys() == theirs.keys()
-    for name, figures in ours.items():
-        assert figures["mean_direction_error_deg"] == pytest.approx(degrees, rel=1e-9)
-        assert figures.pop("coverage") is None
-        assert figures == pytest.approx({k: v for k, v in theirs[name].items() if k != "coverage"})
-
-
-def test_different_preloads_of_the_node_cause_a_warning(
-    estimator: Any, replay: Any, short_bag: str
-) -> None:
-    short = ("--playback-duration", "0.2", "--preload", "30,20")
-    code, out = replay(short_bag, *short).finish()
-    assert code == 0, out
-    differ = "preloads differ: upper 36.85 N in the estimator, 30 N here"
-    assert differ in " ".join(out.split())
-
-
 def test_passes_agree_bit_for_bit(
     estimator: Any, replay: Any, short_bag: str, tmp_path: Path
 ) -> None:
@@ -202,68 +159,6 @@ def test_a_part_of_a_bag_is_answered_completely(
     assert facts["estimates received"] == facts["estimates expected"]
     # one second of motors at 1 kHz, and of joints at 500 Hz with stamps in between
     assert 1490 < int(facts["estimates expected"]) <= 1501
-
-
-def _figures(path: Path) -> list[dict[str, Any]]:
-    bags: list[dict[str, Any]] = json.loads(path.read_text())["bags"]
-    for bag in bags:
-        facts = bag["facts"]
-        assert facts["estimates received"] == facts["estimates expected"] != "0"
-        assert facts["estimates lost"] == "0"
-    return bags
-
-
-ANGLES_AND_TENSIONS = (Topics().motors, Topics().joints, Topics().references[0])
-
-
-def _excerpt(
-    path: Path, begin_s: float, end_s: float, topics: Sequence[str] = ANGLES_AND_TENSIONS
-) -> str:
-    """Write a bag with a part of the sample recording."""
-    files = list(SAMPLE.glob("*.mcap"))
-    assert len(files) == 1
-    path.mkdir()
-    with files[0].open("rb") as source, (path / f"{path.name}.mcap").open("wb") as target:
-        writer = Writer(target)
-        writer.start("ros2")
-        reader = make_reader(source)
-        begin = reader.get_summary().statistics.message_start_time
-        schemas: dict[int, int] = {}
-        channels: dict[int, int] = {}
-        first, beyond = (begin + round(at * 1e9) for at in (begin_s, end_s))
-        part = reader.iter_messages(topics, starting_at=first, ending_before=beyond)
-        for schema, channel, message in part:
-            if schema.id not in schemas:
-                schemas[schema.id] = writer.register_schema(
-                    schema.name, schema.encoding, schema.data
-                )
-            if channel.id not in channels:
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
-                )
-            writer.add_message(
-                channels[channel.id], message.log_time, message.data, message.publish_time
-            )
-        writer.finish()
-    return str(path)
-
-
-def test_several_bags_play_one_after_the_other_each_with_its_own_figures(
-    estimator: Any, replay: Any, tmp_path: Path
-) -> None:
-    first, second = _excerpt(tmp_path / "a", 0.0, 2.0), _excerpt(tmp_path / "b", 10.0, 12.0)
-    figures = tmp_path / "f.json"
-    code, out = replay(first, "--json", str(figures), more=(second,)).finish()
-    assert code == 0, out
-    a, b = _figures(figures)
-    assert a["facts"]["played"].startswith("1.999 s of 1.999 s")
-    assert b["facts"]["played"].startswith("1.999 s of 1.999 s")
-    # the bags do not affect each other: the results equal those of single replays
-    for bag, path in ((a, first), (b, second)):
-        code, out = replay(path, "--json", str(figures)).finish()
-        assert code == 0, out
-        (alone,) = _figures(figures)
-        assert alone["channels"] == bag["channels"]
 
 
 def test_another_topic_is_played_under_another_name_and_the_clock_follows(
@@ -301,46 +196,6 @@ def test_another_topic_is_played_under_another_name_and_the_clock_follows(
     assert "ms behind the recorded time" in out
 
 
-@pytest.mark.parametrize(
-    ("offered", "latched"),
-    [
-        ("- history: 1\n  durability: 1\n", True),
-        ("- durability: transient_local\n", True),
-        ("- durability: 2\n", False),
-        ("", False),
-        ("{", False),
-    ],
-)
-def test_a_latched_topic_is_recognised(offered: str, latched: bool) -> None:
-    from cdrj_ros.nodes.replay_node import was_latched
-
-    assert was_latched(offered) is latched
-
-
-def test_a_slow_and_late_channel_neither_stalls_nor_loses_anything(
-    estimator: Any, replay: Any, tmp_path: Path
-) -> None:
-    bag = tmp_path / "slow"
-    whole = read_recording(SAMPLE)
-    until = whole.start_ns + 4_000_000_000
-    with BagWriter(bag) as writer:
-        for topic, channels, every in (
-            (Topics().motors, whole.motors, 1),
-            (Topics().joints, whole.joints, 200),
-        ):
-            for name, series in channels.items():
-                kept = np.flatnonzero(series.stamp_ns < until)[::every]
-                kept = kept[kept >= (1 if every == 1 else 600)]
-                writer.write_joint_states(
-                    topic, series.stamp_ns[kept], (name,), position=series.value[kept, None]
-                )
-    code, out = replay(str(bag)).finish()
-    assert code == 0, out
-    assert "estimates lost: 0" in out
-    assert "nothing to compare with" in out
-    assert "within the time allowed" not in out
-
-
 def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
     estimator: Any, replay: Any, longer_bag: str, tmp_path: Path
 ) -> None:
@@ -357,24 +212,6 @@ def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
     assert "ended by the user at" in facts["played"]
     assert facts["estimates lost"] == "0"
     assert int(facts["estimates received"]) > 0
-
-
-def test_a_second_ctrl_c_ends_at_once(estimator: Any, replay: Any, longer_bag: str) -> None:
-    one = replay(longer_bag, "--rate", "1")
-    one.wait_for(ANSWERED)
-    estimator.send_signal(signal.SIGSTOP)  # estimates in flight are no longer answered
-    try:
-        one.wait_for(r" (1[7-9]|[2-9]\d) under way")
-        one.process.send_signal(signal.SIGINT)
-        one.wait_for("Ctrl-C again ends at once")
-        one.process.send_signal(signal.SIGINT)
-        code, out = one.finish()
-    finally:
-        estimator.send_signal(signal.SIGCONT)
-    assert code == 130, out
-    assert "replay: interrupted" in out
-    assert "all elements" not in out
-    assert "Traceback" not in out
 
 
 def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
@@ -405,15 +242,6 @@ def test_without_an_estimator_the_missing_parts_are_named(replay: Any, short_bag
     assert code == 2
     assert "no estimator within 1 s" in out
     assert "no service /nobody/reset" in out
-    assert "Traceback" not in out
-
-
-def test_ctrl_c_before_anything_was_played_is_an_interruption(replay: Any, short_bag: str) -> None:
-    one = replay(short_bag, "--estimator", "/nobody")
-    one.wait_for("waiting for /nobody")
-    one.process.send_signal(signal.SIGINT)
-    code, out = one.finish()
-    assert code == 130
     assert "Traceback" not in out
 
 

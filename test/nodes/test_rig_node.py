@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 import signal
-import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +15,6 @@ import pytest
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.status import SLACK
 
-PAGE = Path(__file__).parents[2] / "docs" / "simulation.md"
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0
 
@@ -310,40 +307,6 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
     assert one.spin_until(told)
 
 
-def test_the_true_forces_on_pulleys_are_published_as_vectors(bench: Any) -> None:
-    from cdrj_msgs.msg import CableTensions, NodalForces
-
-    one = bench(truth_rate=100.0)
-    forces = one.listen(NodalForces, "truth/nodal_forces")
-    tensions = one.listen(CableTensions, "truth/tensions")
-    one.publish("commands/position", array_of(0.2))
-    assert one.spin_until(lambda: one.rig.rig.motor_angle[0] == 0.2)
-    forces.clear()
-    tensions.clear()
-    assert one.spin_until(lambda: len(forces) > 5 and len(tensions) > 5)
-    tension = {stamp_ns(message): np.array(message.tension) for message in tensions}
-    both = [message for message in forces if stamp_ns(message) in tension]
-    assert both
-    for message in both:
-        x, y, z = (np.array(one) for one in (message.force_x, message.force_y, message.force_z))
-        np.testing.assert_allclose(message.magnitude, np.sqrt(x**2 + y**2), rtol=1e-12)
-        assert not z.any()
-        assert message.name[5] == "upper/7"  # half a turn lies on it
-        assert x[5] == pytest.approx(tension[stamp_ns(message)][5:7].sum())
-        assert list(message.status) == [0] * len(message.name)
-
-
-def test_a_motor_that_is_no_longer_commanded_holds(bench: Any) -> None:
-    one = bench("drives: {command_timeout: 0.1}")
-    one.publish("commands/velocity", array_of(2.0))
-    assert one.spin_until(lambda: one.rig.drives.timeouts == 1)
-    held = one.rig.rig.motor_angle[0]
-    assert 0.0 < held < 0.3
-    steps = one.rig.rig.steps
-    assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
-    assert one.rig.rig.motor_angle[0] == held
-
-
 def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
     from cdrj_msgs.msg import CableTensions
     from cdrj_msgs.srv import InjectFault, Push
@@ -443,29 +406,6 @@ def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None
     assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
 
 
-def test_a_slow_first_step_loses_no_time_and_makes_no_stamp_old(
-    bench: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from cdrj_ros.nodes import rig as module
-
-    one = bench()
-    clocks = {name: getattr(module, name) for name in ("time_ns", "monotonic_ns")}
-    step = one.rig._step
-    passed = [0]
-
-    def slow() -> None:
-        step()
-        passed[0] = 5_000_000_000  # the first step takes five seconds
-
-    for name, clock in clocks.items():
-        monkeypatch.setattr(module, name, lambda clock=clock: clock() + passed[0])
-    monkeypatch.setattr(one.rig, "_step", slow)
-    assert one.spin_until(lambda: one.rig.rig.steps > 200)
-    assert one.rig._left_out_s < 1.0
-    late_ns = module.time_ns() - one.rig._zero_ns - one.rig.rig.steps * 1_000_000
-    assert late_ns < 1_000_000_000
-
-
 def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
     from sensor_msgs.msg import JointState
 
@@ -478,33 +418,6 @@ def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any
     between = np.diff([stamp_ns(message) for message in heard])
     assert (between > 0).all()
     assert between.max() > 1_900_000_000
-
-
-def test_the_documents_table_lists_every_parameter_topic_and_service(bench: Any) -> None:
-    one = bench("load_cells: {elements: [upper/8]}", truth_rate=1.0, drive_clock=True)
-    rows = re.findall(r"^\| (in|out|service|parameter) \| (.+?) \|", PAGE.read_text(), re.MULTILINE)
-    listed: dict[str, set[str]] = {}
-    for kind, names in rows:
-        listed.setdefault(kind, set()).update(re.findall(r"`([^`]+)`", names))
-    declared = set(one.rig.list_parameters([], 0).names)
-    assert listed["parameter"] == declared - {"use_sim_time", "start_type_description_service"}
-
-    def relative(found: list[tuple[str, list[str]]]) -> set[str]:
-        names = {name.removeprefix("/cdrj/").replace("rig/", "~/") for name, _ in found}
-        return {name for name in names if name not in ("/rosout", "/parameter_events")}
-
-    def graph() -> dict[str, set[str]]:
-        who = ("rig", "/cdrj")
-        return {
-            "in": relative(one.user.get_subscriber_names_and_types_by_node(*who)),
-            "out": relative(one.user.get_publisher_names_and_types_by_node(*who)),
-        }
-
-    assert one.spin_until(lambda: graph() == {"in": listed["in"], "out": listed["out"]}), graph()
-    services = relative(one.user.get_service_names_and_types_by_node("rig", "/cdrj"))
-    assert listed["service"] == {name for name in services if "param" not in name} - {
-        "~/get_type_description"
-    }
 
 
 @pytest.mark.parametrize(
@@ -545,40 +458,3 @@ def test_a_rig_file_that_does_not_suit_the_robot_is_refused_at_the_start(
 ) -> None:
     with pytest.raises(UsageError, match=words):
         bench(text)
-
-
-def test_faults_of_the_rig_file_happen_at_their_times_and_again_after_a_reset(bench: Any) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from sensor_msgs.msg import JointState
-    from std_srvs.srv import Trigger
-
-    one = bench(
-        "{faults: [{kind: snap, cable: lower, at: 0.5, amount_mm: 10}, "
-        "{kind: freeze, encoder: elbow, at: 0.5}], joints: {noise: 0.01, latency: 0.1}}",
-        truth_rate=100.0,
-    )
-    tensions = one.listen(CableTensions, "truth/tensions")
-    joints = one.listen(JointState, "joint_states")
-    steps = lambda: one.rig.rig.steps  # noqa: E731
-    for _ in range(2):
-        tensions.clear()
-        assert one.spin_until(lambda: 100 < steps() < 400 and tensions)
-        assert tensions[-1].tension[8] > 10.0
-        assert one.spin_until(lambda: steps() > 700)
-        assert one.spin_until(lambda: tensions[-1].tension[8] == 0.0)
-        assert one.rig.outputs.frozen(one.rig._time_s) == ("elbow",)
-        joints.clear()
-        assert one.spin_until(lambda: len(joints) > 100)
-        assert len({message.position[0] for message in joints[-20:]}) == 1
-        assert one.call(Trigger, "rig/reset", Trigger.Request()).success
-    late_ns = one.rig._zero_ns + round(one.rig._time_s * 1e9) - stamp_ns(joints[-1])
-    assert late_ns > 90_000_000, "its latency"
-
-
-def test_the_command_names_a_missing_parameter_in_one_line(executables: Path) -> None:
-    ended = subprocess.run(
-        [executables / "rig"], capture_output=True, text=True, check=False, timeout=PATIENCE_S
-    )
-    assert ended.returncode == 2
-    last = ended.stderr.strip().splitlines()
-    assert last == ["rig: the parameter robot is missing: --ros-args -p robot:=FILE"]

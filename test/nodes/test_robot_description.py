@@ -118,12 +118,3 @@ def test_every_node_of_a_robot_takes_the_description_of_the_topic(
     node.destroy_node()
     sooner.join()
     assert joints == ("abduction", "mcp", "pip")
-
-
-@pytest.mark.parametrize("name", ["markers", "rig"])
-def test_a_node_takes_the_description_of_its_parameter(
-    name: str, ros: None, robot_file: Path
-) -> None:
-    node, joints = make(name, {"robot": str(robot_file), "robot_description": URDF})
-    node.destroy_node()
-    assert joints == ("abduction", "mcp", "pip")

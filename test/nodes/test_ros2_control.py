@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -32,13 +31,6 @@ from cdrj_ros.robot.reader import parse_robot
 ONE_TOPIC = ("-r", "motor_states:=/joint_states", "-r", "joint_states:=/joint_states")
 EVERY = 2
 """Milliseconds between messages."""
-
-
-@pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
 
 
 def untracked(text: str) -> str:

@@ -7,8 +7,6 @@ import signal
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from itertools import cycle
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -201,61 +199,6 @@ def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page: Scene) ->
     page.tension = 18.0
 
 
-@pytest.mark.parametrize("window", [(540, 620), (1100, 620)], ids=["narrow", "desk"])
-def test_the_robot_fills_the_visible_part_of_the_window(
-    page: Scene, window: tuple[int, int]
-) -> None:
-    from selenium.common.exceptions import WebDriverException
-
-    page.browser.set_window_size(*window)
-    cables = page.view.page.drawing.cables.values()
-
-    def filled() -> bool:
-        with suppress(WebDriverException):  # elements are replaced while the page is laid out
-            size = np.array([page.canvas.size["width"], page.canvas.size["height"]])
-            places = page.places(np.concatenate([np.array(one.vertices) for one in cables]))
-            extent = 2.0 * np.abs(places).max(axis=0)
-            return bool((0.55 * size < extent).any() and (extent < size).all())
-        return False
-
-    def above_the_panels() -> bool:
-        with suppress(WebDriverException):
-            panels = page.browser.find_elements("xpath", "//*[text()='cdrj_ros · finger']")
-            below = page.canvas.rect["y"] + page.canvas.rect["height"]
-            return bool(panels) and below <= max(panel.rect["y"] for panel in panels)
-        return False
-
-    wait_for(filled, "the whole robot in the picture")
-    if window[0] <= 576:
-        wait_for(above_the_panels, "the picture above the panels")
-
-
-def test_a_camera_that_the_visitor_moved_stays(page: Scene) -> None:
-    from selenium.webdriver import ActionChains
-    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
-
-    camera = next(iter(page.view.page.server.get_clients().values())).camera
-    before = float(np.linalg.norm(camera.position))
-    origin = ScrollOrigin.from_element(page.canvas)
-
-    def nearer() -> bool:
-        ActionChains(page.browser).scroll_from_origin(origin, 0, -120).perform()
-        return bool(np.linalg.norm(camera.position) < 0.8 * before)
-
-    wait_for(nearer, "the zoom")
-    sizes, again = cycle(((1200, 620), (1200, 622))), [0.0]
-
-    def resized() -> bool:  # on a busy machine a browser may not report a size
-        if monotonic() > again[0]:
-            again[0] = monotonic() + 10.0
-            page.browser.set_window_size(*next(sizes))
-        return bool(camera.image_width == page.canvas.size["width"] > 420)
-
-    wait_for(resized, "the size")
-    assert float(np.linalg.norm(camera.position)) < 0.8 * before
-    page.browser.set_window_size(1100, 620)
-
-
 def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
     from selenium.webdriver import ActionChains
 
@@ -276,15 +219,6 @@ def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
 
     wait_for(click, "the click")
     wait_for(lambda: f"Element {wanted}" in page.text(), "the plot's words")
-
-
-def test_every_plot_shows_the_last_minute_with_an_axis(page: Scene) -> None:
-    script = """
-    return Object.values(window.__viserTestpoints.uplots).map(({chart}) =>
-        [chart.scales.x.min, chart.scales.x.max, chart.axes.every(axis => axis._values !== null)])
-    """
-    wanted = [[-60, 0, True]] * 3
-    wait_for(lambda: page.browser.execute_script(script) == wanted, "plots with axes")
 
 
 def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -19,7 +19,17 @@ INPUTS = ("motor_states", "joint_states")
 class Remote:
     """An estimator process in its own namespace; ``start`` starts it."""
 
-    def __init__(self, node: Any, start_node: Any, side: str) -> None:
+    def __init__(
+        self, node: Any, start_node: Any, side: str, others: Mapping[str, Any] | None = None
+    ) -> None:
+        """Open the topics.
+
+        Args:
+            node: the test's own.
+            start_node: the fixture.
+            side: the namespace.
+            others: further topics to hear, by their types.
+        """
         from cdrj_msgs.msg import CableTensions
         from rcl_interfaces.msg import Log
         from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -35,6 +45,10 @@ class Remote:
         node.create_subscription(
             CableTensions, f"/{side}/tensions", self.answers.append, 2000, raw=True
         )
+        self.others: dict[str, list[bytes]] = {topic: [] for topic in others or ()}
+        for topic, kind in (others or {}).items():
+            keep = self.others[topic].append
+            node.create_subscription(kind, f"/{side}/{topic}", keep, 2000, raw=True)
         # announced after that for the tensions: who publishes to it knows both
         self.logged = 0
         kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
