@@ -146,15 +146,6 @@ def test_another_command_or_an_empty_trajectory_ends_a_trajectory(limits: DriveL
         assert drives.angle[0] == pytest.approx(0.0 if ending is not stop else 0.1)
 
 
-def test_motors_may_have_modes_of_their_own(limits: DriveLimits) -> None:
-    drives = Drives(limits)
-    drives.command(checked_command(limits, "velocity", [FLEXOR], [2.0]), 0.0)
-    drives.command(checked_command(limits, "position", [EXTENSOR], [-0.05]), 0.0)
-    angles = turn(drives, 100)
-    assert angles[-1] == pytest.approx([0.2, -0.05])
-    assert drives.modes == ["velocity", "position"]
-
-
 def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
     drives = Drives(limits, lambda step: np.full(2, 1e-3 * step))
     np.testing.assert_allclose(turn(drives, 50)[-1], 0.05)

@@ -10,13 +10,11 @@ import pytest
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, placed, prepare, segments_of, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.assembly import Truth, divide_contacts
-from cdrj_ros.simulation.truth import simulate
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -80,26 +78,6 @@ def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
     np.testing.assert_allclose(hold[np.count_nonzero(sliding) + 10 :], PRELOAD, rtol=2e-3)
 
 
-def test_tension_falls_along_the_sliding_arc_as_eulers_formula_says() -> None:
-    fine = prepare(divide_contacts(half_turn("euler"), CELLS))
-    tension = segments(fine, np.linspace(0.0, 0.2, 2001))
-    assert tension[0] / tension[-1] == pytest.approx(exp(MU * pi), rel=1e-8)
-    angle = np.arange(CELLS + 1) * pi / CELLS
-    np.testing.assert_allclose(tension, tension[0] * np.exp(-MU * angle), rtol=1e-8)
-
-
-def test_cells_slide_together_as_the_whole_pulley_does() -> None:
-    angle = np.concatenate([np.linspace(0.0, 0.2, 800), np.linspace(0.2, -0.1, 1200)])
-    for law in ("euler", "steady", "elastoplastic", "lugre"):
-        lumped = prepare(half_turn(law))
-        whole = wound(lumped, angle).values[:, lumped.layout.tension]
-        for cells in (2, 8, 40):
-            fine = prepare(divide_contacts(half_turn(law), cells))
-            tension = wound(fine, angle).values[:, fine.layout.tension]
-            # where every cell slides they agree, but for the strain along the arc itself
-            np.testing.assert_allclose(tension[[799, -1]], whole[[799, -1]], rtol=2e-3)
-
-
 def test_cells_give_the_lumped_pulleys_tensions_element_by_element(truth: Truth) -> None:
     model = prepare(load_robot(PROTOTYPE))
     stamps = EPOCH_NS + np.round(truth.time * 1e9).astype(np.int64)
@@ -109,21 +87,6 @@ def test_cells_give_the_lumped_pulleys_tensions_element_by_element(truth: Truth)
     assert np.ptp(truth.tension, axis=0).min() > 1.0
     assert (error / truth.tension).mean(axis=0).max() < 1e-3
     assert error.max() < 1.0
-
-
-def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
-    robot = load_robot(PROTOTYPE)
-    time = np.arange(300) * 1e-3
-    # balanced at first, then the load grows beyond what any winch angle can hold
-    torque = np.where(time < 0.1, 0.0, 1e5)
-    with pytest.raises(UsageError, match="a cable would have to push"):
-        simulate(robot, time, np.zeros(time.size), torque, cells=2)
-
-
-def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
-    time = np.arange(10) * 1e-3
-    with pytest.raises(UsageError, match="at least one motor and one joint"):
-        simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))
 
 
 @pytest.mark.parametrize(

@@ -46,13 +46,6 @@ def sound(robots: Robots) -> Truth:
 
 
 @pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
-def test_before_a_fault_nothing_is_different(robots: Robots, kind: str, sound: Truth) -> None:
-    broken = _followed(robots, Fault(kind, AT, cable="lower"))
-    np.testing.assert_array_equal(broken.tension[BEFORE], sound.tension[BEFORE])
-    assert not broken.unseen[BEFORE].any()
-
-
-@pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
 def test_a_fault_loosens_its_own_cable_alone(robots: Robots, kind: str, sound: Truth) -> None:
     broken = _followed(robots, Fault(kind, AT, cable="lower"))
     np.testing.assert_array_equal(broken.tension[:, UPPER], sound.tension[:, UPPER])
@@ -92,24 +85,6 @@ def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots
     assert lost_at_once == pytest.approx(cable.axial_stiffness * amount / material, rel=0.02)
 
 
-def test_a_slipping_drum_pays_out_radius_times_angle(robots: Robots) -> None:
-    robot = robots.prototype("none")
-    slipped = _followed(robots, Fault("slip", AT, 0.1, "upper"), robot=robot)
-    snapped = _followed(robots, Fault("snap", AT, 0.1 * 0.015, "upper"), robot=robot)
-    # both release the same material, except for the strain of the cable on the drum
-    np.testing.assert_allclose(slipped.tension[AFTER], snapped.tension[AFTER], atol=0.1)
-    assert slipped.unseen[-1, 0] == pytest.approx(-0.1)
-
-
-def test_a_lost_preload_leaves_the_cable_slack_in_part_of_the_motion(robots: Robots) -> None:
-    truth = _balanced(robots, Fault("slack", 1.0))
-    slack = truth.slack.any(axis=1)
-    assert not slack[TIME < 1.0].any()
-    assert 0.01 < slack.mean() < 0.9
-    assert (truth.tension >= 0.0).all()
-    assert truth.tension[:, UPPER].min() > 0.0, "the cable that carries the load stays taut"
-
-
 def test_the_motor_of_a_balanced_rig_compensates_a_snap(robots: Robots) -> None:
     sound, broken = _balanced(robots), _balanced(robots, Fault("snap", AT, cable="upper"))
     settled = TIME > AT + 0.5
@@ -119,12 +94,6 @@ def test_the_motor_of_a_balanced_rig_compensates_a_snap(robots: Robots) -> None:
     assert turned.min() > 0.05, "it winds in the released cable"
     assert any("unbalanced by up to" in note for note in broken.notes)
     assert not sound.notes
-
-
-def test_two_faults_on_one_end_add_up(robots: Robots) -> None:
-    both = _followed(robots, Fault("snap", 1.0, 3e-4, "lower"), Fault("snap", AT, 4e-4, "lower"))
-    once = _followed(robots, Fault("snap", 1.0, 7e-4, "lower"))
-    np.testing.assert_allclose(both.unseen[-1], once.unseen[-1], rtol=1e-12)
 
 
 def test_slack_without_a_fault_is_refused_with_its_place(robots: Robots) -> None:

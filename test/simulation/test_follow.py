@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.along import course
-from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.follow import follow_joints, pull_together
@@ -19,12 +19,6 @@ from cdrj_ros.simulation.motion import differences, sine
 from cdrj_ros.simulation.truth import simulate
 
 TIME = np.arange(3_001) / 1000.0
-
-
-def _poses(robot: Robot, count: int = 20) -> np.ndarray:
-    lower = np.array([joint.lower for joint in robot.joints])
-    upper = np.array([joint.upper for joint in robot.joints])
-    return lower + np.random.default_rng(2).random((count, lower.size)) * (upper - lower)
 
 
 def _moving(robot: Robot, share: float = 0.5) -> np.ndarray:
@@ -37,20 +31,6 @@ def _moving(robot: Robot, share: float = 0.5) -> np.ndarray:
 
 def _frictionless(robot: Robot) -> Robot:
     return replace(robot, cables=tuple(replace(cable, law="none") for cable in robot.cables))
-
-
-@pytest.mark.parametrize("name", ["prototype", "finger", "hoist", "platform"])
-def test_contact_cells_keep_the_geometry(robots: Robots, name: str) -> None:
-    robot = getattr(robots, name)()
-    whole, fine = prepare(robot), prepare(divide_contacts(robot, 6))
-    assert fine.layout.pulleys == whole.layout.pulleys
-    assert fine.sizes.contacts >= 6 * len(whole.layout.pulleys)
-    for pose in _poses(robot):
-        one, other = shape_at(whole, pose), shape_at(fine, pose)
-        np.testing.assert_array_equal(other.length, one.length)
-        np.testing.assert_array_equal(other.lever_arm, one.lever_arm)
-        np.testing.assert_array_equal(other.wrap, one.wrap)
-        assert other.segment.sum() == pytest.approx(one.length.sum(), abs=1e-12)
 
 
 def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robots: Robots) -> None:
@@ -77,15 +57,6 @@ def test_following_motors_keep_the_preload_of_frictionless_cables(
             element += 1
 
 
-@pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
-def test_friction_makes_the_tensions_along_a_moving_cable_differ(robots: Robots, name: str) -> None:
-    robot = getattr(robots, name)()
-    truth = simulate(robot, TIME, _moving(robot), cells=4)
-    count = len(robot.cables[0].nodes) - 1
-    assert np.ptp(truth.tension[-1, :count]) > 0.5
-    assert truth.tension.min() > 0.0
-
-
 def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots) -> None:
     robot = robots.finger()
     single = replace(robot.cables[1].nodes[0], motor="flexor_motor", winding=1)
@@ -98,27 +69,6 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
     truth = simulate(coupled, TIME, joints, cells=2)
     assert [note for note in truth.notes if "no motor compensates" in note]
     assert np.ptp(truth.tension[:, 0]) > 1.0
-
-
-def test_forces_on_pulleys_are_the_vector_sums_of_the_tensions_beside_them(
-    robots: Robots,
-) -> None:
-    robot = robots.finger()
-    joints = _moving(robot)
-    truth = simulate(robot, TIME, joints, cells=4)
-    assert truth.force.shape == (TIME.size, 4, 3)
-    model = prepare(robot)
-    for k in (0, 1000, 2500):
-        shape = shape_at(model, joints[k])
-        for cable in range(2):
-            for p in range(2):
-                e = 3 * cable + p
-                pull = (
-                    truth.tension[k, e + 1] * shape.direction[e + 1]
-                    - truth.tension[k, e] * shape.direction[e]
-                )
-                np.testing.assert_allclose(truth.force[k, 2 * cable + p], pull, atol=1e-12)
-                assert truth.nodal_force[k, 2 * cable + p] == pytest.approx(np.linalg.norm(pull))
 
 
 def test_forces_of_cables_without_positions_lie_along_and_across_their_bisector(
@@ -162,30 +112,6 @@ def test_a_weight_is_balanced_wherever_it_starts(robots: Robots) -> None:
     assert truth.motor_angle[0, 0] + 0.5 > 0.3 / 0.03, "ten radians from the reference"
 
 
-def test_more_payload_increases_the_difference_of_the_two_cables(robots: Robots) -> None:
-    angle = sine(0.3, 0.5, 0.2)(TIME).angle
-    parts = []
-    for mass in (0.0, 0.3, 0.6):
-        torque = make_load("rolling", mass).torque(*differences(TIME, angle))
-        truth = simulate(robots.prototype(), TIME, angle, torque, 20.0, cells=1, allow_slack=True)
-        parts.append((truth.tension[:, 6] - truth.tension[:, 14]).mean())
-    assert parts[0] < parts[1] < parts[2]
-    assert parts[2] - parts[1] == pytest.approx(parts[1] - parts[0], rel=0.1)
-
-
-def test_a_mirrored_motion_without_gravity_mirrors_the_tensions(robots: Robots) -> None:
-    robot = robots.prototype()
-    same = replace(robot, cables=tuple(replace(c, preload=30.0) for c in robot.cables))
-    angle = sine(0.5, 0.5, 0.2)(TIME).angle
-    load = make_load("rolling", 0.3, gravity=0.0)
-    there, back = (
-        simulate(same, TIME, a, load.torque(*differences(TIME, a)), 20.0, cells=2)
-        for a in (angle, -angle)
-    )
-    np.testing.assert_allclose(there.motor_angle, -back.motor_angle, atol=1e-5)
-    np.testing.assert_allclose(there.tension[:, :8], back.tension[:, 8:], atol=2e-3)
-
-
 def test_a_motion_faster_than_its_motor_is_refused_or_a_note_reports_its_waits(
     robots: Robots,
 ) -> None:
@@ -197,8 +123,3 @@ def test_a_motion_faster_than_its_motor_is_refused_or_a_note_reports_its_waits(
     slow = simulate(robot, TIME, angle, torque, 1.0, cells=2)
     assert np.abs(np.diff(slow.motor_angle[:, 0])).max() <= 1e-3 * (1.0 + 1e-9)
     assert [note for note in slow.notes if "waited for its motor" in note]
-
-
-def test_arrays_of_another_shape_are_refused(robots: Robots) -> None:
-    with pytest.raises(UsageError, match=r"joint_angle must have the shape \(10, 2\)"):
-        simulate(robots.finger(), TIME[:10], np.zeros(10))

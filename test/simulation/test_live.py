@@ -13,7 +13,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.commands import DriveLimits, checked_command
+from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.follow import Demonstration, follow_joints, program_of
@@ -110,17 +110,6 @@ def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> Non
     assert_same_digits(by_themselves.truth(), truth)
 
 
-def test_the_demonstration_moves_the_motors_as_simulate_does(robots: Robots) -> None:
-    robot = robots.prototype()
-    model = prepare(robot)
-    program = program_of(model, 0, RATE, Demonstration("sine", 0.3, 0.5))
-    assert program is not None
-    time = np.arange(2_500) / RATE
-    wanted = follow_joints(model, sine(0.3, 0.5, 1.0)(time).angle[:, None]).motor_angle
-    found = [program(k) for k in range(time.size)]
-    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("demonstration", "words"),
     [
@@ -170,23 +159,6 @@ def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robot
     assert np.ptp(kept) < 0.01 * np.ptp(work)
 
 
-def test_most_of_the_work_of_a_push_becomes_kinetic_energy(robots: Robots) -> None:
-    robot = robots.prototype("none")
-    load = make_load("rolling", 0.3)
-    rig = live(robot, load, cells=1)
-    rest = rig.joint_angle[0]
-    rig.push(3.0, 0.02)
-    for _ in range(20):
-        rig.step(rig.motor_angle)
-    work = 3.0 * (rig.joint_angle[0] - rest)
-    kinetic = energy(load.coefficients(), rig.joint_angle, np.array([rig.joint_speed]))
-    kinetic -= energy(load.coefficients(), rig.joint_angle, np.zeros(1))
-    assert 0.5 * work < kinetic[0] < work
-    assert rig.push_torque == 3.0
-    rig.step(rig.motor_angle)
-    assert rig.push_torque == 0.0
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_stop_ends_the_motion_and_releases_the_joint(robots: Robots, side: float) -> None:
     rig = live(robots.prototype(), lower=-0.02, upper=0.02)
@@ -209,12 +181,6 @@ def test_a_motor_never_turns_faster_than_it_can(robots: Robots) -> None:
         assert 1.0 < speed.max() < 2.0 + 1e-9
 
 
-def test_a_position_is_reached_exactly_and_kept_without_further_commands(robots: Robots) -> None:
-    run = run_of(robots.prototype(), timeout_s=0.05).tell("position", 0.4).steps(300)
-    assert run.rig.motor_angle[0] == 0.4
-    assert run.drives.timeouts == 0
-
-
 @pytest.mark.parametrize("mode", ["velocity", "effort"])
 def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mode: str) -> None:
     run = run_of(robots.prototype(), timeout_s=0.1).tell(mode, 0.9).steps(105)
@@ -223,14 +189,6 @@ def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mod
     run.steps(200)
     assert run.rig.motor_angle[0] == held
     assert (run.drives.modes, run.drives.timeouts) == (["position"], 1)
-
-
-def test_a_torque_balances_the_cables_torque(robots: Robots) -> None:
-    run = run_of(robots.prototype("none"), damping=0.05)
-    for _ in range(20):
-        run.tell("effort", 0.5).steps(100)
-    assert run.rig.at_stop
-    np.testing.assert_allclose(run.rig.motor_effort, -0.5, atol=1e-3)
 
 
 def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots: Robots) -> None:
@@ -249,11 +207,6 @@ def test_a_cable_that_would_be_wound_in_entirely_stalls_its_motor(robots: Robots
     np.testing.assert_array_equal(rig.motor_angle, before)
     assert np.isfinite(rig.tension).all()
     assert rig.step(before + 1e-3)
-
-
-def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
-    with pytest.raises(UsageError, match=r"rotor_inertia must be at least .* for winch"):
-        drive_limits(robots.prototype(), RATE, inertia=1e-7)
 
 
 @pytest.mark.parametrize("cable", ["upper", "lower"])
@@ -301,13 +254,6 @@ def test_an_impossible_fault_is_refused_and_changes_nothing(
     assert rig.faults == ()
 
 
-def test_a_cable_without_preload_needs_an_amount(robots: Robots) -> None:
-    rig = live(robots.hoist(), make_load("lift", 2.0, 40.0))
-    with pytest.raises(UsageError, match="snap of rope needs an amount"):
-        rig.break_cable("snap", "rope")
-    assert rig.break_cable("snap", "rope", 0.01).startswith("snap of rope: 0.01 m")
-
-
 @pytest.mark.parametrize("push", [(np.nan, 1.0), (2 * MOST_TORQUE, 1.0), (1.0, 0.0),
                                   (1.0, np.inf), (1.0, 2 * LONGEST_PUSH)])  # fmt: skip
 def test_an_impossible_push_is_refused(robots: Robots, push: tuple[float, float]) -> None:
@@ -333,21 +279,3 @@ def test_impossible_settings_are_refused(
 ) -> None:
     with pytest.raises(UsageError, match=words):
         live(robots.prototype(), **settings)
-
-
-def test_a_heavier_load_sinks(robots: Robots) -> None:
-    rig = live(robots.prototype())
-    for _ in range(50):
-        rig.step(rig.motor_angle)
-    before = rig.joint_angle[0]
-    rig.set_load(make_load("rolling", 3.0, 1.0))
-    for _ in range(500):
-        rig.step(rig.motor_angle)
-    assert rig.joint_angle[0] < before - 1e-3
-
-
-def test_limits_follow_the_robot_unless_given(robots: Robots) -> None:
-    limits = drive_limits(robots.prototype(), RATE)
-    assert isinstance(limits, DriveLimits)
-    assert limits.torque == (pytest.approx(120.0 * 0.015),)
-    assert drive_limits(robots.prototype(), RATE, speed=1e3).speed == (60.0,)

@@ -57,56 +57,12 @@ def test_speed_and_acceleration_are_the_derivatives_of_the_angle(name: str) -> N
     assert jumps.mean() < 2e-3, "acceleration may jump, but only at corners"
 
 
-@every_motion
-def test_a_motion_is_continuous_in_speed(name: str) -> None:
-    for step in (1e-3, 1e-4):
-        time = np.arange(round(12.0 / step) + 1) * step
-        course = MOTIONS[name](time)
-        most = np.abs(course.acceleration).max()
-        assert np.abs(np.diff(course.speed)).max() <= 1.01 * most * step
-
-
-@pytest.mark.parametrize("name", ["sine", "ramps", "dwell", "random"])
-def test_a_mirrored_amplitude_mirrors_the_motion(name: str) -> None:
-    make = {
-        "sine": motion.sine,
-        "ramps": motion.ramps,
-        "dwell": motion.dwell,
-        "random": lambda a, f: motion.random(a, f, 3),
-    }[name]
-    for there, back in zip(
-        make(AMPLITUDE, FREQUENCY)(TIME), make(-AMPLITUDE, FREQUENCY)(TIME), strict=True
-    ):
-        np.testing.assert_array_equal(there, -back)
-
-
-def test_ramps_move_at_constant_speed_between_their_turns() -> None:
-    course = MOTIONS["ramps"](TIME)
-    later = TIME > 2.0
-    fastest = np.abs(course.speed[later]).max()
-    assert np.mean(np.abs(course.speed[later]) > 0.999 * fastest) == pytest.approx(0.6, abs=0.01)
-
-
-def test_a_dwelling_motion_rests_half_of_the_time() -> None:
-    course = MOTIONS["dwell"](TIME)
-    moving = TIME > BEGIN
-    assert np.mean(course.speed[moving] == 0.0) == pytest.approx(0.5, abs=0.01)
-    rests = np.round((course.angle[moving & (course.speed == 0.0)] - CENTRE) / AMPLITUDE, 9)
-    assert set(np.abs(rests)) >= {0.0, 0.5, 1.0}
-
-
 def test_random_motion_has_no_frequency_above_its_band() -> None:
     time = np.arange(200_001) / 1000.0
     angle = motion.random(1.0, FREQUENCY, 11)(time).angle[10_000:]
     power = np.abs(np.fft.rfft(angle * np.hanning(angle.size))) ** 2
     frequency = np.fft.rfftfreq(angle.size, 1e-3)
     assert power[frequency > 1.1 * FREQUENCY].sum() < 1e-6 * power.sum()
-
-
-def test_a_seed_gives_the_same_random_motion_and_another_seed_another() -> None:
-    one, same, other = (motion.random(1.0, 0.3, seed)(TIME).angle for seed in (1, 1, 2))
-    np.testing.assert_array_equal(one, same)
-    assert np.abs(one - other).max() > 0.1
 
 
 def test_a_recorded_motion_is_followed_to_within_its_counts() -> None:

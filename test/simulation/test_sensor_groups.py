@@ -20,7 +20,7 @@ from cdrj_ros.simulation.sensor_groups import (
     encoder_groups,
     truth_table,
 )
-from cdrj_ros.simulation.sensors import Encoder, LoadCells, read_encoder, reading_times
+from cdrj_ros.simulation.sensors import Encoder, LoadCells
 
 TIME = np.arange(4_001) / 1000.0
 ANGLE = np.stack([np.sin(3.0 * TIME), 0.3 * TIME, 0.2 * TIME, np.cos(TIME)], axis=1)
@@ -85,35 +85,6 @@ def test_a_truth_in_steps_gives_the_readings_of_the_whole(update_rate: float | N
                 np.testing.assert_array_equal(once, steps)
         assert read.stamps.size > 1000
         assert one.frozen(2.0) == (("j1",) if "j1" in one.names else ())
-
-
-def test_ideal_encoders_read_what_a_whole_recording_would() -> None:
-    motors, joints = encoder_groups(MODEL, SensorSettings(), 0)
-    for group, columns in ((motors, (0, 1)), (joints, (2, 3))):
-        encoder = SensorSettings.motors if group is motors else SensorSettings.joints
-        read = group.take(TIME, TRUTH)
-        times = reading_times(0.0, TIME[-1], encoder.rate, encoder.phase_s)
-        np.testing.assert_array_equal(read.stamps, times)
-        for k, column in enumerate(columns):
-            wanted = read_encoder(encoder, times, TIME, ANGLE[:, column])
-            np.testing.assert_array_equal(read.position[:, k], wanted)
-        assert read.velocity is None
-        assert read.effort is None
-
-
-def test_noise_jitter_and_losses_have_the_requested_size_and_follow_the_seed() -> None:
-    settings = SensorSettings(NOISY)
-    first, again, other = (
-        encoder_groups(MODEL, settings, seed)[0].take(TIME, TRUTH) for seed in (3, 3, 4)
-    )
-    assert 0.8 < first.stamps.size / TIME.size < 0.97
-    off = first.stamps * 1000.0 - np.round(first.stamps * 1000.0)
-    assert np.std(off) == pytest.approx(0.1, rel=0.1)
-    assert np.all(np.diff(first.stamps) > 0.0)
-    error = first.position[:, 1] - 0.3 * np.round(first.stamps, 3)
-    assert np.std(error) == pytest.approx(1e-3, rel=0.05)
-    np.testing.assert_array_equal(first.position, again.position)
-    assert first.stamps.size != other.stamps.size or np.any(first.stamps != other.stamps)
 
 
 def test_messages_of_a_broadcaster_have_all_axes_at_one_rate_with_speeds_and_efforts() -> None:

@@ -14,8 +14,6 @@ from cdrj_ros.simulation.sensors import (
     Losses,
     ReadingTimes,
     Schedule,
-    angle_of,
-    read_cells,
     read_encoder,
     reading_times,
 )
@@ -69,39 +67,12 @@ def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
     assert lengths.mean() == pytest.approx(max(burst, 1.0 / (1.0 - share)), rel=0.1)
 
 
-def test_lost_readings_leave_gaps_and_change_nothing_else() -> None:
-    plan = schedule(replace(ENCODER, dropout=0.2), 0.0, 20.0)
-    assert plan.times.size == pytest.approx(0.8 * 20_001, rel=0.03)
-    assert set(plan.times) <= set(reading_times(0.0, 20.0, 1000.0))
-    np.testing.assert_array_equal(plan.times, plan.stamps)
-
-
 def test_seeds_reproduce_and_differ() -> None:
     encoder = replace(ENCODER, jitter_s=1e-4, dropout=0.1, burst_s=0.01)
     one, same = (schedule(encoder, 0.0, 5.0) for _ in range(2))
     np.testing.assert_array_equal(one.stamps, same.stamps)
     other = schedule(encoder, 0.0, 5.0, 6)
     assert one.stamps.size != other.stamps.size or np.any(one.stamps != other.stamps)
-
-
-def test_an_ideal_sensor_draws_no_random_numbers() -> None:
-    generator = _generator()
-    ReadingTimes(ENCODER, 0.0, generator).until(5.0)
-    read_encoder(ENCODER, TIME, TIME, ANGLE, generator)
-    assert generator.random() == _generator().random()
-
-
-def test_noise_without_a_generator_is_an_error_of_the_caller() -> None:
-    with pytest.raises(ValueError, match="generator"):
-        read_encoder(replace(ENCODER, noise=1.0), TIME, TIME, ANGLE)
-
-
-def test_the_robot_file_converts_a_reading_back_into_the_angle() -> None:
-    bent = Sensor(-0.5, 0.3, corrected_at=(-0.4, 0.0, 0.3), correction=(0.1, -0.1, 0.02))
-    for sensor in (Sensor(scale=-0.5, offset=0.3), bent):
-        read = read_encoder(ENCODER, TIME, TIME, ANGLE, sensor=sensor)
-        steepest = 1.4 if sensor is bent else 1.0
-        assert np.abs(angle_of(sensor, read) - ANGLE).max() <= steepest * 0.5 * STEP + 1e-12
 
 
 def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
@@ -111,16 +82,3 @@ def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
     assert np.abs(read).max() <= 0.5 + STEP
     assert np.count_nonzero(np.abs(np.diff(read)) > 0.5) == 2
     assert np.abs(np.unwrap(read, period=1.0) - angle).max() <= 0.5 * STEP + 1e-12
-
-
-def test_load_cells_have_a_bias_and_lose_readings_as_encoders_do() -> None:
-    cells = LoadCells(force_bias=0.5, dropout=0.3, jitter_s=1e-3)
-    plan = schedule(cells, 0.0, 20.0)
-    assert plan.times.size == pytest.approx(0.7 * 2001, rel=0.06)
-    assert np.all(np.diff(plan.stamps) > 0.0)
-    values = np.full((TIME.size, 2), 20.0)
-    read = read_cells(
-        values, TIME, plan.times, cells.force_noise, cells.force_step, _generator(),
-        cells.force_bias,
-    )  # fmt: skip
-    assert read.mean() == pytest.approx(20.5, abs=0.005)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +29,6 @@ AMPLITUDE = float(np.radians(38.0))
 HIGH, LOW = "36.85,26.26", "23.52,6.66"
 """The source's two sets of preloads [N]."""
 ALLOWED_S = 0.02
-CLEAR_S = 0.2
-"""A change of slack counts only if none precedes, or follows, it within this time [s]."""
 SLACK_N = 0.1
 COUNT_N = 0.31
 """Tension that corresponds to one count of the joint encoder [N]."""
@@ -109,56 +106,15 @@ def watch(
     )
 
 
-@cache
-def heavy(frequency: float, duration: float) -> Watched:
-    """0.9 kg: the lower cable cannot keep its tension."""
-    return watch(LOW, 0.9, sine(AMPLITUDE, frequency, 1.0), duration, 2e-3, motor_speed=20.0)
-
-
-@pytest.mark.parametrize(("frequency", "duration", "onsets"), HEAVY)
-def test_slack_is_declared_within_twenty_milliseconds(
-    frequency: float, duration: float, onsets: int
-) -> None:
-    watched = heavy(frequency, duration)
-    clear = round(CLEAR_S / watched.step_s)
-    seen = 0
-    for e in range(8, 16):
-        slack = watched.slack[:, e]
-        for k in np.flatnonzero(slack[1:] & ~slack[:-1]) + 1:
-            if slack[max(k - clear, 0) : k].any():
-                continue  # it was slack shortly before
-            after = watched.seen_at - k * watched.step_s
-            flagged = after[watched.flags[:, e] & (after > -0.15)]
-            assert abs(flagged[0]) <= ALLOWED_S, (e, k)
-            seen += 1
-    assert seen >= onsets
-    assert not watched.flags[:, :8].any()  # the upper cable stays taut and is never flagged
-
-
-@pytest.mark.parametrize(("frequency", "duration", "ends"), HEAVY)
-def test_the_end_of_slack_is_declared_within_twenty_milliseconds(
-    frequency: float, duration: float, ends: int
-) -> None:
-    watched = heavy(frequency, duration)
-    clear = round(CLEAR_S / watched.step_s)
-    seen = 0
-    for e in range(8, 16):
-        slack = watched.slack[:, e]
-        for k in np.flatnonzero(~slack[1:] & slack[:-1]) + 1:
-            if slack[k : k + clear].any() or k + clear > slack.size:
-                continue  # it is soon slack again
-            after = watched.seen_at - k * watched.step_s
-            flagged = after[watched.flags[:, e] & (np.abs(after) < 0.15)]
-            assert abs(flagged[-1]) <= ALLOWED_S, (e, k)
-            seen += 1
-    assert seen >= ends
-
-
-@pytest.mark.parametrize(("frequency", "duration"), [row[:2] for row in HEAVY])
+@pytest.mark.parametrize(("frequency", "duration", "changes"), HEAVY)
 def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
-    frequency: float, duration: float
+    frequency: float, duration: float, changes: int
 ) -> None:
-    watched = heavy(frequency, duration)
+    # 0.9 kg: the lower cable cannot keep its tension
+    watched = watch(LOW, 0.9, sine(AMPLITUDE, frequency, 1.0), duration, 2e-3, motor_speed=20.0)
+    slack = watched.slack
+    assert np.count_nonzero(slack[1:] & ~slack[:-1]) >= changes
+    assert not watched.flags[:, :8].any()  # the upper cable stays taut and is never flagged
     assert not np.any(watched.flags & ~watched.around(watched.slack))
     assert not np.any(~watched.flags & ~watched.around(~watched.slack))
 

@@ -85,20 +85,3 @@ def test_a_load_that_the_cables_do_not_hold_rests_on_an_end_stop() -> None:
         assert rig.step(rig.motor_angle)
         assert rig.at_stop
         assert rig.joint_angle[0] == stop
-
-
-def test_a_reference_at_an_end_moves_about_the_middle() -> None:
-    model = load_model("hoist")
-    axis = model.robot.joints[0]
-    assert axis.reference_angle == axis.lower
-    load = make_load("lift", 0.3, 1.0)
-    rig = LiveRig(model.robot, LiveSettings(load, cells=1, rate=250.0))
-    program = program_of(model, 0, 250.0, Demonstration("sine", frequency=0.5))
-    assert program is not None
-    reached = []
-    for step in range(1, 1751):
-        assert rig.step(program(step))
-        reached.append(rig.joint_angle[0])
-    middle, height = 0.5 * (axis.lower + axis.upper), axis.upper - axis.lower
-    assert max(reached[-500:]) == pytest.approx(middle + 0.3 * height, abs=0.02 * height)
-    assert min(reached[-500:]) == pytest.approx(middle - 0.3 * height, abs=0.02 * height)

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.packing import number_views
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.simulation.assembly import divide_contacts, make_rig
+from cdrj_ros.simulation.assembly import make_rig
 from cdrj_ros.simulation.truth import simulate
 
 Vector = NDArray[np.float64]
@@ -155,80 +153,6 @@ def test_cable_keeps_the_tension_with_which_it_was_laid_on() -> None:
     assert all(more > 1.7 * less for more, less in pairwise(errors))
 
 
-def dragged() -> tuple[Table, Table]:
-    """Motor and joint angles of a cable that slides to and fro while an end of its arc moves."""
-    angle = -0.3 + 0.5 * np.sin(2.0 * np.pi * 0.4 * TIME)
-    motor = 0.5 * np.sin(2.0 * np.pi * 0.3 * TIME) * RADIUS
-    return motor[:, None], poses(angle, 0.11 - RADIUS * (angle + 0.3))
-
-
-@pytest.mark.parametrize("guide", ["plane", "space"])
-def test_a_cable_dragged_over_a_body_converges_with_the_number_of_cells(guide: str) -> None:
-    motor, joints = dragged()
-    robot = crank(guide, joints[0])
-    found = {
-        n: simulate(robot, TIME, joints, motor_angle=motor, cells=n).tension for n in (2, 6, 18, 90)
-    }
-    assert np.ptp(found[90][:, 1] / found[90][:, 0]) > 0.02, "friction is at work"
-    errors = [np.abs(found[n] - found[90]).mean() for n in (2, 6, 18)]
-    assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
-    assert errors[2] < 1e-4 * PRELOAD
-
-
-def test_a_sliding_cable_obeys_eulers_formula_for_the_arc_of_the_moment() -> None:
-    angle = -0.4 + 0.3 * np.sin(2.0 * np.pi * 0.4 * TIME)
-    motor = -0.6 * TIME[:, None]  # pays out
-    joints = poses(angle, 0.11 - RADIUS * (angle + 0.4) + 0.006 * TIME)
-    truth = simulate(crank("plane", joints[0]), TIME, joints, motor_angle=motor, cells=8)
-    start = np.arctan2(-0.03, -0.2)
-    offset = np.arcsin((RADIUS - 0.01) / np.hypot(0.2, 0.03))
-    entry = start + np.pi - offset  # direction of the cable before the pulley
-    wrap = np.mod(angle + 0.5 * np.pi - entry + np.pi, 2.0 * np.pi) - np.pi
-    sliding = TIME > 1.0
-    ratio = truth.tension[sliding, 1] / truth.tension[sliding, 0]
-    # only cable that has just been laid on does not slide yet
-    capstan = np.exp(MU * wrap[sliding])
-    assert np.all(ratio < capstan * (1.0 + 1e-9))
-    np.testing.assert_allclose(ratio, capstan, rtol=2e-4)
-    np.testing.assert_allclose(np.median(ratio / capstan), 1.0, atol=1e-9)
-
-
-def half_turn() -> Robot:
-    return parse_robot("""
-        name: half_turn
-        motors: [{name: m}]
-        joints: []
-        friction: {mu_c: 0.15, mu_s: 0.2, stribeck_speed: 0.01, rho: 0.8, bearing_friction: 0.05}
-        cables:
-          - name: c
-            axial_stiffness: 6283
-            preload: 30
-            nodes:
-              - {type: winch, motor: m, winding: 1, radius: 0.015}
-              - {type: pulley, radius: 0.01, bearing_diameter: 0.004, wrap_angle_deg: 180}
-              - {type: anchor}
-            spans: [0.2, 0.2]
-        """)
-
-
-def test_where_no_end_of_an_arc_moves_its_cells_are_equal_parts() -> None:
-    divided = divide_contacts(half_turn(), 8)
-    assert [(pulley.cells, pulley.cell_width) for pulley in divided.cables[0].pulleys] == [(8, 0.0)]
-
-
-def test_cells_on_a_surface_are_those_of_an_arc_that_does_not_move() -> None:
-    time = np.arange(3000) * 1e-3
-    motor = (0.1 * np.sin(2.0 * np.pi * 0.7 * time))[:, None]
-    samples = Samples(1 + np.arange(3000) * 1_000_000, motor, np.empty((3000, 0)))
-    found = []
-    for values in ({"cells": 8}, {"cells": 9, "cell_width": 0.01 * np.pi / 8}):
-        model = prepare(with_guide(half_turn(), **values))
-        estimates = run(model, initial_state(model), samples)[1].values
-        found.append(estimates[:, : model.layout.iterations.start])
-    assert np.ptp(found[0][:, 0]) > 1.0
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-9)
-
-
 def walk(model: Model, joints: Table, motor: Table) -> Table:
     """States along a motion."""
     out, states = np.zeros(model.out_size), np.zeros((len(joints), model.state_size))
@@ -259,97 +183,3 @@ def test_no_material_is_lost_as_cells_come_and_leave(guide: str) -> None:
         material += drum["material"][np.arange(top.size), top]
     np.testing.assert_allclose(material, material[0], rtol=1e-12)
     assert states.material.min() > 0.0
-
-
-def arm() -> Robot:
-    """Two joints in series, moved by two cables over a pulley on the first joint's axis."""
-    cable = """
-  - name: {name}
-    axial_stiffness: 8000
-    preload: 40
-    nodes:
-      - {{type: winch, motor: {name}, radius_mm: 10, winding: 1, position_mm: [-60, {y}],
-         turn: {turn}}}
-      - {{type: pulley, radius_mm: 12, position_mm: [0, 0], turn: {turn}}}
-      - {{type: pulley, radius_mm: 9, frame: link1, position_mm: [90, 0], turn: {turn}}}
-      - {{type: anchor, frame: link2, position_mm: [60, {end}]}}
-"""
-    return parse_robot(
-        """
-name: arm
-motors: [{name: up}, {name: down}]
-joints:
-  - {name: shoulder, range_deg: [-35, 35]}
-  - {name: elbow, range_deg: [-35, 35]}
-frames:
-  - {name: link1, motion: revolute, joint: shoulder}
-  - {name: link2, parent: link1, motion: revolute, joint: elbow, origin_mm: [90, 0]}
-friction: {mu_c: 0.2, rho: 1}
-cables:
-"""
-        + cable.format(name="up", y=60, end=40, turn="ccw")
-        + cable.format(name="down", y=-60, end=-40, turn="cw")
-    )
-
-
-def test_rig_and_estimator_agree_on_an_arm_whose_arcs_grow_and_shrink() -> None:
-    robot = arm()
-    time = np.arange(8001) * 1e-3
-    joints = np.stack([0.55 * np.sin(1.9 * time), 0.5 * np.sin(2.7 * time)], axis=1)
-    truth = simulate(robot, time, joints, cells=24)
-    assert make_rig(robot, 24).fine.sizes.surfaces >= 2
-    model = prepare(robot)
-    samples = Samples(1 + np.arange(time.size) * 1_000_000, truth.motor_angle, joints)
-    estimate = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
-    error = np.abs(estimate - truth.tension) / truth.tension
-    assert np.ptp(truth.tension, axis=0).max() > 10.0
-    assert error.mean(axis=0).max() < 0.0015
-
-
-def over_a_bar() -> Robot:
-    """A cable that a joint lifts off a bar."""
-    return parse_robot("""
-name: over_a_bar
-motors: [{name: m}]
-joints: [{name: height, range: [-0.05, 0.1]}]
-frames: [{name: hook, motion: prismatic, joint: height, axis: [0, 1, 0]}]
-friction: {mu_c: 0.3, rho: 1}
-cables:
-  - name: c
-    axial_stiffness: 6000
-    preload: 50
-    nodes:
-      - {type: winch, motor: m, winding: 1, radius: 0.01, position: [-0.2, 0, 0]}
-      - {type: cylinder, radius: 0.02, position: [0, 0, 0], axis: [0, 0, 1], side: [0, 1, 0]}
-      - {type: anchor, frame: hook, position: [0.2, 0, 0]}
-        """)
-
-
-def test_a_cable_that_has_been_lifted_off_has_forgotten_its_friction() -> None:
-    robot, time = over_a_bar(), np.arange(6001) * 1e-3
-    up = np.clip((time - 2.0) / 1.0, 0.0, 1.0) - np.clip((time - 4.0) / 1.0, 0.0, 1.0)
-    height = np.where(time < 2.0, 0.0, 0.08 * up)
-    pulled = 0.06 * np.sin(np.pi * np.minimum(time, 1.5) / 1.5) * np.exp(-time)
-    pulled[time > 1.5] = 0.0
-    one, other = (
-        simulate(robot, time, height, motor_angle=motor, cells=12).tension
-        for motor in (pulled, np.zeros_like(pulled))
-    )
-    touching, lifted, back = (time > 1.6) & (time < 2.0), (time > 3.0) & (time < 4.0), time > 5.5
-    assert np.abs(one - other)[touching].max() > 1.0
-    np.testing.assert_allclose(one[lifted, 0], one[lifted, 1], rtol=1e-9)
-    np.testing.assert_allclose(one[back], other[back], rtol=1e-5)
-    assert np.ptp(one[back][0]) > 0.1, "friction holds a difference again"
-
-
-def test_mirrored_robots_have_the_same_tensions() -> None:
-    motor, joints = dragged()
-    found = []
-    for guide, sign in (("plane", 1.0), ("mirrored plane", -1.0)):
-        course = joints * [sign, 1.0]
-        robot = with_guide(crank(guide, course[0]), cells=9, cell_width=0.005)
-        model = prepare(robot)
-        samples = Samples(1 + np.arange(TIME.size) * 1_000_000, motor, course)
-        estimates = run(model, initial_state(model), samples)[1].values
-        found.append(estimates[:, model.layout.tension])
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-7)

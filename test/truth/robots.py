@@ -10,8 +10,6 @@ from truth.bodies import Node
 from truth.frames import Frame
 from truth.scenes import Line, Scene, waves
 
-Point = tuple[float, float, float]
-
 
 def _clock(seconds: float, rate: float) -> np.ndarray:
     return np.arange(round(seconds * rate) + 1) / rate

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from truth import robots
-from truth.bodies import Node
-from truth.scenes import Line, Scene, waves
+from truth.scenes import Scene, waves
 
 
 @pytest.mark.parametrize("shape", ["plane", "helix", "sphere", "swivel"])
@@ -19,72 +18,6 @@ def test_nothing_slides_where_the_end_follows_the_involute(shape: str) -> None:
     tension = scene.truth().tension
     assert np.degrees(np.ptp(scene.paths[0].last[:, 0]) / 0.02) > 59.0
     np.testing.assert_allclose(tension, 50.0, rtol=1e-8)
-
-
-def reversed_nodes(nodes: tuple[Node, ...]) -> tuple[Node, ...]:
-    return tuple(replace(node, turn=-node.turn) for node in reversed(nodes))
-
-
-@pytest.mark.parametrize(
-    "scene",
-    [robots.skew_cylinders(2.0, 100), robots.sphere(5.0, 60)],
-    ids=lambda scene: scene.name,
-)
-def test_a_cable_has_the_same_tensions_from_whichever_end_it_is_described(scene: Scene) -> None:
-    line = scene.lines[0]
-    other = replace(scene, lines=(replace(line, nodes=reversed_nodes(line.nodes)),))
-    one, two = scene.truth(), other.truth()
-    # a body's cells begin elsewhere
-    np.testing.assert_allclose(two.tension[:, ::-1], one.tension, rtol=2e-3)
-    assert np.mean(np.abs(two.tension[:, ::-1] / one.tension - 1.0)) < 2e-4
-    np.testing.assert_allclose(two.motor_effort, one.motor_effort, rtol=2e-3)
-
-
-def mirrored(scene: Scene) -> Scene:
-    """The scene in a mirror: z of everything reversed."""
-    lines = []
-    for line in scene.lines:
-        nodes = []
-        for node in line.nodes:
-            x, y, z = node.position
-            axis, side = node.axis, node.side
-            nodes.append(
-                replace(
-                    node,
-                    position=(x, y, -z),
-                    axis=axis and (axis[0], axis[1], -axis[2]),
-                    turn=-node.turn,
-                    side=side and (side[0], side[1], -side[2]),
-                )
-            )
-        lines.append(Line(line.name, line.stiffness, line.preload, tuple(nodes)))
-    frames = []
-    for frame in scene.frames:
-        x, y, z = frame.origin
-        roll, pitch, yaw = frame.rpy
-        sign = -1.0 if frame.motion == "revolute" else 1.0
-        a, b, c = frame.axis
-        frames.append(
-            replace(
-                frame,
-                origin=(x, y, -z),
-                rpy=(-roll, -pitch, yaw),
-                axis=(sign * a, sign * b, -sign * c),
-            )
-        )
-    return replace(scene, frames=tuple(frames), lines=tuple(lines))
-
-
-@pytest.mark.parametrize(
-    "scene",
-    [robots.skew_cylinders(2.0, 100), robots.sphere(5.0, 60), robots.arm(1.0, 100)],
-    ids=lambda scene: scene.name,
-)
-def test_a_robot_in_a_mirror_has_the_same_tensions_and_efforts(scene: Scene) -> None:
-    one, two = scene.truth(), mirrored(scene).truth()
-    np.testing.assert_allclose(two.tension, one.tension, rtol=1e-3)
-    assert np.mean(np.abs(two.tension / one.tension - 1.0)) < 1e-4
-    np.testing.assert_allclose(two.joint_effort, one.joint_effort, rtol=1e-2, atol=1e-3)
 
 
 def periodic(scene: Scene, mu: float) -> Scene:

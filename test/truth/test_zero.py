@@ -9,15 +9,9 @@ import pytest
 import yaml
 
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.series import Series
-from cdrj_ros.identification.fit import identify
-from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.problem import Settings
-from cdrj_ros.identification.unknowns import fitted_along, parse_unknowns
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import narrowed
 from truth import robots
@@ -75,27 +69,3 @@ def test_a_fresh_file_knows_what_the_zero_of_an_encoder_does(tension: np.ndarray
     without = {**document, "uncertainty": {"others": "exact"}}
     found, spread = estimated(prepare(build_robot(without, "test")))
     assert np.mean(np.abs(found - tension[KNOWN]) <= 2.0 * spread) < 0.5
-
-
-def test_a_fit_to_a_load_cell_finds_the_zero_of_the_encoder_along(tension: np.ndarray) -> None:
-    document = tared()
-    robot = build_robot(document, "test")
-    element = robot.cables[0].element_names[-1]
-    cell = tension[:, -1] + np.random.default_rng(0).normal(0.0, 0.1, SCENE.time.size)
-    motors = {name: Series(STAMPS, STAMPS, read) for name, read in
-              zip(SCENE.motors, SCENE.motor.T, strict=True)}  # fmt: skip
-    joints = {name: Series(STAMPS, STAMPS, np.ascontiguousarray(read)) for name, read in
-              zip(SCENE.joints, READ.T, strict=True)}  # fmt: skip
-    recorded = Recorded("cell", motors, joints, {f"tension/{element}": (STAMPS, cell)})
-    named = parse_unknowns(document, "preload")
-    along = fitted_along(document, robot.uncertainty, named)
-    found = identify(document, "test", named + along, [recorded], Settings(coarse=True))
-    names = [unknown.name for unknown in found.unknowns]
-    k = names.index(f"joints.{SCENE.joints[0]}.offset")
-    assert found.values[k] == pytest.approx(OFF, abs=3.0 * found.stddev[k])
-    assert found.stddev[k] < 0.8 * np.radians(1.0)
-    model = prepare(build_robot(with_numbers(document, found.by_path), "test"))
-    samples = Samples(STAMPS, SCENE.motor.copy(), READ + model.robot.offsets[1:])
-    _, estimates = run(model, initial_state(model), samples)
-    error = np.abs(estimates.values[:, model.layout.tension] - tension)[KNOWN]
-    assert error.mean() < 0.01 * tension[KNOWN].mean()
