@@ -16,8 +16,6 @@ from cdrj_ros.robot.description import (
     Anchor,
     Cable,
     Friction,
-    Joint,
-    Motor,
     Pulley,
     Sensor,
     StribeckForm,
@@ -25,14 +23,13 @@ from cdrj_ros.robot.description import (
 from cdrj_ros.robot.document import parse_document, schema
 from cdrj_ros.robot.laws import FRICTION_LAWS
 from cdrj_ros.robot.parameters import (
-    DEFAULTS,
     allowed_range,
     find_number,
     matching_paths,
     number_at,
     with_numbers,
 )
-from cdrj_ros.robot.reader import build_robot, parse_robot
+from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.space import FrameMotion
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
 
@@ -59,51 +56,6 @@ def test_a_path_leads_to_a_number_in_si(path: str, value: float) -> None:
     assert number_at(DOCUMENT, path) == pytest.approx(value)
 
 
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("cables.upper.friction.mu_c", 0.15),
-        ("cables.upper.nodes.4.friction.rho", 0.2),
-        ("cables.upper.friction.stribeck_lag", Friction().stribeck_lag),
-        ("joints.elbow.clock_offset", 0.0),
-        ("joints.elbow.scale", 1.0),
-        ("motors.winch.bearing_torque", 0.0),
-        ("cables.upper.nodes.4.bearing_torque", 0.0),
-    ],
-)
-def test_a_number_missing_in_the_file_has_its_default(path: str, value: float) -> None:
-    number = find_number(DOCUMENT, path)
-    assert not number.given
-    assert number.value == value
-
-
-def test_the_default_of_static_friction_is_kinetic_friction() -> None:
-    document = {**DOCUMENT, "friction": {"mu_c": 0.1}}
-    assert number_at(document, "cables.upper.friction.mu_s") == 0.1
-
-
-def test_defaults_are_those_of_a_robot_that_is_built() -> None:
-    text = (
-        "name: x\nmotors: [{name: m}]\njoints: [{name: j, range: [-1, 1]}]\ncables:\n- name: c\n"
-        "  axial_stiffness: 1\n  preload: 0\n  nodes:\n  - {type: winch, motor: m, radius: 1, "
-        "winding: 1}\n  - {type: pulley, radius: 1, wrap_angle: 1}\n  - {type: anchor}\n"
-        "  spans: [1, {joint: j, offset: 1}]\n"
-    )
-    robot = parse_robot(text)
-    pulley = robot.cables[0].pulleys[0]
-    for key, value in DEFAULTS["friction"].items():
-        assert getattr(pulley.friction, key) == value
-    for axis in (robot.motors[0], robot.joints[0]):
-        for key, value in DEFAULTS["joint" if isinstance(axis, Joint) else "motor"].items():
-            assert isinstance(axis, (Joint, Motor))
-            holder = next(
-                part for part in (axis, axis.passive, axis.sensor)
-                if hasattr(part, key) or hasattr(part, f"{key}_ns")
-            )  # fmt: skip
-            assert getattr(holder, key, 0.0) == value
-    assert pulley.bearing_torque == DEFAULTS["pulley"]["bearing_torque"]
-
-
 def test_every_number_that_is_set_is_read_again() -> None:
     values = {
         "friction.mu_c": 0.11,
@@ -123,22 +75,6 @@ def test_every_number_that_is_set_is_read_again() -> None:
     assert number_at(DOCUMENT, "friction.mu_c") == 0.15, "the document itself must not change"
 
 
-def test_a_pulley_whose_numbers_are_written_keeps_its_moving_end() -> None:
-    values = {
-        "cables.upper.nodes.6.wrap_angle.value.2": 1.3,
-        "cables.upper.nodes.6.bearing_torque": 1e-4,
-        "cables.lower.nodes.6.radius": 0.005,
-    }
-    written = parse_robot(with_numbers_in_text(TEXT, values, "prototype.yaml"))
-    changed = build_robot(with_numbers(DOCUMENT, values), "")
-    for robot in (written, changed):
-        for cable in robot.cables:
-            ends = [pulley.moving_end for pulley in cable.pulleys]
-            assert ends == ["both"] * 4 + ["after"] + ["both"] * 2
-    six = written.cables[0].pulleys[4]
-    assert (six.bearing_torque, six.wrap[0].value[-1]) == pytest.approx((1e-4, 1.3))
-
-
 def test_a_star_forms_one_group_and_braces_form_one_group_each() -> None:
     tied = matching_paths(DOCUMENT, "cables.*.preload")
     assert tied == (("cables.upper.preload", "cables.lower.preload"),)
@@ -147,11 +83,6 @@ def test_a_star_forms_one_group_and_braces_form_one_group_each() -> None:
     (group,) = matching_paths(DOCUMENT, "cables.[lower,upper].nodes.[3,4].radius")
     assert group[0] == "cables.lower.nodes.3.radius"
     assert len(group) == 4
-
-
-def test_a_star_skips_entries_without_the_number() -> None:
-    (group,) = matching_paths(DOCUMENT, "cables.upper.nodes.*.bearing_torque")
-    assert group == tuple(f"cables.upper.nodes.{k}.bearing_torque" for k in range(2, 9))
 
 
 @pytest.mark.parametrize(

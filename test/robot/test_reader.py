@@ -3,29 +3,20 @@
 
 from __future__ import annotations
 
-import copy
-import json
 import os
 import subprocess
 import sys
 from math import pi, radians
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from ruamel.yaml import YAML
 
-from cdrj_ros.foundation.errors import CdrjError, RobotFileError
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Anchor, Pulley, Robot, Winch
-from cdrj_ros.robot.document import MAXIMUM_BYTES, schema
+from cdrj_ros.robot.description import Anchor, Pulley, Winch
+from cdrj_ros.robot.document import MAXIMUM_BYTES
 from cdrj_ros.robot.reader import load_robot, parse_robot
-
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-PROTOTYPE = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
 
 SMALL = """\
 name: small
@@ -98,27 +89,6 @@ def test_a_good_file_becomes_a_robot() -> None:
     assert prepare(robot).layout.elements == ("c/1", "c/2", "r/1", "r/2")
 
 
-def test_the_prototype_holds_tables_one_and_two() -> None:
-    robot = load_robot(ROBOTS / "prototype.yaml")
-    assert [cable.preload for cable in robot.cables] == [36.85, 26.26]
-    for cable in robot.cables:
-        assert len(cable.nodes) == 9
-        assert cable.axial_stiffness == pytest.approx(200e9 * pi * 0.1e-3**2)
-        radii = [pulley.radius for pulley in cable.pulleys]
-        assert radii == pytest.approx([0.011, 0.011, 0.011, 0.0065, 0.0045, 0.0045, 0.0045])
-        bearings = [pulley.bearing_diameter for pulley in cable.pulleys]
-        assert bearings == pytest.approx([0.010, 0.010, 0.010, 0.006, 0.005, 0.005, 0.005])
-        for pulley in cable.pulleys:
-            friction = pulley.friction
-            assert (friction.mu_c, friction.mu_s, friction.stribeck_speed) == (0.15, 0.20, 0.05)
-            assert (friction.bearing_friction, friction.bristle_stiffness) == (0.01, 1e6)
-
-
-@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_robot_file_of_the_package_can_be_prepared(path: Path) -> None:
-    assert prepare(load_robot(path)).robot.name == path.stem
-
-
 def test_units_in_keys_are_converted() -> None:
     text = changed("range: [-1, 1]", "range_deg: [-90, 45]")
     text = text.replace("angle: [-1, 0, 1], value: [0, 0.1, 0.3]", "slope_mm: 20")
@@ -158,18 +128,6 @@ def test_the_end_that_moves_is_the_one_in_the_file(moving_end: str) -> None:
     for wrap in (TURNED, f"wrap_angle: [1, {TURNED.removeprefix('wrap_angle: ')}]"):
         robot = parse_robot(changed(WRAP, f"{wrap}, moving_end: {moving_end}"))
         assert [cable.pulleys[0].moving_end for cable in robot.cables] == [moving_end, "both"]
-
-
-def test_both_ends_move_where_the_file_says_nothing() -> None:
-    robot = parse_robot(changed(WRAP, TURNED))
-    assert [cable.pulleys[0].moving_end for cable in robot.cables] == ["both", "both"]
-
-
-def test_only_pulleys_may_state_which_end_moves() -> None:
-    parts = schema()["$defs"].items()
-    assert [name for name, part in parts if "moving_end" in part.get("properties", ())] == [
-        "pulley"
-    ]
 
 
 WRAP = "wrap_angle: 1.5"
@@ -417,99 +375,6 @@ def test_files_that_cannot_be_read_are_refused_by_path(tmp_path: Path) -> None:
     assert f"it has {MAXIMUM_BYTES + 1} bytes, at most {MAXIMUM_BYTES}" in load_refusal(huge)
 
 
-def test_errors_of_robot_files_are_errors_of_the_package() -> None:
-    assert issubclass(RobotFileError, CdrjError)
-
-
-TREE: dict[str, Any] = YAML(typ="safe", pure=True).load(PROTOTYPE)
-
-
-def paths(tree: Any, start: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Paths of all keys and entries of a tree."""
-    found = [start] if start else []
-    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
-    for key, value in items:
-        deeper = isinstance(value, (dict, list))
-        found += paths(value, (*start, key)) if deeper else [(*start, key)]
-    return found
-
-
-VALUES = st.one_of(
-    st.sampled_from(
-        [None, True, False, "", "x", "winch", "elbow", "base", [], {}, [[]], [None], {"joint": 1}]
-    ),
-    st.sampled_from([{"joint": "elbow"}, {"joint": "elbow", "slope": 1e9}, [0, 0], ["a", "b"]]),
-    st.sampled_from([0, -0.0, 1, -1, 2, 3, 90, 1e-300, -1e-300, 1e300, -1e300, 10**18, 10**400]),
-    st.floats(allow_nan=True, allow_infinity=True),
-    st.integers(-1000, 1000),
-    st.text(st.characters(exclude_categories=("Cs",)), max_size=5),
-    st.lists(st.floats(-10, 10), max_size=4),
-)
-KEYS = st.one_of(
-    st.sampled_from(
-        ["name", "law", "radius", "radius_mm", "friction", "position", "frame", "x_deg"]
-    ),
-    st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=4),
-)
-
-
-@st.composite
-def mutations(draw: st.DrawFn) -> str:
-    """The prototype's file with one to three keys or values removed, changed or added."""
-    tree = copy.deepcopy(TREE)
-    for _ in range(draw(st.integers(1, 3))):
-        path = draw(st.sampled_from(paths(tree)))
-        parent = tree
-        for key in path[:-1]:
-            parent = parent[key]
-        act = draw(st.sampled_from(["delete", "replace", "add", "swap"]))
-        if act == "delete":
-            del parent[path[-1]]
-        elif act == "replace":
-            parent[path[-1]] = draw(VALUES)
-        elif isinstance(parent, list):
-            parent.insert(path[-1], draw(VALUES) if act == "add" else parent[0])
-        elif act == "add":
-            parent[draw(KEYS)] = draw(VALUES)
-        else:
-            parent[draw(KEYS)] = parent.pop(path[-1])
-    # JSON is YAML, except for numbers that are not finite
-    text = json.dumps(tree)
-    for name, spelt in (("NaN", ".nan"), ("-Infinity", "-.inf"), ("Infinity", ".inf")):
-        text = text.replace(name, spelt)
-    return text
-
-
-@given(mutations())
-def test_a_mutated_file_is_read_or_refused_in_one_line_and_nothing_else(text: str) -> None:
-    try:
-        robot = parse_robot(text, "arm.yaml")
-        model = prepare(robot)
-    except RobotFileError as error:
-        message = str(error)
-        assert message.splitlines() == [message]
-        return
-    assert isinstance(robot, Robot)
-    assert not np.any(np.isnan(model.numbers))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("mu_c: 0.1", "mu_c: 1.0e+16", "friction.mu_c must be at most 2, got 1.000e+16"),
-        ("mu_c: 0.1", "mu_c: .inf", "friction.mu_c must be at most 2, got inf"),
-        ("mu_c: 0.1", "mu_c: -1.0e+200", "friction.mu_c must be at least 0, got -1.000e+200"),
-        ("preload: 5", "preload: 1.0e+16", "cables[0].preload must be a finite number of at most"),
-        ("preload: 5", "preload: .nan", "cables[0].preload must be a finite number of at most"),
-        ("range: [-1, 1]", "range_deg: [-1, 1e200]", "joints[0].range[1] must be a finite number"),
-    ],
-)
-def test_a_number_out_of_range_is_refused_with_the_allowed_range(
-    old: str, new: str, words: str
-) -> None:
-    assert words in refusal(changed(old, new))
-
-
 def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal() -> None:
     for text in (
         changed("mu_c: 0.1", '"mu\\e[31m": 0.1'),
@@ -535,8 +400,3 @@ def test_a_path_that_is_not_printable_is_escaped_in_the_error(tmp_path: Path) ->
     assert str(error.value).isprintable()
     with pytest.raises(RobotFileError, match="null"):
         load_robot("a\0b.yaml")
-
-
-def test_the_schema_is_read_only() -> None:
-    with pytest.raises(TypeError):
-        schema()["$defs"]["cable"]["properties"]["mass"] = {}  # type: ignore[index]

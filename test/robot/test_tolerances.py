@@ -28,7 +28,6 @@ ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
 FRESH = with_section(TEXT, "uncertainty", None)
 
-WITHOUT_BLOCK = ("prototype_positions", "finger", "hoist", "parallel")
 
 EXACT = {
     "winding", "effort_sign", "direction", "cells", "range", "max_speed", "max_tension", "period",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.robot.urdf import joints_of, parsed_urdf, urdf_element
+from cdrj_ros.robot.urdf import parsed_urdf, urdf_element
 from cdrj_ros.robot.writer import moved, with_numbers_in_text
 
 URDF = """<?xml version="1.0"?>
@@ -154,18 +153,6 @@ def test_a_package_is_found_through_the_ament_index(
         load_robot(tmp_path / "arm.yaml")
 
 
-def test_a_thousand_links_cost_only_what_nodes_need(tmp_path: Path) -> None:
-    more = "".join(
-        f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent '
-        f'link="{f"l{k - 1}" if k else "tip"}"/><child link="l{k}"/><limit lower="-1" upper="1"/>'
-        "</joint>"
-        for k in range(1000)
-    )
-    found = robot(tmp_path, ROBOT, URDF.replace("</robot>", more + "</robot>"))
-    assert len(found.frames) == 7
-    assert len(found.joints) == 3
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "latin-1", "utf-8-sig"])
 def test_a_document_type_is_refused_in_every_encoding(encoding: str, tmp_path: Path) -> None:
     declared = "utf-16" if "16" in encoding else encoding.removesuffix("-sig")
@@ -187,18 +174,6 @@ def test_only_a_regular_file_of_bounded_size_is_read(kind: str, tmp_path: Path) 
             file.truncate(10**12)  # without blocks on the disk
     with pytest.raises(RobotFileError, match=r"not a regular file|Is a directory|000 bytes, at mo"):
         urdf_element(path, "arm.yaml")
-
-
-def test_the_time_for_a_urdf_grows_with_its_joints_not_with_their_square(tmp_path: Path) -> None:
-    text = '<link name="l0"/>' + "".join(
-        f'<link name="l{k}"/><joint name="j{k}" type="fixed"><parent link="l{k - 1}"/>'
-        f'<child link="l{k}"/></joint>'
-        for k in range(1, 100_001)
-    )
-    begin = time.process_time()
-    root = parsed_urdf(f'<robot name="r">{text}</robot>'.encode(), tmp_path)
-    assert len(joints_of(root, tmp_path)) == 100_001
-    assert time.process_time() - begin < 20.0
 
 
 MISTAKES = {
@@ -262,19 +237,6 @@ def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path: Path) -> N
     (there / "arm.yaml").write_text(text)
     assert load_robot(there / "arm.yaml").frames == before.frames
     assert moved(ROBOT, str(here / "arm.yaml"), str(here / "other.yaml")) == ROBOT
-
-
-@pytest.mark.parametrize(
-    "urdf", ["robot_description", "package://arm/arm.urdf", "/opt/arm/arm.urdf"]
-)
-def test_a_place_that_no_folder_changes_is_kept(urdf: str) -> None:
-    text = ROBOT.replace("arm.urdf", urdf)
-    assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text
-
-
-def test_frames_without_a_urdf_are_kept() -> None:
-    text = ROBOT.replace("{urdf: arm.urdf}", "[{name: a, motion: fixed}]")
-    assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text
 
 
 @pytest.mark.parametrize(

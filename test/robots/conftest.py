@@ -24,7 +24,6 @@ RATE = 500.0
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., tuple[Samples, Estimates]]
-Follow = Callable[..., np.ndarray]
 Balance = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
@@ -120,7 +119,7 @@ def balance() -> Balance:
 
 @pytest.fixture(scope="session")
 def models() -> dict[str, Model]:
-    names = ("hoist", "finger", "parallel", "prototype", "prototype_positions")
+    names = ("hoist", "finger")
     return {name: prepare(named(name)) for name in names}
 
 

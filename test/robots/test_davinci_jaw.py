@@ -8,24 +8,18 @@ import numpy as np
 import pytest
 
 from cdrj_ros.commands import identify
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.evaluation.channels import BagComparison
-from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Topics
-from cdrj_ros.robot.parameters import number_at, with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document, load_robot
+from cdrj_ros.robot.parameters import number_at
+from cdrj_ros.robot.reader import load_document, load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "config" / "robots" / "davinci_jaw.yaml"
 RECORDINGS = ROOT.parent / "shared" / "data" / "davinci"
 
-SPINDLE_RADIUS = 5e-3
-POSE = np.array([0.5])
-"""The spindle in the reference pose [rad]."""
 
 recordings = pytest.mark.skipif(
     not RECORDINGS.is_dir(),
@@ -37,47 +31,6 @@ recordings = pytest.mark.skipif(
 @pytest.fixture(scope="module")
 def model() -> Model:
     return prepare(load_robot(ROBOT))
-
-
-def efforts_without_friction(spindle: float, jaw: float) -> tuple[float, float, float]:
-    """Torque on the spindle, torque that holds the jaw, tension."""
-    document, source = load_document(ROBOT)
-    document["friction"]["law"] = "none"
-    keys = ("motors.spindle.bearing_torque", "motors.spindle.spring_stiffness")
-    axis = dict.fromkeys((*keys, "joints.jaw.bearing_torque"), 0.0)
-    bare = prepare(build_robot(with_numbers(document, axis), source))
-    sample = Sample(1, np.array([spindle]), np.array([jaw]))
-    _, estimate = step(bare, initial_state(bare), sample)
-    return (
-        float(estimate.motor_effort[0]), float(estimate.joint_effort[0]),
-        float(estimate.tension[0]),
-    )  # fmt: skip
-
-
-def test_the_cable_is_just_tight_in_the_reference_pose(model: Model) -> None:
-    rest = model.robot.joints[0].reference_angle
-    slack = efforts_without_friction(0.5, rest + 0.02)
-    tight = efforts_without_friction(0.5, rest - 0.02)
-    assert slack == (0.0, 0.0, 0.0)
-    assert tight[2] > 0.0
-
-
-def test_torques_are_the_tension_times_the_radii(model: Model) -> None:
-    rest = model.robot.joints[0].reference_angle
-    spindle, jaw, tension = efforts_without_friction(0.5, rest - 0.05)
-    radius = abs(number_at(dict(model.robot.document), "cables.b.spans.5.slope"))
-    assert spindle == pytest.approx(tension * SPINDLE_RADIUS)
-    assert jaw == pytest.approx(-tension * radius)
-
-
-def test_identified_numbers_have_standard_deviations(model: Model) -> None:
-    known = model.robot.uncertainty
-    assert known is not None
-    document = dict(model.robot.document)
-    stddev = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)), strict=True))
-    stiffness = "cables.b.axial_stiffness"
-    assert 0.0 < stddev[stiffness] < 0.1 * number_at(document, stiffness)
-    assert all(number_at(document, path) is not None for path in known.parameters)
 
 
 def compared(model: Model, folder: str, spread: bool = False) -> list[BagComparison]:
@@ -120,38 +73,6 @@ def test_the_standard_deviation_covers_runs_that_were_not_fitted(
             inside.append(float(np.mean(error <= 2.0 * channel.stddev)))
         assert 0.90 <= np.mean(inside) <= 0.985, (name, inside)
         assert min(inside) >= 0.80, (name, inside)
-
-
-@recordings
-@pytest.mark.parametrize("folder", ["train", "validate", "other_wrist_pose"])
-def test_the_sensors_of_the_file_agree_with_the_recordings(model: Model, folder: str) -> None:
-    """Every reading lies on the grid of the file's counts; the jaw's are refused in another pose.
-
-    The range ends where the pose ends: no estimate of another pose from this file.
-    """
-    for bag in sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir()):
-        recording = read_inputs(str(bag), Topics(), model)
-        readings = {**recording.motors, **recording.joints}
-        for axis in model.robot.axes:
-            counts = readings[axis.name].value / axis.sensor.resolution
-            assert np.abs(counts - np.round(counts)).max() < 0.01, (bag.name, axis.name)
-        conditioned = condition_recording(model, recording)
-        refused = {cause: n for cause, n in conditioned.refused.items() if n}
-        if folder == "other_wrist_pose":
-            assert refused == {"out_of_range": readings["jaw"].value.size}, bag.name
-            assert not any(one.stamp_ns.size for one in conditioned.segments)
-        else:
-            assert not refused, (bag.name, refused)
-
-
-@recordings
-def test_the_file_agrees_with_its_provenance(model: Model) -> None:
-    story = model.robot.document["identified"]
-    bags = sorted(entry.name for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
-    assert story["bags"] == bags, "nothing of `validate` has been fitted"
-    errors = pooled_errors(compared(model, "train"))
-    for name, figures in story["fit"].items():
-        assert errors[name].rmse == pytest.approx(figures["rmse"], rel=2e-3)
 
 
 @recordings

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model
 
 WEIGHT = 500.0
 FALLS = 4
@@ -54,10 +54,6 @@ def lift(
     }
 
 
-def test_a_sheave_has_the_usual_efficiency() -> None:
-    assert pytest.approx(0.961, abs=5e-4) == ETA
-
-
 def test_the_falls_carry_the_load(lift: dict[str, np.ndarray]) -> None:
     falls = lift["tension"][100:, 1:].sum(axis=1)
     np.testing.assert_allclose(falls, WEIGHT, rtol=1e-6)
@@ -82,34 +78,6 @@ def test_the_pull_at_the_winch_is_that_of_the_textbook(
     np.testing.assert_allclose(lift["torque"][lift[phase]], closed_form * DRUM, rtol=1e-6)
     # 138 N to raise, 113 N to lower; 125 N without friction
     assert (closed_form > WEIGHT / FALLS) == (phase == "raising")
-
-
-def test_the_work_of_the_motor_is_the_work_on_the_load_plus_the_losses(
-    lift: dict[str, np.ndarray],
-) -> None:
-    part = lift["raising"]
-    motor = np.diff(lift["motor"][part])
-    done = np.sum(0.5 * (lift["torque"][part][1:] + lift["torque"][part][:-1]) * motor)
-    lifted = WEIGHT * np.ptp(lift["height"][part])
-    efficiency = sum(ETA**k for k in range(1, FALLS + 1)) / FALLS
-    assert lifted / done == pytest.approx(efficiency, rel=1e-3)  # elastic work is neglected
-
-
-def test_between_raising_and_lowering_the_sheaves_stick(lift: dict[str, np.ndarray]) -> None:
-    turn = slice(int(lift["raising"][-1]), int(lift["lowering"][0]))
-    ratio = lift["tension"][turn, 1:] / lift["tension"][turn, :-1]
-    assert np.all(ratio > ETA * (1.0 - 1e-9))
-    assert np.all(ratio < (1.0 + 1e-9) / ETA)
-    assert np.any((ratio > 1.001 * ETA) & (ratio < 0.999 / ETA))
-
-
-def test_without_friction_every_fall_carries_a_quarter(
-    variant: Callable, balance: Callable, path: Callable
-) -> None:
-    model = prepare(variant("hoist", law="none"))
-    height = path(0.1, 0.0, 0.02)
-    _, values = balance(model, height, np.full(height.size, WEIGHT))
-    np.testing.assert_allclose(values[:, model.layout.tension], WEIGHT / FALLS, rtol=1e-6)
 
 
 def test_a_rope_without_load_is_slack_and_has_no_tension(models: dict[str, Model]) -> None:

@@ -44,30 +44,6 @@ def test_the_cables_follow_the_coupling_matrix_everywhere(variant: Callable) -> 
         assert per_cable(found.lever_arm) == pytest.approx(COUPLING, abs=1e-14)
 
 
-def test_drums_and_joints_are_coupled_as_in_the_source() -> None:
-    """Actuator to joint of the Large Needle Driver: pitch moves the yaw of both jaws."""
-    actuator_to_joint = np.array([[1.0186, 0, 0], [-0.8306, 0.6089, 0.6089], [0, -1.2177, 1.2177]])
-    jaws = np.array([[1, 0, 0], [0, 1, -0.5], [0, 1, 0.5]])  # pitch and jaws from yaw and opening
-    by_actuator = jaws @ actuator_to_joint
-    assert by_actuator[1, 1] == pytest.approx(DRUM / JAW, rel=1e-3)
-    assert by_actuator[2, 2] == pytest.approx(DRUM / JAW, rel=1e-3)
-    assert -by_actuator[1, 0] / by_actuator[0, 0] == pytest.approx(IDLER / JAW, rel=1e-3)
-
-
-def test_without_friction_four_tensions_move_three_joints(
-    variant: Callable, drive: Callable, path: Callable
-) -> None:
-    model = prepare(variant("wrist", law="none"))
-    joint = sweep(path)
-    pull = 0.08 * np.sin(np.linspace(0.0, 9.0, len(joint)))[:, None] * [1.0, 0.2, -0.3, 0.6]
-    _, estimates = drive(model, follow(joint) + pull, joint)
-    tension = estimates.values[:, model.layout.tension].reshape(-1, 4, 3)
-    assert np.ptp(tension, axis=2).max() < 1e-6
-    effort = estimates.values[:, model.layout.joint_effort]
-    assert effort == pytest.approx(-tension[:, :, 0] @ COUPLING, abs=1e-9)
-    assert np.ptp(effort, axis=0).min() > 5e-3
-
-
 def test_friction_holds_back_what_the_idlers_bound_says(
     variant: Callable, drive: Callable, path: Callable
 ) -> None:
@@ -80,13 +56,3 @@ def test_friction_holds_back_what_the_idlers_bound_says(
     ratio = tension[:, 0, 2] / tension[:, 0, 0]
     assert ratio.min() == pytest.approx(exp(-0.15 * wrap[0]), rel=1e-3)
     assert ratio.max() == pytest.approx(exp(0.15 * wrap[0]), rel=1e-3)
-
-
-def test_the_unchanged_file_estimates_the_sample_motion(
-    variant: Callable, drive: Callable, path: Callable
-) -> None:
-    model = prepare(variant("wrist"))
-    joint = sweep(path)
-    _, estimates = drive(model, follow(joint), joint)
-    tension = estimates.values[:, model.layout.tension]
-    assert 2.0 < tension.min() < tension.max() < 60.0
