@@ -18,22 +18,11 @@ def test_a_wave_has_as_many_humps_as_periods(count: int) -> None:
         assert curves.humps(np.sin(count * TURN + shift)) == count
 
 
-def test_noise_makes_no_humps() -> None:
-    noise = np.random.default_rng(0).normal(0.0, 0.05, TURN.size)
-    assert curves.humps(np.sin(2.0 * TURN) + noise) == 2
-
-
 def test_an_ellipse_run_through_with_its_upper_half_rising_has_its_area() -> None:
     # the angle rises in the second half of TURN; the curve is higher there
     values = 5.0 - 0.3 * np.sin(TURN)
     assert curves.loop_area(ANGLE, values) == pytest.approx(np.pi * 0.3, rel=1e-5)
     assert curves.loop_area(ANGLE[::-1], values[::-1]) == pytest.approx(-np.pi * 0.3, rel=1e-5)
-
-
-def test_relative_hysteresis_is_width_over_mean() -> None:
-    # a parallelogram: 11 going up, 9 going down
-    values = np.where(np.sin(TURN) < 0.0, 11.0, 9.0)
-    assert curves.relative_hysteresis(ANGLE, values) == pytest.approx(0.2, rel=5e-3)
 
 
 def test_an_arch_bulges_up_and_a_trough_down() -> None:
@@ -43,13 +32,3 @@ def test_an_arch_bulges_up_and_a_trough_down() -> None:
     assert curves.bulge(angle, 2.0 + angle**2) == pytest.approx(-0.64, abs=2e-3)
     # a slope has no bulge, except for the grid's resolution
     assert curves.bulge(angle, 2.0 + 3.0 * angle) == pytest.approx(0.0, abs=1e-2)
-
-
-def test_values_at_mid_range_are_told_apart_by_direction() -> None:
-    values = np.where(np.sin(TURN) < 0.0, 11.0, 9.0) + ANGLE
-    assert curves.at_mid_range(ANGLE, values) == pytest.approx((11.0, 9.0), abs=1e-2)
-
-
-def test_near_turns_is_within_the_given_time_on_both_sides() -> None:
-    near = curves.near_turns(np.array([0.0, 0.4, 0.6, 4.6, 5.4, 5.6]), (0.0, 5.0), 0.5)
-    assert near.tolist() == [True, True, False, True, True, False]

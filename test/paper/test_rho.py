@@ -123,18 +123,6 @@ def test_without_noise_rho_comes_back_exactly_from_forces_made_with_it() -> None
     assert found.rms < 1e-3
 
 
-def test_a_missing_force_is_left_out() -> None:
-    rig = recording(FIRST)
-    force = rig.nodal_force[:, 1].copy()
-    known = KnownTension("upper/8", rig.tension[:, 7], 0.02)
-    whole = identified(FIRST, "upper")
-    force[::2] = np.nan
-    half = identify_rho(rig.model, rig.path, known, "upper/3", force)
-    assert 0.4 * whole.samples < half.samples < 0.6 * whole.samples
-    assert half.rho == pytest.approx(whole.rho, abs=0.01)
-    assert half.stddev > whole.stddev
-
-
 def test_data_that_do_not_determine_rho_are_refused() -> None:
     rig = recording(FIRST)
     known = KnownTension("upper/8", rig.tension[:, 7], 0.02)

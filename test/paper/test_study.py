@@ -6,17 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.reader import load_robot
 from examples.paper import figures
 from examples.paper import study as study_module
-from examples.paper.runs import CABLES, Motion, move_freely
+from examples.paper.runs import CABLES, Motion
 from examples.paper.study import (
     CHOICES,
-    CORRECTED,
     LUGRE,
-    PRINTED_DYNAMICS,
-    PRINTED_LEVER,
     STEADY,
     Result,
     Study,
@@ -24,10 +20,8 @@ from examples.paper.study import (
     errors_of,
     features,
     first_cycle,
-    forward_change,
     work,
 )
-from examples.paper.tables import REASONS, errors
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
@@ -118,24 +112,6 @@ def test_every_choice_of_the_source_moves_the_estimate_and_lugre_drifts(study: S
         assert lugre > 3.0 * ours
 
 
-def test_the_printed_lever_arm_changes_tensions_by_newtons_the_printed_inertia_hardly(
-    study: Study,
-) -> None:
-    for result in study.results:
-        assert forward_change(result, CORRECTED, 8) == (0.0, 0.0)
-        lever = forward_change(result, PRINTED_LEVER, 8)
-        dynamics = forward_change(result, PRINTED_DYNAMICS, 8)
-        assert lever is not None
-        assert dynamics is not None
-        assert lever[0] > 2.0
-        assert 0.0 < dynamics[1] < 0.05
-
-
-def test_a_motion_too_fast_for_the_motor_is_refused(study: Study) -> None:
-    with pytest.raises(UsageError, match="too fast for the rig's motor"):
-        move_freely(study.robot, Motion(frequency=0.25, cycles=1))
-
-
 def test_the_numbers_of_figures_json_are_those_of_the_curves(study: Study) -> None:
     told = study_module.numbers(study)
     low = told["experiments"]["first"]["channels"]["nodal_force/upper/3"]
@@ -145,18 +121,6 @@ def test_the_numbers_of_figures_json_are_those_of_the_curves(study: Study) -> No
 
 
 # Its tables and figures: here, because the study takes some seconds ------------------------------
-
-
-def test_the_sources_errors_stand_beside_ours_with_a_reason(study: Study) -> None:
-    table = errors(study)
-    assert len(table.rows) == 6
-    assert {row[2] for row in table.rows} == {
-        "1.34 N, 13.65 %", "1.10 N, 4.44 %", "2.58 N, 11.86 %",
-        "2.68 N, 6.74 %", "0.048 N, 15.78 %", "0.039 N, 13.19 %",
-    }  # fmt: skip
-    assert [row[5] for row in table.rows if row[5]] == list(REASONS)
-    for row in table.rows:
-        assert all(cell.endswith(" %") for cell in row[2:5])
 
 
 def test_figures_are_drawn_as_png_and_pdf(
