@@ -90,9 +90,7 @@ def parser() -> argparse.ArgumentParser:
         "--force", action="store_true",
         help="replace an existing --out, also the file given by --robot",
     )  # fmt: skip
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON, replacing the file"
-    )
+    parser.add_argument("--json", metavar="FILE", help="file of the figures, which is replaced")
     parser.add_argument(
         "--quick", action="store_true",
         help="use only samples thinned to about 100 Hz; omit the last round with all samples",

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from math import exp, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.commands import check_robot
-from cdrj_ros.inspection.checks import Suspicion, pose_text
-from cdrj_ros.inspection.ranges import inspect_robot, transmissions
+from cdrj_ros.inspection.checks import Suspicion
+from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -138,37 +134,6 @@ def test_a_wrong_file_is_one_line_that_names_the_key(
     assert "\n" not in error
 
 
-def test_the_prototypes_transmissions_are_those_of_the_tables() -> None:
-    inspection = inspect_robot(prepare(load_robot(ROBOTS / "prototype.yaml")))
-    wraps = [40.9, 105.4, 32.1, 57.7, 78.5, 180.0, 90.0]
-    radii = [11.0, 11.0, 11.0, 6.5, 4.5, 4.5, 4.5]
-    bearings = [10.0, 10.0, 10.0, 6.0, 5.0, 5.0, 5.0]
-    for cable in inspection.cables:
-        for pulley, wrap, radius, bearing in zip(
-            cable.pulleys, map(radians, wraps), radii, bearings, strict=True
-        ):
-            rolling = 0.8 * bearing_transmission(wrap, 0.01 * bearing / radius)
-            for speed, extent in (
-                (0.0, pulley.transmission_at_rest),
-                (100.0, pulley.transmission_sliding),
-            ):
-                sliding = 0.2 * sliding_transmission(
-                    speed, 0.15, 0.20, 0.05, wrap, Stribeck.printed
-                )
-                assert extent.low == pytest.approx(sliding + rolling, abs=1e-12)
-        product = np.prod([pulley.transmission_at_rest.low for pulley in cable.pulleys])
-        assert cable.transmission_at_rest.low == pytest.approx(product)
-        assert cable.worst.high == pytest.approx(cable.followed.high / product)
-
-
-def test_laws_without_static_or_bearing_friction_have_their_own_transmission() -> None:
-    robot = parse_robot(PLAIN.replace("mu_c: 0.1,", "mu_c: 0.1, law: euler,"))
-    eta = transmissions(robot.cables[0], robot.cables[0].pulleys[0], 1.5)
-    assert eta == pytest.approx((exp(-0.15), exp(-0.15)))
-    robot = parse_robot(PLAIN.replace("mu_c: 0.1,", "mu_c: 0.1, law: none,"))
-    assert transmissions(robot.cables[0], robot.cables[0].pulleys[0], 1.5) == (1.0, 1.0)
-
-
 def test_the_worst_tension_of_the_hoist_is_that_of_the_textbook() -> None:
     inspection = inspect_robot(prepare(load_robot(ROBOTS / "hoist.yaml")), {"load": 500.0})
     (rope,) = inspection.cables
@@ -195,10 +160,6 @@ def test_the_cable_that_passes_a_pulley_is_the_change_of_length_behind_it() -> N
     inspection = inspect_robot(prepare(parse_robot(PLAIN)))
     assert inspection.cables[0].pulleys[0].passing == pytest.approx(0.02)
     assert inspection.motors[0].angle.width == pytest.approx(2.0)
-
-
-def test_nothing_is_suspicious_about_a_plain_robot() -> None:
-    assert found(PLAIN) == ()
 
 
 WINCH_B = "- {type: winch, motor: m, winding: -1, radius: 0.01}"
@@ -263,32 +224,12 @@ def test_a_moving_end_that_is_stated_is_not_suspicious(word: str) -> None:
     assert turned(0.5, f", moving_end: {word}") == []
 
 
-def test_a_moving_end_matters_where_bristles_turn_its_slip_into_one_per_cent_of_the_tension() -> (
-    None
-):
-    # radius * change / 2 of slip times 1 MN/m, the default bristle_stiffness, is 1 % of 20 N
-    change = 0.01 * 20.0 / 1e6 / (0.02 / 2.0)
-    assert turned(0.9 * change) == []
-    assert len(turned(1.1 * change)) == 1
-
-
 def test_a_moving_end_does_not_matter_without_friction() -> None:
     wrap = "wrap_angle: {joint: q, offset: 1.5, slope: 0.5}}"
     for law in ("law: none", "rho: 0, bearing_friction: 0"):
         text = PLAIN.replace("mu_c: 0.1, rho: 0.2, bearing_friction: 0.005", f"mu_c: 0.1, {law}")
         assert not any("moving_end" in one.text
                        for one in found(text.replace("wrap_angle: 1.5}", wrap)))  # fmt: skip
-
-
-def test_an_implausible_modulus_is_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    robot = tmp_path / "robot.yaml"
-    robot.write_text(PLAIN.replace("youngs_modulus_gpa: 100", "youngs_modulus_gpa: 2000", 1))
-    assert check_robot.main([str(robot)]) == 0
-    printed = capsys.readouterr().out
-    assert "a: youngs_modulus is 2e+03 GPa" in printed
-    assert "b: youngs_modulus" not in printed
 
 
 def test_a_load_that_only_a_pushing_cable_would_balance_is_reported() -> None:
@@ -320,28 +261,6 @@ def test_a_dead_point_of_all_cables_is_reported() -> None:
     assert loose.grave
 
 
-def test_grave_suspicions_come_first() -> None:
-    suspicions = found(PROTOTYPE)
-    order = [entry.grave for entry in suspicions]
-    assert order == sorted(order, reverse=True)
-    assert set(order) == {True, False}
-
-
-def test_a_thick_cable_that_bends_nowhere_is_suspicious_too() -> None:
-    text = PLAIN.replace("diameter_mm: 1", "diameter: 0.06")
-    for radius in ("0.01", "0.02"):
-        text = text.replace(f"radius: {radius}", "radius: 0.5")
-    text = text.replace("offset: 0.4", "offset: 9").replace("[0.5, ", "[9, ")
-    assert any("diameter is 60 mm" in one.text for one in found(text))
-
-
-def test_a_pose_has_no_negative_zero() -> None:
-    robot = parse_robot(PLAIN)
-    assert pose_text(robot, (-0.0,)) == "q = 0.0°"
-    assert pose_text(robot, (-1e-4,)) == "q = 0.0°"
-    assert pose_text(robot, (-1e-2,)) == "q = -0.6°"
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -361,55 +280,6 @@ def test_an_impossible_output_is_refused_before_the_inspection(
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
     assert robot.read_text() == PLAIN
-
-
-COMMANDS = ("identify", "simulate", "validate", "check_robot")
-AS_MODULES = """
-import contextlib, io, json, runpy, sys
-said = {}
-for command in sys.argv[1:]:
-    module = f"cdrj_ros.commands.{command}"
-    for given in (["--help"], *([["hoist"]] if command == "check_robot" else [])):
-        out, error = io.StringIO(), io.StringIO()
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-            try:
-                sys.argv = [command, *given]
-                runpy.run_module(module, run_name="__main__", alter_sys=True)
-            except SystemExit as end:
-                code = end.code
-        said[" ".join([command, *given])] = code or 0, out.getvalue(), error.getvalue()
-print(json.dumps(said))
-"""
-
-
-@pytest.fixture(scope="module")
-def without_docstrings() -> dict[str, tuple[int, str, str]]:
-    """Exit code, output and errors of commands that one process runs as ``python -OO -m`` does."""
-    done = subprocess.run(
-        [sys.executable, "-OO", "-W", "ignore::RuntimeWarning:runpy", "-c", AS_MODULES, *COMMANDS],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return {line: tuple(said) for line, said in json.loads(done.stdout).items()}
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_the_commands_run_without_docstrings_and_as_modules(
-    without_docstrings: dict[str, tuple[int, str, str]], command: str
-) -> None:
-    code, output, errors = without_docstrings[f"{command} --help"]
-    assert code == 0
-    assert output.startswith(f"usage: {command} ")
-    assert errors == ""
-
-
-def test_a_robot_is_checked_without_docstrings(
-    without_docstrings: dict[str, tuple[int, str, str]],
-) -> None:
-    code, output, errors = without_docstrings["check_robot hoist"]
-    assert code == 0, errors
-    assert output.startswith("hoist: 1 motor, 1 joint, 1 cable, ")
 
 
 def test_an_unknown_argument_is_escaped_on_the_terminal(

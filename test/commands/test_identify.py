@@ -176,22 +176,6 @@ def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_fro
     assert str(tmp_path) not in text
 
 
-@pytest.mark.parametrize(("upper", "lower"), [(0.1114, 0.3920), (0.1100, 0.1315)])
-def test_equation_44_finds_the_rho_of_both_cables_from_a_nodal_force_and_a_tension(
-    rig: WriteRig, upper: float, lower: float, tmp_path: Path
-) -> None:
-    truth = {"cables.upper.friction.rho": upper, "cables.lower.friction.rho": lower}
-    bag = rig("published_rho", truth, 0.62, 0.25, 4.5, cells=4)
-    figures, settings = tmp_path / "figures.json", tmp_path / "settings.yaml"
-    settings.write_text("starts: 2\nchannels: [nodal_force/*/3, tension/*/8]")
-    assert identify.main(
-        [str(bag), "--robot", str(ROBOT), "--fit", "rho", "--quick", "--settings", str(settings),
-         "--json", str(figures)]
-    ) == 0  # fmt: skip
-    found = {p["paths"][0]: p["value"] for p in json.loads(figures.read_text())["parameters"]}
-    assert found == pytest.approx(truth, abs=0.015)
-
-
 def test_bags_are_evaluated_with_fits_that_left_them_out(
     fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -344,20 +328,6 @@ def _full_disc(_: int) -> None:
     raise OSError(28, "No space left on device")
 
 
-def test_the_files_are_written_even_if_standard_output_is_closed(
-    fitted_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def closed(*_: object, **__: object) -> None:
-        raise BrokenPipeError
-
-    monkeypatch.setattr("cdrj_ros.commands.identify.print_outcome", closed)
-    out, figures = tmp_path / "new.yaml", tmp_path / "new.json"
-    identify.main([str(fitted_bag), "--robot", str(ROBOT), "--fit", "friction.rho", "--quick",
-                   "--out", str(out), "--json", str(figures)])  # fmt: skip
-    assert load_robot(out).uncertainty is not None
-    assert json.loads(figures.read_text())["parameters"]
-
-
 def alone(folder: Path) -> Path:
     """Settings by which the named numbers alone are fitted."""
     path = folder / "settings.yaml"
@@ -388,19 +358,3 @@ def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
     assert identify.main(words) == 0
     assert load_robot(out).motors[0].effort_scale == pytest.approx(0.37, rel=0.03)
     assert "effort_scale" in capsys.readouterr().out
-
-
-def test_references_that_were_found_by_their_type_are_named(
-    fitted_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = read_recording(fitted_bag)
-    names = ("upper/8", "lower/8")
-    series = [recording.references[f"tension/{name}"] for name in names]
-    with BagWriter(tmp_path / "rig") as bag:
-        bag.copy(fitted_bag, [Topics().motors, Topics().joints])
-        tension = np.column_stack([one.value for one in series])
-        bag.write_tensions("/truth/tensions", series[0].stamp_ns, names, tension)
-    words = [str(tmp_path / "rig"), "--robot", str(ROBOT), "--fit", "preload",
-             "--settings", str(alone(tmp_path))]  # fmt: skip
-    assert identify.main(words) == 0
-    assert "rig: References by message type: /truth/tensions." in capsys.readouterr().out

@@ -101,82 +101,6 @@ def test_every_motion_works_in_every_mode(tmp_path: Path, motion: str, mode: str
     assert np.isfinite(_tensions(recording)).all()
 
 
-def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
-    run(tmp_path / "first", "--mode", "follow")
-    recording = run(tmp_path / "second", "--mode", "follow", "--recorded", str(tmp_path / "first"))
-    first = read_recording(tmp_path / "first").joints["elbow"]
-    second = recording.joints["elbow"]
-    late = (second.stamp_ns - second.stamp_ns[0]) * 1e-9
-    source = (first.stamp_ns - first.stamp_ns[0]) * 1e-9
-    moving = late > 2.5
-    expected = np.interp(late[moving] - 1.5, source, first.value)  # 1 s rest, half the blend
-    assert np.abs(second.value[moving] - expected).max() < 2e-3
-
-
-def test_sensors_have_the_requested_defects(tmp_path: Path, plain: Recording) -> None:
-    recording = run(
-        tmp_path / "bag",
-        *rig(
-            tmp_path,
-            """
-            motors: {rate: 500, noise: 0.01, jitter: 2e-4, dropout: 0.1, burst: 0.02}
-            joints: {rate: 250, counts: 1024, bias: 0.1, jitter: 2e-4, dropout: 0.1, burst: 0.02}
-            """,
-        ),
-    )
-    motor, joint = recording.motors["winch"], recording.joints["elbow"]
-    assert motor.value.size == pytest.approx(0.9 * 2001, rel=0.15)
-    assert joint.value.size == pytest.approx(0.9 * 1000, rel=0.15)
-    assert np.all(np.diff(motor.stamp_ns) > 0)
-    counts = joint.value / (2.0 * np.pi / 1024)
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    ideal = plain.joints["elbow"]
-    off = joint.value - np.interp(joint.stamp_ns, ideal.stamp_ns, ideal.value)
-    assert off.mean() == pytest.approx(0.1, abs=1e-3)
-    ideal = plain.motors["winch"]
-    off = motor.value - np.interp(motor.stamp_ns, ideal.stamp_ns, ideal.value)
-    assert off.std() == pytest.approx(0.01, rel=0.1)
-
-
-def test_drives_report_efforts_when_asked(tmp_path: Path, plain: Recording) -> None:
-    run(tmp_path / "bag", *rig(tmp_path, "motor_efforts: {noise: 0.02}"))
-    told = read_recording(tmp_path / "bag", motor_efforts=True)
-    (name,) = told.motor_efforts
-    effort, angle = told.motor_efforts[name], told.motors["winch"]
-    assert np.array_equal(effort.stamp_ns, angle.stamp_ns), "one message"
-    assert np.array_equal(angle.value, plain.motors["winch"].value), "nothing else changes"
-    assert _tensions(told).tolist() == _tensions(plain).tolist()
-    true = plain.references["effort/winch"]
-    noise = effort.value - np.interp(effort.stamp_ns, true.stamp_ns, true.value)
-    assert 0.015 < noise.std() < 0.025
-    assert not read_recording(_plain_bag(tmp_path), motor_efforts=True).motor_efforts
-
-
-def _plain_bag(folder: Path) -> Path:
-    run(folder / "plain")
-    return folder / "plain"
-
-
-def test_the_motion_may_have_another_centre(tmp_path: Path) -> None:
-    recording = run(tmp_path / "bag", "--centre", "0.2", "--mode", "follow")
-    angle = recording.joints["elbow"].value
-    assert angle[0] == pytest.approx(0.2, abs=1e-3)
-    assert angle.max() > 0.25
-    assert angle.min() < 0.1
-
-
-def test_more_payload_increases_the_difference_between_the_cables(
-    tmp_path: Path, plain: Recording
-) -> None:
-    heavy = run(tmp_path / "bag", "--payload", "0.6")
-
-    def part(recording: Recording) -> float:
-        upper, lower = (recording.references[f"tension/{c}/8"].value for c in ("upper", "lower"))
-        return float((upper - lower).mean())
-
-    assert part(heavy) > part(plain) + 5.0
-
-
 def test_a_fault_acts_at_its_time_and_a_note_reports_the_slack(
     tmp_path: Path, plain: Recording, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -202,21 +126,6 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
     run(tmp_path / "taut", "--payload", "0.5", "--preload", preload)
     slack = run(tmp_path / "slack", *weak, "--allow-slack")
     assert _tensions(slack).min() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("faults: [{kind: snap, cable: middle, at: 3}]", "there are upper, lower"),
-        ("load_cells: {elements: [upper/99]}", "must be one of upper/1, "),
-        ("faults: [{kind: freeze, encoder: thumb, at: 1}]", "must be one of winch, elbow"),
-        ("motors: {dropout: 1.5}", "motors.dropout must be at most 0.99, got 1.5"),
-    ],
-)
-def test_a_rig_that_does_not_suit_the_robot_is_refused_before_the_simulation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
-) -> None:
-    assert words in refused(capsys, tmp_path / "bag", *rig(tmp_path, text))
 
 
 def test_a_rig_file_acts_on_load_cells_latency_and_frozen_encoders(tmp_path: Path) -> None:
@@ -360,15 +269,6 @@ def test_every_robot_of_the_package_performs_the_default_motion(
         assert np.degrees(np.abs(angle).max()) == pytest.approx(38.0, abs=0.2)
 
 
-def test_a_given_amplitude_is_never_reduced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
-    assert main([*command, "--amplitude", "28deg"]) == 2
-    assert "element b/5 has no tension" in capsys.readouterr().err
-    assert not (tmp_path / "bag").exists()
-
-
 def test_an_output_that_exists_is_refused_before_the_simulation(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -384,15 +284,3 @@ def test_an_output_that_exists_is_refused_before_the_simulation(
         assert main([str(out), "--robot", ROBOT]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert words in line
-
-
-def test_positions_of_a_prismatic_joint_are_printed_in_metres(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
-    assert main([*command, "--amplitude", "20deg"]) == 2
-    assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
-    assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
-    error = capsys.readouterr().err
-    assert " m, t = " in error
-    assert "= 0.5 rad" not in error

@@ -63,27 +63,6 @@ def test_a_turned_reference_is_seen_in_the_vectors_and_not_in_the_magnitudes(
     assert "7.5°" in table
 
 
-@pytest.mark.parametrize(
-    ("limit", "code"),
-    [
-        ("force_vector/*: {max_direction_error_deg: {max: 7.6}}", 0),
-        ("force_vector: {mean_direction_error_deg: {max: 7.4}}", 1),
-        ("force_vector: {mean_relative_error: {max: 0.12}}", 1),
-        ("nodal_force: {mean_direction_error_deg: {max: 90}}", 1),  # magnitudes have no direction
-    ],
-)
-def test_limits_hold_for_vectors_and_directions(
-    limit: str, code: int, turned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    limits = tmp_path / "limits.yaml"
-    limits.write_text(f"channels: {{{limit}}}")
-    found, figures = run(tmp_path, turned, "--limits", limits, "--quiet")
-    assert found == code
-    assert bool(figures["limits"]["outside"]) == bool(code)
-    if "7.4" in limit:
-        assert "7.5°" in capsys.readouterr().out
-
-
 def test_forces_in_a_named_frame_are_compared_only_with_a_robot_that_has_positions(
     tmp_path: Path,
 ) -> None:

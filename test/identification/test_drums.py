@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from math import log
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +12,14 @@ import yaml
 from support.made_up import recording
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
-from cdrj_ros.estimation.estimator import initial_state, run, step
+from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.identification.drums import CERTAIN, finding
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.channels import channel_columns
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
@@ -95,45 +93,3 @@ def test_less_than_a_whole_cycle_shows_nothing(fresh: Document) -> None:
     found = judged(fresh, slips=False, seconds=1.2)
     assert drums_written(found) == "may_slip"
     assert "whole cycle" in found.findings[-1]
-
-
-def test_a_file_that_says_what_the_drums_do_is_not_judged(fresh: Document) -> None:
-    for stated in ({"drums": "hold"}, {"others": "exact"}):
-        found = judged({**fresh, "uncertainty": stated}, slips=False, seconds=1.2)
-        assert found.drums is None
-        assert not any("drum" in sentence for sentence in found.findings)
-
-
-@pytest.mark.parametrize("independent", [1, 4, 8])
-def test_the_odds_have_to_be_a_thousand_to_one(independent: int) -> None:
-    just = float(np.exp(2.0 * CERTAIN / independent))
-    assert log(1000.0) == pytest.approx(CERTAIN)
-    assert finding(1.01 * just, independent, 0.0).drums == "hold"
-    assert "do not show" in finding(0.99 * just, independent, 0.0).sentence
-    assert "do not show" in finding(1.01 / just, independent, 0.0).sentence
-    assert "The cable slips" in finding(0.99 / just, independent, 0.0).sentence
-    assert "do not show" in finding(1.01 * just, independent, -1.0).sentence, "priors count, too"
-
-
-def slipping_by_steps(model: Model, samples: Samples) -> np.ndarray:
-    state, rows = initial_state(model), []
-    for k in range(samples.stamp_ns.size):
-        state, estimate = step(model, state, samples.at(k))
-        model.core.forget_drums(state.values)
-        rows.append(estimate.values)
-    return np.array(rows)
-
-
-def test_slipping_drums_forget_after_every_sample_and_in_chunks(fresh: Document) -> None:
-    model = prepare(build_robot(fresh, "test"))
-    samples = samples_of(recording(fresh, 2.0, frequency=0.5))
-    _, whole = run(model, initial_state(model), samples, slipping=True)
-    assert np.array_equal(whole.values, slipping_by_steps(model, samples))
-    state, parts = initial_state(model), []
-    for part in (slice(0, 150), slice(150, None)):
-        chunk = Samples(
-            samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part]
-        )
-        state, found = run(model, state, chunk, slipping=True)
-        parts.append(found.values)
-    assert np.array_equal(whole.values, np.concatenate(parts))

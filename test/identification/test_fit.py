@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
-from cdrj_ros.identification.standard_errors import remaining_step
 from cdrj_ros.identification.unknowns import (
     parse_unknowns,
     starting_values,
@@ -147,72 +145,6 @@ def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing:
     assert np.all(found.stddev < 0.06 * truth), "the standard errors themselves are small"
 
 
-def test_slow_motion_alone_does_not_determine_the_stribeck_speed_and_a_note_says_so(
-    rubbing: Document,
-) -> None:
-    slow = recording(rubbing, 60.0, amplitude=0.1, noise=1.0, frequency=0.01)
-    fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
-    start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
-    found = found_from(rubbing, fit, start, [slow])
-    (sentence,) = found.findings
-    assert "friction.stribeck_speed" in sentence
-    assert found.values[1] == pytest.approx(0.2, rel=0.02), "static friction, all that acts at rest"
-    assert found.stddev[1] < 0.01 * 0.2
-
-
-def test_a_fit_to_mostly_noise_does_not_stop_short_of_its_own_accuracy(
-    rubbing: Document, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The cost hardly decreases while the numbers still change by half a standard error."""
-    left: list[np.ndarray] = []
-
-    def remember(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
-        step, size = remaining_step(*arguments)
-        left.append(size)
-        return step, size
-
-    monkeypatch.setattr("cdrj_ros.identification.fit.remaining_step", remember)
-    fit = "friction.mu_c,friction.mu_s,friction.stribeck_speed"
-    start = {name: FRICTION_AND_DRUM[name] for name in fit.split(",")}
-    noisy = [recording(rubbing, 60.0, noise=1.0)]
-    monkeypatch.setattr("cdrj_ros.identification.fit.COARSE_STEPS", 2)  # stops the rounds short
-    settled = found_from(rubbing, fit, start, noisy)
-    assert left[0].max() > 0.3
-    assert left[-1].max() < 0.1
-    assert not [text for text in settled.findings if "settled" in text]
-    truth = [number_at(rubbing, unknown.paths[0]) for unknown in settled.unknowns]
-    assert np.all(np.abs(settled.values - truth) < 3.0 * settled.stddev)
-
-    monkeypatch.setattr("cdrj_ros.identification.fit.SETTLING_STEPS", 1)
-    monkeypatch.setattr("cdrj_ros.identification.fit.UNSETTLED", 0.3)
-    hasty = found_from(rubbing, fit, start, noisy)
-    assert [text for text in hasty.findings if text.startswith("The fit has not settled: friction")]
-
-
-def test_bearing_friction_has_no_influence_where_the_cable_slides_on_fixed_pulleys(
-    rubbing: Document,
-) -> None:
-    fixed = with_numbers(rubbing, {"friction.rho": 1.0})
-    fit = "friction.mu_c,friction.bearing_friction"
-    found = found_from(fixed, fit, {"friction.mu_c": 0.12}, [recording(fixed, 10.0)])
-    assert found.values[0] == pytest.approx(0.15, abs=3.0 * found.stddev[0])
-    assert any("bearing_friction has no influence" in text for text in found.findings)
-    silent = found.unknowns[1]
-    assert found.stddev[1] == pytest.approx((silent.upper - silent.lower) / np.sqrt(12.0))
-
-
-def test_standard_errors_of_white_noise_are_the_spread_over_repetitions(document: Document) -> None:
-    exact = {**document, "uncertainty": {"others": "exact"}}
-    results = [
-        found_from(exact, "rho", {}, [recording(exact, 10.0, noise=0.2, seed=seed)])
-        for seed in range(8)
-    ]
-    spread = np.std([r.values for r in results], axis=0, ddof=1)
-    claimed = np.mean([r.stddev for r in results], axis=0)
-    assert np.all(claimed > 0.5 * spread)
-    assert np.all(claimed < 4.0 * spread)
-
-
 def test_a_late_clock_is_found(document: Document) -> None:
     late = recording(document, 10.0, late_s=0.004, noise=0.005)
     found = found_from(document, "clock_offset", {}, [late])
@@ -238,17 +170,6 @@ def test_two_numbers_that_act_as_one_are_named(document: Document) -> None:
     assert "mu_c" in sentence
     assert "product" in sentence
     assert found.stddev[0] / found.values[0] > 0.01
-
-
-def test_two_numbers_of_which_only_the_difference_matters_stay_unknown(document: Document) -> None:
-    found = found_from(
-        document, "motors.winch.offset,motors.winch.reference_angle", {}, [recording(document, 5.0)]
-    )
-    (sentence,) = [text for text in found.findings if "told apart" in text]
-    assert "difference" in sentence
-    assert np.all(found.stddev > 0.05)
-    assert found.correlation[0, 1] > 0.999
-    assert found.values[0] == pytest.approx(found.values[1], abs=1e-4)
 
 
 def test_a_number_that_the_data_do_not_depend_on_stays_as_it_was(document: Document) -> None:
@@ -315,35 +236,6 @@ def test_outliers_hardly_affect_a_robust_fit(document: Document, loss: str) -> N
     truth = np.array([0.2, 0.2])
     assert np.abs(plain.values - truth).max() > 5.0 * np.abs(robust.values - truth).max()
     np.testing.assert_allclose(robust.values, truth, atol=4e-3)
-
-
-def test_recordings_are_fitted_together(document: Document) -> None:
-    loose = with_numbers(document, {"cables.upper.preload": 30.0, "cables.lower.preload": 20.0})
-    small = recording(document, 5.0, amplitude=0.3, name="small", seed=2)
-    found = found_from(document, "rho", {"friction.rho": 0.16}, [recording(document, 5.0), small])
-    np.testing.assert_allclose(found.values, 0.2, atol=1e-3)
-    mixed = found_from(document, "preload", {}, [recording(document, 5.0), recording(loose, 5.0)])
-    assert 30.0 < mixed.values[0] < 36.85, "between the preloads of the two recordings"
-    assert mixed.stddev[0] > 0.2, "the residuals show that it is not well known"
-
-
-def test_random_starts_are_repeatable_and_find_the_same_minimum(document: Document) -> None:
-    rec = recording(document, 5.0)
-    settings = replace(QUICK, starts=3, seed=7)
-    one = found_from(document, "rho,cables.*.axial_stiffness", {}, [rec], settings)
-    two = found_from(document, "rho,cables.*.axial_stiffness", {}, [rec], settings)
-    np.testing.assert_array_equal(one.values, two.values)
-    assert "All 3 starts ended in the same minimum." in one.findings
-
-
-def test_the_last_round_takes_every_sample(document: Document) -> None:
-    rec, start = recording(document, 10.0), {"friction.rho": 0.22}
-    rough, full = (
-        found_from(document, "friction.rho", start, [rec], Settings(coarse=coarse, samples=500))
-        for coarse in (True, False)
-    )
-    assert rough.samples < full.samples == 2000
-    np.testing.assert_allclose(full.values, 0.2, atol=1e-3)
 
 
 def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document: Document) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
 
@@ -99,7 +98,7 @@ def test_a_prior_is_dropped_on_purpose_alone(document: Document) -> None:
     named = known_before(document, known, parse_unknowns(document, "preload,rho"))
     left = {u.name for u in without_priors(named, ["cables.upper.preload", "rho"]) if u.prior}
     assert left == {"cables.lower.preload"}
-    with pytest.raises(UsageError, match=r"--free EA.*not among the fitted"):
+    with pytest.raises(UsageError, match="EA is not among the fitted"):
         without_priors(named, ["EA"])
 
 
@@ -146,13 +145,6 @@ def test_a_right_model_has_none() -> None:
     assert model_error(residuals, [np.full(one.size, 0.12) for one in residuals]) == 0.0
 
 
-def test_two_runs_are_covered_by_what_eight_others_say() -> None:
-    residuals = runs(0.2, count=10, bias=0.2)
-    error = model_error(residuals[:8], [np.full(2000, 0.02)] * 8)
-    inside = [np.mean(np.abs(one) <= 2.0 * np.hypot(error, 0.02)) for one in residuals[8:]]
-    assert np.mean(inside) >= 0.9
-
-
 def test_what_a_fit_leaves_above_the_sensors_noise_is_the_models_error_and_its_first_note(
     document: Document,
 ) -> None:
@@ -177,15 +169,3 @@ def test_a_cable_that_was_not_looked_at_has_an_error_of_the_model_too(document: 
     variance = unmodelled(prepare(build_robot({**document, "uncertainty": stated}, "test")))[0]
     assert variance[:8] == pytest.approx(0.5**2)
     assert variance[8:16] == pytest.approx((0.5 * 26.26 / 36.85) ** 2)
-
-
-def test_a_wrong_stiffness_does_not_spoil_the_fit_of_friction_and_preload() -> None:
-    path = Path(__file__).parents[2] / "tools" / "narrow_fits.py"
-    spec = importlib.util.spec_from_file_location("narrow_fits", path)
-    assert spec is not None
-    assert spec.loader is not None
-    tool = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tool)
-    wrong = tool.WRONG["EA by 5 %"]
-    assert tool.errors(wrong, 8.0, wide=False).mean() > 0.01
-    assert tool.errors(wrong, 8.0, wide=True).max() < 0.003

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,8 @@ import pytest
 from support.made_up import recording
 
 from cdrj_ros.identification.fit import identify
-from cdrj_ros.identification.nuisance import effects, nuisance_causes
-from cdrj_ros.identification.observations import observe, residual_scales, samples_of
-from cdrj_ros.identification.problem import Problem, Settings
+from cdrj_ros.identification.nuisance import nuisance_causes
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.residual_statistics import (
     Linear,
     Places,
@@ -20,14 +18,12 @@ from cdrj_ros.identification.residual_statistics import (
     residual_variance,
 )
 from cdrj_ros.identification.unknowns import parse_unknowns
-from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.tolerances import (
     DRAWN_RADIUS,
     HANDBOOK_FRICTION,
-    SPRING_SCALE,
     default_tolerances,
 )
 
@@ -140,34 +136,6 @@ def test_stated_correlations_give_causes_with_the_same_covariance(fresh: Documen
     np.testing.assert_allclose(root @ root.T, known.covariance, rtol=1e-9, atol=1e-12)
     rest = nuisance_causes(known, parse_unknowns(fresh, "EA"))
     assert {path for cause in rest for path in cause} == set(paths[:2])
-
-
-def test_effects_are_changes_of_the_residuals_by_one_standard_deviation(fresh: Document) -> None:
-    unknowns = parse_unknowns(fresh, "rho")
-    model = prepare(build_robot(fresh, "test"))
-    recorded = recording(fresh, 5.0)
-    sigmas = residual_scales([recorded], list(recorded.references), "spread")
-    samples = samples_of(model, recorded)
-    seen = observe(model, recorded, samples, sigmas, 2, 100_000, 0.0, False)
-    preload = "cables.upper.preload"
-    size = SPRING_SCALE * number_at(fresh, preload)
-    causes = ({preload: size}, {"friction.bristle_damping": -1.0}, {"joints.elbow.offset": 0.01})
-    with ThreadPoolExecutor(1) as pool:
-        problem = Problem(fresh, "test", unknowns, [seen], pool)
-        here = np.zeros(len(unknowns))
-        found = effects(problem, here, causes)
-        more, offset = (
-            Problem(with_numbers(fresh, {path: value}), "test", unknowns, [seen], pool)
-            for path, value in (
-                (preload, number_at(fresh, preload) + 0.01 * size),
-                ("friction.rho", number_at(fresh, "friction.rho")),
-            )
-        )
-        slope = (more.residuals(here) - problem.residuals(here)) / 0.01
-        assert np.abs(found[:, 0] - slope).mean() < 0.02 * np.abs(slope).mean()
-        assert np.abs(found[:, 1]).max() < np.abs(found[:, 0]).max(), "one way only"
-        assert np.abs(found[:, 2]).max() > 0.0, "the samples change, too"
-        assert np.all(offset.residuals(here) == problem.residuals(here))
 
 
 SIZE, STATES = 8000, 8
