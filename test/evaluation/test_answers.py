@@ -92,15 +92,6 @@ def test_inputs_that_can_have_no_answer_yet_do_not_count_as_under_way(bench: Ben
     assert bench.run.under_way == 1
 
 
-def test_an_answer_counts_when_all_three_topics_have_it(bench: Bench) -> None:
-    bench.send(0, 1)
-    bench.answer(0, topics=(0, 1))
-    assert bench.run.tally().received == 0
-    bench.answer(0, topics=(2,))
-    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
-    assert bench.run.tally().under_way == 1
-
-
 def test_an_answer_may_come_after_later_ones(bench: Bench) -> None:
     bench.send(0, 1, 2)
     bench.answer(0, 2, 1)
@@ -131,12 +122,6 @@ def test_an_answer_without_an_input_is_counted_as_strange(bench: Bench) -> None:
     bench.answer(77)
     assert bench.run.tally().strange == 3
     assert bench.run.tally().received == 0
-
-
-def test_the_last_answer_repeated_while_paused_is_not_counted(bench: Bench) -> None:
-    bench.send(0, 1)
-    bench.answer(0, 0, 0)
-    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)
 
 
 def test_a_refused_reading_is_not_waited_for(bench: Bench) -> None:
@@ -211,29 +196,6 @@ def test_a_pass_that_differs_is_noted(model: Model) -> None:
     assert any("should be identical" in note for note in outcome.notes())
 
 
-def test_a_pass_that_was_broken_off_does_not_replace_a_whole_one(model: Model) -> None:
-    outcome = _played(model, range(5))
-    whole = outcome.answers
-    again = Bench(model)
-    again.send(0)
-    again.answer(0)
-    outcome.add(again.run.finish(), whole=False)
-    assert outcome.answers is whole
-
-
-def test_after_a_jump_of_the_clock_the_later_estimate_counts(bench: Bench) -> None:
-    bench.send(*range(2000, 2010))
-    bench.answer(*range(2000, 2010))
-    bench.send(*range(8))
-    bench._estimate = replace(bench._estimate, whole=bench._estimate.whole + 1.0)
-    for _ in range(2):
-        bench.send(*range(2000, 2010))
-    bench.answer(*range(2000, 2010))
-    answers = bench.run.finish()
-    assert np.all(np.diff(answers.stamp_ns) > 0)
-    assert answers.tally.received >= 10
-
-
 def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
     """The joint is read at every fifth stamp; what was predicted between is computed again."""
     bench = Bench(model, "predict")
@@ -271,12 +233,6 @@ def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
     all_known = errors_of([outcome.comparison("bag", recording)]).pooled["tension/upper/8"]
     assert all_known.coverage == pytest.approx(half, abs=0.1)
     assert errors["effort/elbow"].coverage is None
-
-
-def test_preloads_that_agree_or_are_unknown_are_not_mentioned() -> None:
-    model = load_model("prototype", [23.0, 6.0])
-    for preload in ((), (23.0, 6.0), (23.0 + 1e-9, 6.0)):
-        assert preload_difference(model, NodeSettings(preload=preload)) == ""
 
 
 def test_preloads_that_differ_are_named_with_both_values_and_the_remedies() -> None:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import socketserver
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -16,25 +13,14 @@ from support.clusters import running_cluster
 from support.many_tasks import killed_once, square, sum_after_death, sum_with
 
 from cdrj_ros.commands import validate
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.evaluation.parallel import (
     Failed,
     Work,
     check_address,
     cluster_pool,
-    connected,
-    in_this_process,
     on_cluster,
 )
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.foundation.series import Series
-from cdrj_ros.identification.observations import Recorded, observe, samples_of
-from cdrj_ros.identification.problem import Problem
-from cdrj_ros.identification.unknowns import parse_unknowns
-from cdrj_ros.model.loading import load_model, robot_path
-from cdrj_ros.robot.reader import load_document
-from cdrj_ros.simulation.follow import follow_joints
 
 from .test_processes import kill_when_noted
 
@@ -52,14 +38,6 @@ def _dask() -> None:
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with running_cluster(tmp_path_factory.mktemp("cluster")) as address:
         yield address
-
-
-def test_a_cluster_gives_the_results_of_one_process_and_names_what_failed(address: str) -> None:
-    numbers = [3.0, -1.0, 7.0, 13.0, 0.3]
-    work = Work(square, numbers, [f"bag {n:g}" for n in numbers], [10] * 5)
-    done: list[float] = []
-    assert on_cluster(work, address, done.append) == in_this_process(work, lambda _: None)
-    assert done == [10.0, 20.0, 30.0, 40.0, 50.0]
 
 
 def figures(path: Path, *arguments: str) -> dict[str, Any]:
@@ -117,57 +95,10 @@ def test_an_argument_that_died_with_its_worker_is_sent_again(address: str, tmp_p
         assert pool.map(sum_after_death, notes, [table, table]) == [4950.0, 4950.0]
 
 
-def test_residuals_from_a_cluster_have_the_digits_of_this_process(address: str) -> None:
-    document, source = load_document(str(robot_path("prototype")))
-    model = load_model("prototype")
-    time_s = np.arange(0.0, 2.0, 0.01)
-    joint = 0.4 * np.sin(3.0 * time_s)[:, None]
-    motor = follow_joints(model, joint).motor_angle
-    stamps = (1e9 * (1.0 + time_s)).astype(np.int64)
-    _, true = run(model, initial_state(model), Samples(stamps, motor, joint))
-    read = [
-        {name: Series(stamps, stamps, values[:, 0])}
-        for name, values in (("winch", motor), ("elbow", joint))
-    ]
-    recording = Recorded("rig", *read, {"tension/upper/8": (stamps, true.values[:, 7])})
-    unknowns = parse_unknowns(document, "mu_c")
-    samples = samples_of(model, recording)
-    observed = observe(model, recording, samples, {"tension/upper/8": 1.0}, 1, 1000, 0.0, False)
-    points = [np.full(len(unknowns), at) for at in (0.0, 0.5)]
-    with ThreadPoolExecutor(2) as threads, cluster_pool(address) as cluster:
-        here, there = (
-            Problem(document, source, unknowns, [observed], pool).residuals_of(points)
-            for pool in (threads, cluster)
-        )
-    assert [one.tobytes() for one in here] == [one.tobytes() for one in there]
-    assert here[0].tobytes() != here[1].tobytes()
-
-
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
     with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1: no Dask scheduler answered"):
         on_cluster(Work(square, [1.0], ["one"], [1]), "tcp://127.0.0.1:1", lambda _: None)
-
-
-@pytest.mark.parametrize("said", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" * 9])
-def test_a_port_at_which_something_else_listens_is_refused(
-    said: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
-
-    class Other(socketserver.BaseRequestHandler):
-        def handle(self) -> None:
-            self.request.sendall(said)
-            self.request.recv(1_000_000)
-            over.wait()
-
-    over = Event()
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Other) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        with pytest.raises(UsageError, match="no Dask scheduler answered"):
-            connected(f"tcp://127.0.0.1:{server.server_address[1]}").__enter__()
-        over.set()
-        server.shutdown()
 
 
 @pytest.mark.parametrize("address", ["", "host", "host:port", "smtp://host:25", "tcp://:8786"])

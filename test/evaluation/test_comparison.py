@@ -42,17 +42,6 @@ def test_coinciding_stamps_leave_every_bit_of_the_estimate() -> None:
     assert channel.estimate[at].tobytes() == values[chosen].tobytes()
 
 
-def test_a_line_with_uneven_stamps_is_interpolated_without_error() -> None:
-    random = np.random.default_rng(2)
-    stamps = EPOCH_NS + np.cumsum(random.integers(1, 1000, 500))
-    wanted = np.unique(random.integers(int(stamps[0]), int(stamps[-1]), 2000))
-    line = 3.0 - 2e-6 * (stamps - EPOCH_NS).astype(np.float64)
-    channel = one(stamps, line, (wanted, np.zeros(len(wanted))))
-    np.testing.assert_allclose(
-        channel.estimate, 3.0 - 2e-6 * (wanted - EPOCH_NS).astype(np.float64), atol=1e-14
-    )
-
-
 def test_nothing_is_compared_outside_the_estimates_or_across_a_gap() -> None:
     channel = one([0, 10, 100, 110], [1.0] * 4, ([-1, 0, 5, 10, 50, 100, 105, 111], [2.0] * 8), 10)
     assert channel.stamp_ns.tolist() == [0, 5, 10, 100, 105]
@@ -97,27 +86,6 @@ def test_every_reference_sample_is_compared_or_counted() -> None:
     assert np.isfinite(channel.reference).all()
 
 
-def test_channels_sharing_stamps_do_not_share_samples() -> None:
-    stamps = np.array([0, 10, 20])
-    references = {
-        "tension/upper/1": (stamps, np.array([1.0, 2.0, 3.0])),
-        "tension/upper/2": (stamps, np.array([4.0, np.nan, 6.0])),
-    }
-    estimates = {name: np.zeros(3) for name in references}
-    first, second = compare(stamps, estimates, references, max_gap_ns=10)
-    assert first.reference.tolist() == [1.0, 2.0, 3.0]
-    assert second.stamp_ns.tolist() == [0, 20]
-    assert second.reference.tolist() == [4.0, 6.0]
-
-
-def test_channels_come_in_the_order_of_the_estimates() -> None:
-    names = ["effort/spindle", "tension/upper/10", "tension/upper/2"]
-    references = {name: ([0], [0.0]) for name in reversed(names)}
-    channels = compare([0], {name: [0.0] for name in names}, references, max_gap_ns=1)
-    assert [channel.name for channel in channels] == names
-    assert [channel.unit for channel in channels] == ["N·m", "N", "N"]
-
-
 def test_a_reference_without_estimate_is_reported_by_name() -> None:
     references = {NAME: ([0], [1.0]), "tension/third/1": ([0], [1.0])}
     assert unknown_references({NAME: [0.0]}, references) == ("tension/third/1",)
@@ -125,19 +93,6 @@ def test_a_reference_without_estimate_is_reported_by_name() -> None:
     bag = summed_up("a.mcap", 1.0, channels, ("tension/third/1",))
     assert [channel.name for channel in bag.channels] == [NAME]
     assert any("tension/third/1" in note for note in bag.notes)
-
-
-def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:
-    channels = compare(
-        [0, 10],
-        {NAME: [0.0, 0.0], "effort/spindle": [0.0, 0.0]},
-        {NAME: ([0, 50], [1.0, 1.0]), "effort/spindle": ([60], [1.0])},
-        max_gap_ns=10,
-    )
-    bag = summed_up("a.mcap", 1.0, channels, counters={"late": 4})
-    assert bag.counters["late"] == 4
-    assert bag.counters["outside_estimates"] == 2
-    assert any("effort/spindle" in note for note in bag.notes)
 
 
 def test_the_angle_is_added_where_it_is_known() -> None:

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel
-from cdrj_ros.evaluation.comparison import Comparing, compare
 from cdrj_ros.evaluation.metrics import (
     DIRECTION_SHARE,
     ChannelError,
@@ -63,14 +62,6 @@ def test_no_figure_depends_on_the_frame_if_both_are_in_it() -> None:
         assert getattr(other, figure) == pytest.approx(value), figure
 
 
-def test_the_error_of_a_vector_is_never_less_than_that_of_its_magnitude() -> None:
-    estimate = FORCE + RANDOM.normal(0.0, 5.0, FORCE.shape)
-    vector = channel_error(estimate, FORCE)
-    scalar = channel_error(np.linalg.norm(estimate, axis=1), np.linalg.norm(FORCE, axis=1))
-    for figure in ("mean_abs_error", "mean_relative_error", "rmse", "max_abs_error"):
-        assert getattr(vector, figure) > getattr(scalar, figure)
-
-
 def test_figures_agree_with_those_computed_by_hand() -> None:
     # differences (3, 4, 0) and 0; deviations of the reference from its mean are ±(5, 0, 0)
     error = channel_error(
@@ -97,31 +88,6 @@ def test_forces_too_small_for_a_direction_have_none() -> None:
     nothing = channel_error(np.zeros((3, 3)), np.zeros((3, 3)))
     assert nothing.mean_direction_error_deg is None
     assert nothing.max_direction_error_deg is None
-
-
-def test_a_component_that_is_not_finite_is_counted_and_nothing_else_is_lost() -> None:
-    reference, estimate = FORCE.copy(), turned(FORCE, 5.0)
-    reference[3, 1] = np.nan
-    estimate[7, 2] = np.inf
-    (channel,) = compare(STAMPS, {NAME: estimate}, {NAME: (STAMPS, reference)}, max_gap_ns=10**9)
-    kept = np.delete(np.arange(len(FORCE)), [3, 7])
-    assert channel.dropped["reference_not_finite"] == 1
-    assert channel.dropped["estimate_not_finite"] == 1
-    assert channel.stamp_ns.tolist() == STAMPS[kept].tolist()
-    assert channel.estimate.tobytes() == estimate[kept].tobytes()
-    assert channel.reference.tobytes() == reference[kept].tobytes()
-
-
-def test_components_are_interpolated_along_a_line_also_between_pieces() -> None:
-    slope = np.array([1e-6, -2e-6, 0.5e-6])
-    line = 3.0 + STAMPS[:, None] * slope
-    at = STAMPS[:-1] + 300_000
-    comparing = Comparing([NAME], STAMPS, {NAME: (at, np.zeros((len(at), 3)))}, 10**9)
-    for begin in range(0, len(STAMPS), 64):
-        piece = line[begin : begin + 64]
-        comparing.add({NAME: piece}, {}, len(piece))
-    (channel,) = comparing.channels(None, None)
-    np.testing.assert_allclose(channel.estimate, 3.0 + at[:, None] * slope, rtol=1e-13)
 
 
 def _bag(estimate: Floats, reference: Floats) -> BagComparison:

@@ -120,8 +120,3 @@ def test_invalid_limits_are_refused_with_the_path_of_the_key(
     for word in (*words, str(path)):
         assert word in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"cannot read the file of limits .*: No such file"):
-        load_limits(tmp_path / "limits.yaml")

@@ -51,9 +51,3 @@ def test_a_motion_without_reversal_has_no_zone(angle: np.ndarray) -> None:
     zones = reversal_zones(stamps, [angle])
     assert zones.shape == (0, 2)
     assert not within(zones, stamps).any()
-
-
-def test_noise_is_not_a_reversal() -> None:
-    stamps, angle = swing(3.0)
-    noisy = angle + 1e-3 * np.random.default_rng(2).normal(size=len(angle))
-    assert len(reversal_zones(stamps, [noisy])) == 6

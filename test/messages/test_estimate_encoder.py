@@ -88,22 +88,6 @@ def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: boo
     assert payload == template.encode(estimate.stamp_ns, **efforts)
 
 
-def test_vectors_that_are_not_contiguous_are_copied(layout: Layout) -> None:
-    encoder = EstimateEncoder(layout, uncertain=True)
-    estimate, stddev = some_estimate(layout, 3), np.arange(stddev_columns(layout).size) * 0.5
-    spread = np.repeat(stddev, 2)[::2]
-    apart = replace(estimate, whole=np.repeat(estimate.values, 2)[::2])
-    assert encoder.encode(apart, spread) == encoder.encode(estimate, stddev)
-
-
-def test_vectors_of_other_types_are_converted(layout: Layout) -> None:
-    encoder = EstimateEncoder(layout, uncertain=True)
-    estimate, stddev = some_estimate(layout, 3), np.arange(stddev_columns(layout).size)
-    rounded = replace(estimate, whole=estimate.values.astype(np.float32))
-    exact = replace(estimate, whole=rounded.whole.astype(np.float64))
-    assert encoder.encode(rounded, stddev) == encoder.encode(exact, 1.0 * stddev)
-
-
 def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
     certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 0), np.zeros(stddev_columns(layout).size)

@@ -63,16 +63,6 @@ def test_a_reference_without_components_has_only_magnitudes(given: Arrays, tmp_p
     assert read.notes == ()
 
 
-def test_vectors_are_read_only_when_asked_for(tmp_path: Path) -> None:
-    read = recorded(tmp_path, arrays(), wanted=False)
-    assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
-
-
-def test_components_are_vectors_where_no_magnitude_is_given(tmp_path: Path) -> None:
-    read = recorded(tmp_path, arrays(magnitude=np.full_like(NORM, np.nan)))
-    np.testing.assert_array_equal(read.references["force_vector/a/3"].value, FORCE[:, 1])
-
-
 def test_noise_of_both_and_a_slack_cable_do_not_contradict(tmp_path: Path) -> None:
     random = np.random.default_rng(5)
     slack = np.where(np.arange(COUNT)[:, None] < 10, 0.0, 1.0)
@@ -100,14 +90,6 @@ def test_zero_beside_a_magnitude_is_left_out_and_named_and_zero_without_one_is_k
     assert note.startswith("force_vector/a/2: 1 forces with components of zero")
 
 
-def test_a_single_force_that_disagrees_with_its_magnitude_is_kept(tmp_path: Path) -> None:
-    force = FORCE.copy()
-    force[8, 0] *= 3.0
-    read = recorded(tmp_path, arrays(force))
-    np.testing.assert_array_equal(read.references["force_vector/a/2"].value, force[:, 0])
-    assert read.notes == ()
-
-
 def test_components_that_do_not_give_the_magnitude_are_no_vector(tmp_path: Path) -> None:
     force = FORCE.copy()
     force[:, 0, 0] = 0.0  # a sensor that lacks an axis
@@ -117,14 +99,6 @@ def test_components_that_do_not_give_the_magnitude_are_no_vector(tmp_path: Path)
     assert "force_vector/a/3" in read.references
     (note,) = read.notes
     assert note.startswith("force_vector/a/2: the norm of the components differs")
-
-
-def test_one_empty_component_makes_no_vector(tmp_path: Path) -> None:
-    given = arrays()
-    del given["force_z"]
-    read = recorded(tmp_path, given)
-    assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
-    assert sum(read.malformed.values()) == 0
 
 
 @pytest.mark.parametrize("scalars", [(), ("force_x", "force_y", "force_z")])

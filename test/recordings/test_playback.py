@@ -31,43 +31,12 @@ def _numbers(messages: Sequence[RawMessage]) -> list[int]:
     return [int.from_bytes(message.data, "little") for message in messages]
 
 
-@pytest.mark.parametrize("rate", [1.0, None])
-def test_nothing_is_due_before_the_start(rate: float | None) -> None:
-    playback = _playback([0, S], rate)
-    assert not playback.take(1e9, 10)
-    assert playback.wait_s(1e9) == inf
-
-
 def test_a_message_is_due_at_its_time_divided_by_the_rate() -> None:
     playback = _playing([0, 1 * S, 2 * S], rate=4.0)
     assert _numbers(playback.take(0.0, 10)) == [0]
     assert playback.wait_s(0.1) == pytest.approx(0.15)
     assert not playback.take(0.249, 10)
     assert _numbers(playback.take(0.25, 10)) == [1]
-
-
-def test_as_fast_as_possible_does_not_look_at_the_time() -> None:
-    playback = _playing([0, 1 * S, 2 * S], rate=None)
-    assert _numbers(playback.take(0.0, 2)) == [0, 1]
-    assert playback.position_ns(0.0) == 1 * S
-    assert _numbers(playback.take(0.0, 2)) == [2]
-    assert playback.ended
-
-
-def test_the_delay_of_taken_messages_is_reported() -> None:
-    playback = _playing([0, 1 * S], rate=2.0)
-    playback.take(0.0, 10)
-    assert playback.behind_s == 0.0
-    playback.take(0.75, 10)
-    assert playback.behind_s == pytest.approx(0.25)
-
-
-def test_the_time_left_is_that_of_the_mean_pace() -> None:
-    playback = _playing([0, 20 * S, 60 * S], rate=None)
-    assert playback.left_s(10.0) is None
-    playback.take(10.0, 2)
-    assert playback.left_s(0.5) is None
-    assert playback.left_s(10.0) == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), inf, MIN_RATE / 2, MAX_RATE * 2])

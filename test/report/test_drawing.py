@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.colors as mcolors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -131,11 +130,3 @@ def test_every_robot_is_drawn_with_its_names_and_numbers(
 def test_a_robot_of_both_kinds_shows_both() -> None:
     figure = draw_robot(inspect_robot(prepare(parse_robot(MIXED))))
     assert {"by_spans", "by_positions"} <= set(texts(figure))
-
-
-def test_cables_have_distinguishable_colours(inspections: dict[str, Inspection]) -> None:
-    (legend,) = draw_robot(inspections["parallel"]).legends
-    colours = [mcolors.to_rgb(line.get_color()) for line in legend.get_lines()[:4]]
-    for k, one in enumerate(colours):
-        for other in colours[:k]:
-            assert np.abs(np.subtract(one, other)).max() > 0.2

@@ -8,7 +8,6 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pytest
 
@@ -22,8 +21,7 @@ from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
-from cdrj_ros.report.figures import COLOURS
-from cdrj_ros.report.html import key_channels, key_numbers, write_report
+from cdrj_ros.report.html import key_channels, write_report
 from cdrj_ros.report.table import Beside
 from cdrj_ros.robot.reader import load_robot
 
@@ -184,15 +182,6 @@ def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(
     assert all(page.count(f">{name} <") == 2 for name in names)
 
 
-def test_a_spike_of_one_sample_is_named(written: Callable[..., str]) -> None:
-    n = 100_000
-    stamps = np.arange(n, dtype=np.int64) * 1_000_000
-    spiked = np.full(n, 10.0)
-    spiked[77_777] = 90.0
-    channel = Channel("tension/a/1", "N", stamps, spiked, np.full(n, 10.0), np.full(n, np.nan), "")
-    assert "largest 80 N at 77.78 s" in written(BagComparison("a", 100.0, (channel,)))
-
-
 @pytest.mark.parametrize("n", [0, 1, 2, 3])
 def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., str]) -> None:
     values = np.arange(n, dtype=np.float64)
@@ -204,18 +193,6 @@ def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., s
     )
     assert ">force_vector/a/2 <" in written(BagComparison("a", 0.0, (vectors,)))
     assert written(BagComparison("a", 0.0, ())).count("<svg") == 1
-
-
-def test_page_and_pictures_share_their_colours_and_leave_the_callers_matplotlib_alone(
-    written: Callable[..., str], comparison: BagComparison
-) -> None:
-    light = html.style().partition("@media")[0]
-    for role, colour in COLOURS.items():
-        assert f"--{role}: {colour};" in light
-    before = dict(matplotlib.rcParams)
-    few = replace(comparison, channels=comparison.channels[:1])
-    assert written(few) == written(few)
-    assert dict(matplotlib.rcParams) == before
 
 
 def test_limits_friction_and_the_robot_file_are_on_the_page(
@@ -232,19 +209,3 @@ def test_limits_friction_and_the_robot_file_are_on_the_page(
     assert text.index("1 of 3 figures is outside the limits of limits.yaml.") < text.index("<h2>")
     for shown in ("bags/&lt;one&gt;", "12.34 %", "axial_stiffness"):
         assert shown in text
-
-
-def test_the_key_channels_and_numbers_are_those_of_the_source(comparison: BagComparison) -> None:
-    assert key_channels([channel.name for channel in comparison.channels]) == [
-        "tension/upper/8", "tension/lower/8", "nodal_force/upper/3", "nodal_force/lower/3",
-        "effort/spindle", "effort/rolling",
-    ]  # fmt: skip
-    assert key_channels([f"tension/a/{i}" for i in (9, 10, 2)]) == ["tension/a/10"]
-    assert key_channels([f"nodal_force/a/{i}" for i in (1, 2)]) == ["nodal_force/a/2"]
-    assert key_channels(["friction/a/1"]) == ["friction/a/1"]
-    numbers = key_numbers(errors_of([comparison]).pooled)
-    assert [one["label"] for one in numbers] == [
-        "16 element tensions", "14 nodal forces", "2 efforts",
-    ]  # fmt: skip
-    assert numbers[0]["value"].endswith("%")
-    assert numbers[2]["meaning"] == "R²"

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
-from cdrj_ros.report.live_table import Line, Section, View, live_table, plain_line, round_scale
+from cdrj_ros.report.live_table import Line, Section, View, live_table, plain_line
 
 NAN = float("nan")
 LINES = (
@@ -43,22 +43,6 @@ def test_every_line_fits_the_terminal_and_every_number_is_readable(width: int) -
     assert "STALE" in "\n".join(lines)
 
 
-def test_the_header_names_topic_robot_rate_and_age() -> None:
-    assert drawn(VIEW)[0] == "/cdrj/tensions · prototype · 998 Hz · age 0.004 s"
-    recorded = View("/cdrj/tensions", rate_hz=10.0, age_s=4e8)
-    assert drawn(recorded)[0] == "/cdrj/tensions · 10 Hz · recorded stamps"
-
-
-def test_bars_are_relative_to_the_largest_or_to_the_limit() -> None:
-    relative = row(drawn(VIEW, 100), "upper/2").count("█")
-    assert row(drawn(VIEW, 100), "upper/1").count("█") == pytest.approx(2 * relative, abs=1)
-    limited = [Line(line.name, line.value, None, OK, 160.0) for line in LINES]
-    lines = drawn(View("t", (Section("element", tuple(limited)),)), 100)
-    head = next(line for line in lines if "0 ... limit" in line)
-    wide = head.index("status") - head.index("0 ...")
-    assert row(lines, "upper/1").count("█") == pytest.approx(wide / 4, abs=2)
-
-
 @pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
 def test_invalid_values_and_those_that_are_not_finite_are_not_drawn(value: float) -> None:
     assert re.fullmatch(r" ?lower/2 +- +INVALID *", row(drawn(VIEW), "lower/2"))
@@ -81,12 +65,6 @@ def test_an_unknown_flag_is_not_taken_for_ok() -> None:
     assert " OK" not in "\n".join(table)
 
 
-def test_the_summary_counts_every_entry() -> None:
-    lines = tuple(Line(f"a/{k}", 1.0, None, OVERLOAD if k == 39 else OK) for k in range(40))
-    table = drawn(View("t", (Section("element", lines),)))
-    assert table[1].rstrip() == "1 OVERLOAD (a/39), 39 OK"
-
-
 def test_escapes_in_names_and_notes_reach_no_terminal() -> None:
     evil = "\x1b]0;[red]evil[/red]\x07/1"
     view = View(evil, (Section("element", (Line(evil, 1.0, None, SLACK),)),), evil, notes=(evil,))
@@ -102,10 +80,3 @@ def test_the_line_for_pipes_has_rate_age_largest_value_and_statuses() -> None:
     )
     waiting = View("/cdrj/tensions", notes=("no publisher", "two\nlines"))
     assert plain_line(waiting) == "/cdrj/tensions; no publisher; two\\nlines"
-
-
-@pytest.mark.parametrize(
-    ("largest", "scale"), [(0.0, 1.0), (0.99, 1.0), (1.01, 1.5), (43.0, 50.0), (1000.0, 1000.0)]
-)
-def test_scales_are_round_and_cover_the_values(largest: float, scale: float) -> None:
-    assert round_scale(largest) == pytest.approx(scale)

@@ -59,24 +59,3 @@ def test_undefined_figures_are_null(tmp_path: Path, n: int) -> None:
     assert figures["r2"] is None
     assert figures["mean_relative_error"] is None
     assert read["bags"][0]["duration_s"] is None
-
-
-def test_a_write_that_fails_leaves_the_older_file(
-    tmp_path: Path, comparison: BagComparison, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "figures.json"
-    path.write_text("old")
-
-    def full(_: int) -> None:
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="no space"):
-        write_results(path, errors_of([comparison]))
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_missing_folder_raises_file_not_found(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        write_results(tmp_path / "missing" / "figures.json", errors_of([]))

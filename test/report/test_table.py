@@ -8,8 +8,6 @@ import pytest
 
 from cdrj_ros.evaluation.metrics import NO_SAMPLES, ChannelError
 from cdrj_ros.report.table import (
-    HEADINGS,
-    Beside,
     decimals_for,
     errors_table,
     format_amount,
@@ -49,18 +47,6 @@ def test_channels_are_grouped_by_quantity_with_their_mean_last() -> None:
     assert tension.summary.cells == ("0.300", "0.60 %", "0.400", "2.500", "0.9980")
     assert effort.summary is None
     assert effort.rows[0].cells == ("0.250", "2.10 %", "0.410", "1.200", "0.9810")
-
-
-def test_plain_text_has_aligned_columns_and_no_drawing() -> None:
-    beside = Beside("published", {"tension/upper/8": "4.44 %"})
-    text = plain(errors_table(ERRORS, title="Result", beside=beside))
-    lines = text.splitlines()
-    assert lines[0] == "Result"
-    assert all(heading in lines[1] for heading in (*HEADINGS, "published"))
-    by_label = {line.split()[0]: line for line in lines[2:]}
-    assert by_label["upper/8"].endswith("4.44 %")
-    assert by_label["upper/7"].index("0.200") == by_label["upper/8"].index("0.400")
-    assert not set(text) & set("│┃━─╭")
 
 
 def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(

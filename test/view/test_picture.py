@@ -12,7 +12,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing, dashed_tube, tube
-from cdrj_ros.view.history import History, Snapshot, choices, columns_of, indices_of, nothing_known
+from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known
 from cdrj_ros.view.html import table_of
 from cdrj_ros.view.picture import (
     PALE,
@@ -87,19 +87,6 @@ def test_dashes_have_gaps() -> None:
     corners = vertices[faces][:, :, 2]
     np.testing.assert_allclose(corners.max(axis=1) - corners.min(axis=1), 1.0, atol=1e-9)
     assert len(faces) == len(ends) // 2 * 16
-
-
-def test_every_element_and_pulley_can_be_plotted_with_its_neighbour(model: Model) -> None:
-    layout = model.layout
-    for chosen in choices(layout):
-        element, pulley = indices_of(layout, chosen)
-        assert chosen.partition(" ")[2] in (
-            layout.elements[element], None if pulley is None else layout.pulleys[pulley],
-        )  # fmt: skip
-        if pulley is not None:
-            assert element - layout.element_before[pulley] in (0, 1)
-            cables = {layout.elements[element].split("/")[0], layout.pulleys[pulley].split("/")[0]}
-            assert len(cables) == 1
 
 
 def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(

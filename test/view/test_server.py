@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.view.server import address_of, allowed, load_viser, open_server
+from cdrj_ros.view.server import address_of, allowed, open_server
 
 HERE = socket.gethostname().lower()
 HANDSHAKE = {
@@ -99,21 +99,6 @@ def test_viser_itself_listens_where_no_page_can_find_it(server: Any) -> None:
     socket.create_connection((secret, port), timeout=5.0).close()
 
 
-def test_a_connection_ends_for_the_reason_that_viser_gives(server: Any) -> None:
-    from websockets.exceptions import ConnectionClosedError
-    from websockets.sync.client import connect
-    from websockets.typing import Subprotocol
-
-    asked = address_of(server, "localhost").replace("http", "ws")
-    with (
-        connect(asked, subprotocols=[Subprotocol("viser-v0.1")], proxy=None) as client,
-        pytest.raises(ConnectionClosedError) as ended,
-    ):
-        client.recv(timeout=30.0)
-    assert ended.value.rcvd is not None
-    assert (ended.value.rcvd.code, ended.value.rcvd.reason[:16]) == (1002, "Version mismatch")
-
-
 def test_what_is_no_file_of_the_page_is_not_found(server: Any) -> None:
     for path in ("/no", "/../../secret", "http://example.org/", "/%zz\x7f"):
         with socket.create_connection(("localhost", server.get_port()), timeout=30.0) as client:
@@ -156,12 +141,6 @@ def test_an_address_of_another_machine_is_refused(host: str) -> None:
     pytest.importorskip("viser")
     with pytest.raises(UsageError, match="cannot listen on host"):
         open_server(host, 0)
-
-
-def test_without_viser_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(UsageError, match="pip install 'viser"):
-        load_viser()
 
 
 def test_the_command_ends_with_code_2_without_viser(
