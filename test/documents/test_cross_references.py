@@ -87,14 +87,3 @@ def test_functions_that_a_page_names_by_their_module_exist(page: Path) -> None:
         found = importlib.import_module(f"cdrj_ros.{room}.{module}")
         for attribute in attributes:
             found = getattr(found, attribute)
-
-
-def test_the_pages_contain_what_the_tests_above_look_for() -> None:
-    texts = "".join(page.read_text() for page in PAGES)
-    for pattern in (
-        r"-k \w+",
-        r"`make [a-z]",
-        r"\n(identify|validate|simulate) .* --",
-        r"`model\.\w+\.",
-    ):
-        assert len(re.findall(pattern, texts)) > 0, pattern

@@ -100,28 +100,3 @@ def test_a_function_of_an_equation_cites_it(number: str, names: list[str]) -> No
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
 def test_every_equation_cited_in_the_code_is_in_the_document(path: Path) -> None:
     assert equations(remarks(path)) <= equations(DOCUMENT)
-
-
-def test_every_name_in_the_document_is_in_the_code() -> None:
-    code = "\n".join(
-        path.read_text(encoding="utf-8")
-        for folder in ("cdrj_ros", "examples/paper")
-        for path in (ROOT / folder).rglob("*")
-        if path.suffix in (".py", ".json", ".hpp", ".cpp")
-    )
-    words = set(re.findall(r"\w+", code))
-    missing = []
-    for token in re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", DOCUMENT, flags=re.DOTALL)):
-        if "/" in token or token.endswith(".md"):  # a file, here or in the package
-            places = [base / token for base in (ROOT, ROOT / "cdrj_ros", ROOT / "docs")]
-            if not any(place.exists() for place in places):
-                missing.append(token)
-            continue
-        missing += [word for word in re.findall(r"[A-Za-z_]\w+", token) if word not in words]
-    assert missing == []
-
-
-def test_the_figures_of_the_documents_are_there() -> None:
-    for document in (ROOT / "docs").glob("*.md"):
-        for target in re.findall(r"!\[[^]]*\]\(([^)]+)\)", document.read_text(encoding="utf-8")):
-            assert (document.parent / target).exists(), (document.name, target)

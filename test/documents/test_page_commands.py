@@ -122,10 +122,3 @@ def test_a_joint_without_encoder_is_made_as_the_page_shows(
     )
     assert validate([str(lab / "recordings" / "one"), *shlex.split(words)[2:]]) == 0
     assert "Angle" in capsys.readouterr().out
-
-
-def test_the_pages_have_such_lines() -> None:
-    assert len(lines("identification.md", "identify")) > 1
-    assert len(lines("recordings.md", "validate")) > 2
-    assert len(lines("simulation.md", "simulate")) > 3
-    assert lines("uncertainty.md", "check_robot")

@@ -21,9 +21,3 @@ def test_public_names_used_on_a_page_exist(page: Path) -> None:
 def test_pictures_and_pages_that_a_page_links_to_exist(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text()):
         assert (page.parent / target).exists(), target
-
-
-def test_the_pages_use_public_names_and_link_to_pictures() -> None:
-    texts = "".join(page.read_text() for page in PAGES)
-    assert "cdrj.Estimator(" in texts
-    assert "](figures/" in texts

@@ -6,12 +6,10 @@ import os
 import re
 import shutil
 import subprocess
-from math import radians, tau
 from pathlib import Path
 
 import pytest
 
-from cdrj_ros.nodes import inputs as said_by_inputs
 from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).parents[2]
@@ -27,43 +25,12 @@ cables:
 """
 
 
-def test_the_conversions_of_the_table_are_right() -> None:
-    """A turn of the motor before a gear of 50 is a fiftieth of a turn, in every unit."""
-    for published, key in (
-        (tau, "scale: 0.02"),
-        (1.0, "scale_deg: 7.2"),
-        (360.0, "scale_deg: 0.02"),
-        (4096.0, "scale_deg: 0.0017578125"),
-    ):
-        assert f"`{key}`" in TEXT
-        name, _, value = key.partition(": ")
-        scale = radians(float(value)) if name.endswith("_deg") else float(value)
-        assert scale * published == pytest.approx(tau / 50)
-    of_rope, of_current = 0.0666667 * 15.0, 0.06 * 50 * 0.9
-    assert (of_rope, of_current) == pytest.approx((1.0, 2.7))
-
-
 def test_the_robot_file_of_the_page_names_what_is_published() -> None:
     (example,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
     robot = parse_robot(example + CABLE)
     assert [motor.name for motor in robot.motors] == ["arm1_winch"]
     assert [joint.name for joint in robot.joints] == ["arm1_left/elbow"]
     assert robot.motors[0].effort_scale == 2.7
-
-
-def test_the_messages_of_the_page_are_those_of_the_node() -> None:
-    sources = "".join(
-        path.read_text("utf-8")
-        for folder in ("nodes", "inspection", "estimation")
-        for path in (ROOT / "cdrj_ros" / folder).glob("*.py")
-    )
-    assert said_by_inputs.__doc__
-    for words in (
-        "would fit", "times as far as its cables allow", "gear ratio, unit or sign?", "there is ",
-        "in degrees? scale_deg: 1", "mends it", "subscribed best-effort as well",
-    ):  # fmt: skip
-        assert words in TEXT, words
-        assert words in sources, words
 
 
 def test_the_program_in_c_plus_plus_compiles(tmp_path: Path) -> None:

@@ -95,17 +95,3 @@ def test_names_on_the_lines_of_ros2_exist(page: Path) -> None:
                 package, kind, message = name.split("/")
                 folder = ROOT / "msg_defs" / package
                 assert (folder / kind / f"{message}.{kind}").exists(), name
-
-
-def test_the_pages_show_every_kind_of_line() -> None:
-    kinds = {words[1] for page in PAGES for words in ros_lines(page)}
-    assert {"run", "launch", "service", "topic", "param", "lifecycle", "interface"} <= kinds
-
-
-def test_a_wrong_name_on_such_a_line_is_found() -> None:
-    with pytest.raises(AssertionError, match="no parameter payloads"):
-        check_run("rig", ["--ros-args", "-p", "payloads:=1.0"])
-    with pytest.raises(AssertionError, match="no argument robots"):
-        check_launch("cdrj.launch.py", ["robots:=prototype"])
-    with pytest.raises(AssertionError, match="SetPreload"):
-        check_service("/cdrj/rig/push", "cdrj_msgs/srv/SetPreload")

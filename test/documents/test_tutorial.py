@@ -24,13 +24,6 @@ COMMANDS = [
 ]
 
 
-def test_the_page_shows_three_files_and_their_commands() -> None:
-    assert list(FILES) == ["arm.xml", "gripper.urdf", "gripper.yaml"]
-    assert [command[0] for command in COMMANDS] == [
-        "import_robot", "check_robot", "python", "check_robot", "python",
-    ]  # fmt: skip
-
-
 def run_line(words: list[str]) -> None:
     """Run a command in this process, and a line of Python likewise."""
     if words[0] == "python":
@@ -53,17 +46,6 @@ def test_the_commands_of_the_page_run(
     assert "no cable can decrease it" in said
     for name in ("arm.png", "gripper.png"):
         assert (tmp_path / name).stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("value", ["name: biceps_motor", "radius: 0.01", "winding: 1"])
-def test_the_values_to_be_replaced_are_in_the_imported_file(
-    value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
-    write_files(FILES, tmp_path)
-    monkeypatch.chdir(tmp_path)
-    assert import_robot.main(COMMANDS[0][1:]) == 0
-    assert value in (tmp_path / "arm.yaml").read_text()
 
 
 def test_the_commands_that_import_and_compare_models_run(

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 TOOLS = Path(__file__).parents[2] / "tools"
@@ -36,11 +35,6 @@ def test_the_feedforward_reduces_the_tracking_error_by_a_factor_of_50(measure: A
     assert effect.having < effect.without / 50.0
 
 
-def test_the_feedforward_reduces_the_error_with_friction_20_percent_too_small(measure: Any) -> None:
-    effect = measure.feedforward(seconds=1.5, wrong={"friction.mu_c": 0.12})
-    assert effect.having < effect.without / 5.0
-
-
 def test_the_cables_stay_taut_at_a_lower_mean_tension(measure: Any) -> None:
     effect = measure.taut(seconds=3.6, share=0.3)
     assert effect.curves["with"].min() > 1.0
@@ -52,14 +46,3 @@ def test_a_push_is_detected_within_50_ms_and_motion_alone_is_not(measure: Any) -
     effect = measure.push(seconds=3.5, pushed_s=2.7)
     assert effect.without < 0.5
     assert 0.0 < effect.having < 0.05
-
-
-def test_the_closed_loop_is_reproducible(measure: Any) -> None:
-    def tensions() -> Any:
-        loop = measure.ClosedLoop("prototype", seed=3, cells=2)
-        loop.command("velocity", [0.5])
-        for _ in range(100):
-            loop.step()
-        return loop.tensions()[1]
-
-    np.testing.assert_array_equal(tensions(), tensions())
