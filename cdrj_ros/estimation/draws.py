@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.elasticity import elasticities, strain_at
 from cdrj_ros.model.packing import number_views
-from cdrj_ros.model.prepared import Model, prepare, read_only, segments_of, shape_at
+from cdrj_ros.model.prepared import Model, prepare, read_only, segments_of
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number, writer_of
@@ -280,17 +280,19 @@ def wind_differently(model: Model, numbers: Table, generator: np.random.Generato
 def preload_differently(
     model: Model, numbers: Table, share: float, generator: np.random.Generator
 ) -> None:
-    """Vary the members' preloads, cable by cable, with standard deviation ``share`` times each."""
-    shape = shape_at(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    """Vary the members' preloads, cable by cable, with standard deviation ``share`` times each.
+
+    Every member keeps its own lengths in the reference pose, where it has its preload.
+    """
     half = len(numbers) // 2
     views: Any = number_views(model.sizes, numbers)
     for c in range(len(model.robot.cables)):
         change = 1.0 + share * _paired(generator.standard_normal(half))
-        preload = views.cables["preload"][:, c] * np.maximum(change, 0.0)
-        views.cables["preload"][:, c] = preload
-        stretch = 1.0 + strain_at(elasticities(views.cables[:, c]), preload)
-        own = segments_of(model, c)
-        views.segments["material"][:, own] = shape.segment[own] / stretch[:, None]
+        law, preload = elasticities(views.cables[:, c]), views.cables["preload"][:, c]
+        changed = preload * np.maximum(change, 0.0)
+        shorter = (1.0 + strain_at(law, preload)) / (1.0 + strain_at(law, changed))
+        views.segments["material"][:, segments_of(model, c)] *= shorter[:, None]
+        views.cables["preload"][:, c] = changed
 
 
 def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdrj_ros.estimation.ensemble import preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.preloads import START_SHARE
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
@@ -84,6 +86,32 @@ def _truth(preload: str, readings: Samples) -> tuple[Model, np.ndarray]:
     true = load_model(ROBOT, preload)
     _, estimates = run(true, initial_state(true), readings)
     return true, estimates.values
+
+
+@pytest.mark.parametrize("name", ["hoist", "cdpr"])
+def test_a_tare_leaves_preloads_that_are_tracked_no_less_certain_than_their_drift(
+    name: str,
+) -> None:
+    """Lengths of the members' own cables, which are hardly known, are none of their preloads."""
+    model = load_model(str(ROOT / "config" / "robots" / f"{name}.yaml"))
+    robot = model.robot
+    motor, joint = (
+        np.array([axis.reference_angle for axis in axes]) for axes in (robot.motors, robot.joints)
+    )
+    stddevs = []
+    for options in (Options(), Options(track_preload=True), Options(tension_sensors=True)):
+        live = LiveEstimator(model, options)
+        for k in range(100):
+            if k == 50:
+                live.tare()
+            stddev = live.take(Sample((k + 1) * 10**7, motor, joint)).stddev
+        assert stddev is not None
+        stddevs.append(stddev[: len(model.layout.elements)])
+    known, *tracked = stddevs
+    drift = START_SHARE * preload_of_elements(robot)
+    for one in tracked:
+        # members are few, and friction makes more or less of a tension
+        assert np.all(one <= 1.5 * np.hypot(known, drift))
 
 
 def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
