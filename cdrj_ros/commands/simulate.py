@@ -17,7 +17,6 @@ from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option
 from cdrj_ros.commands.simulate_motion import (
     MODES,
-    MOTIONS,
     TRUTH_RATE,
     USUAL_AMPLITUDE_DEG,
     Plan,
@@ -74,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
 def _add_motion_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("motion")
     group.add_argument(
-        "--motion", choices=MOTIONS, default="sine", help="motion of the joint (sine)"
+        "--motion", choices=motion.MOTIONS, default="sine", help="motion of the joint (sine)"
     )
     group.add_argument(
         "--joint", action="append", metavar="NAME",

@@ -19,9 +19,6 @@ from cdrj_ros.simulation.load import Load, make_load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
 from cdrj_ros.simulation.sensors import angle_of
 
-MotionKind = Literal["sine", "ramps", "dwell", "random"]
-MOTIONS: Final[tuple[MotionKind, ...]] = get_args(MotionKind)
-
 Mode = Literal["balance", "follow", "forward"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 
@@ -162,21 +159,17 @@ def _motions(
     """The motion of every moving joint, and the simulated time without the warm-up [s]."""
     frequencies = numbers("frequency", arguments.frequency, len(swings), 1e-4, 50.0)
     motions = {
-        swing.joint: _motion(arguments.motion, swing, frequency, arguments.seed + 1000 * k)
+        swing.joint: motion.named_motion(
+            arguments.motion,
+            swing.amplitude,
+            frequency,
+            arguments.seed + 1000 * k,
+            DWELL_S,
+            swing.centre,
+        )
         for k, (swing, frequency) in enumerate(zip(swings, frequencies, strict=True))
     }
     return motions, 60.0 if arguments.duration is None else arguments.duration
-
-
-def _motion(kind: MotionKind, swing: Swing, frequency: float, seed: int) -> motion.Motion:
-    shape = (swing.amplitude, frequency)
-    if kind == "sine":
-        return motion.sine(*shape, DWELL_S, swing.centre)
-    if kind == "ramps":
-        return motion.ramps(*shape, DWELL_S, swing.centre)
-    if kind == "dwell":
-        return motion.dwell(*shape, DWELL_S, swing.centre)
-    return motion.random(*shape, seed, DWELL_S, swing.centre)
 
 
 def _swings(

@@ -37,7 +37,6 @@ def _parser() -> CommandParser:
         "--port", type=int, default=8080, metavar="N",
         help="TCP port, or the next free one; 0 for any (default %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--dark", action="store_true", help="begin with a dark page")
     return parser
 
 
@@ -53,7 +52,7 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.server import load_viser
 
     load_viser()
-    from cdrj_ros.view.page import PICTURE_HZ, Page, PageSettings
+    from cdrj_ros.view.page import PICTURE_HZ, Page
     from cdrj_ros.view.panels import TimeAxis
     from cdrj_ros.view.recorded import Player, recorded_estimates
 
@@ -62,9 +61,9 @@ def body(argv: Sequence[str]) -> int:
     conditioned = condition_recording(model, recording)
     with progress_bar("estimating", 1.0) as report:
         estimates = recorded_estimates(model, recording, conditioned, report)
-    settings = PageSettings(arguments.host, arguments.port, arguments.dark)
     axis = TimeAxis("time [s]", 0.0, max(estimates.duration_s, 1e-3))
-    page = Page(model, settings, f"cdrj_ros · {model.robot.name}", axis)
+    at = (arguments.host, arguments.port)
+    page = Page(model, *at, f"cdrj_ros · {model.robot.name}", axis)
     try:
         player = Player(page, estimates, Path(arguments.bag).name)
         say(f"view: {page.address}", flush=True)

@@ -27,7 +27,7 @@ from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
 from cdrj_ros.view.history import History
-from cdrj_ros.view.page import PICTURE_HZ, Page, PageSettings
+from cdrj_ros.view.page import PICTURE_HZ, Page
 from cdrj_ros.view.panels import Controls, TimeAxis
 from cdrj_ros.view.server import load_viser
 
@@ -38,7 +38,6 @@ SETTINGS: Final = (
     *ROBOT_SETTINGS,
     Setting("host", "localhost", "Address to listen on; 0.0.0.0: the network"),
     Setting("port", 8080, "TCP port, or the next free one; 0: any", "", 0, 65535),
-    Setting("dark", False, "Whether the page is dark at first"),
     Setting("rate", PICTURE_HZ, "Rate of pictures", "Hz", 0.1, PICTURE_HZ),
     Setting("estimator", "estimator", "Name of the estimator's node"),
     Setting(
@@ -63,8 +62,8 @@ class ViewNode(Node):
         declare(self, SETTINGS)
         values = values_of(self, SETTINGS)
         self.model = given_model(self, values["robot"])
-        settings = PageSettings(values["host"], values["port"], values["dark"])
-        self.page = Page(self.model, settings, f"cdrj_ros · {self.model.robot.name}", AXIS)
+        at = (values["host"], values["port"])
+        self.page = Page(self.model, *at, f"cdrj_ros · {self.model.robot.name}", AXIS)
         self.link = EstimatorLink(self, values["estimator"], self.model)
         self._add_controls()
         self.history = History(self.model.layout)

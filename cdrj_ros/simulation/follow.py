@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,9 @@ from cdrj_ros.simulation.load import AT_AN_END
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
 
-MotionName = Literal["none", "sine", "ramps", "dwell", "random"]
+MotionName = Literal["none"] | motion.MotionKind
 
-MOTIONS: Final[tuple[MotionName, ...]] = get_args(MotionName)
+MOTIONS: Final[tuple[MotionName, ...]] = ("none", *motion.MOTIONS)
 
 BEGIN_S: Final = 1.0
 """Rest before the motion [s]."""
@@ -168,12 +168,9 @@ def _course(
         raise UsageError(
             f"the amplitude of {axis.name} must be in (0, {most:.4g}], got {amplitude:g}"
         )
-    shape = (amplitude, demonstration.frequency)
-    if kind == "random":
-        course = motion.random(*shape, demonstration.seed, begin, centre)
-    else:
-        make = {"sine": motion.sine, "ramps": motion.ramps, "dwell": motion.dwell}[kind]
-        course = make(*shape, begin, centre)
+    course = motion.named_motion(
+        kind, amplitude, demonstration.frequency, demonstration.seed, begin, centre
+    )
     away = axis.reference_angle - centre
 
     def angle(time: Vector) -> Vector:

@@ -7,7 +7,7 @@ or in [m] for a prismatic joint.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,25 @@ class Course(NamedTuple):
 
 
 Motion = Callable[[Vector], Course]
+
+MotionKind = Literal["sine", "ramps", "dwell", "random"]
+MOTIONS: Final[tuple[MotionKind, ...]] = get_args(MotionKind)
+"""Names of the motions with amplitude and frequency."""
+
+
+def named_motion(
+    kind: MotionKind,
+    amplitude: float,
+    frequency: float,
+    seed: int,
+    begin: float = 0.0,
+    centre: float = 0.0,
+) -> Motion:
+    """One of ``MOTIONS``; ``seed`` is that of a random one."""
+    if kind == "random":
+        return random(amplitude, frequency, seed, begin, centre)
+    make = {"sine": sine, "ramps": ramps, "dwell": dwell}[kind]
+    return make(amplitude, frequency, begin, centre)
 
 
 def differences(time: Vector, angle: Vector) -> Course:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from time import monotonic
 from typing import Any, Final
 
@@ -119,28 +118,19 @@ STYLE: Final = (
 """In a narrow window the panels take the whole width of its lower half, the picture the upper."""
 
 
-@dataclass(frozen=True)
-class PageSettings:
-    """Where the page is served and how it looks at first."""
-
-    host: str = "localhost"
-    port: int = 8080
-    """TCP port; the next free one is used if it is taken."""
-    dark: bool = False
-
-
 class Page:
     """A page that any number of browsers show.
 
     ``gui`` may be used to add controls to the panels ``above`` and ``below`` the table.
     """
 
-    def __init__(self, model: Model, settings: PageSettings, title: str, axis: TimeAxis) -> None:
+    def __init__(self, model: Model, host: str, port: int, title: str, axis: TimeAxis) -> None:
         """Start the server and build the page.
 
         Args:
             model: the prepared robot.
-            settings: where to serve it, and how it looks at first.
+            host: address to listen on; ``0.0.0.0``: the network.
+            port: TCP port, or the next free one; 0: any.
             title: heading of the page.
             axis: of the curves over time.
 
@@ -148,8 +138,8 @@ class Page:
             UsageError: viser is not installed, or this machine does not have the address.
         """
         self.model = model
-        self.server = open_server(settings.host, settings.port)
-        self.address = address_of(self.server, settings.host)
+        self.server = open_server(host, port)
+        self.address = address_of(self.server, host)
         self.gui = self.server.gui
         self.chosen = f"element {model.layout.elements[0]}"
         """What is plotted, as ``history.indices_of`` takes it."""
@@ -159,8 +149,8 @@ class Page:
         self._flat = model.robot.planar
         self.gui.set_panel_label(printable(title))
         self.drawing = Drawing(self.server.scene, model, self.choose)
-        self._build(settings.dark, axis)
-        self._theme(settings.dark)
+        self._build(axis)
+        self._theme(False)
         view_camera = Camera(self.drawing.size, self._flat, self._plots.appear)
         view_camera.begin(self.server.initial_camera)
         self.server.on_client_connect(view_camera.follow)
@@ -222,7 +212,7 @@ class Page:
         with self.server.atomic():
             self._plots.show(curves, None if now_ns is None else (now_ns - zero_ns) * 1e-9)
 
-    def _build(self, dark: bool, axis: TimeAxis) -> None:
+    def _build(self, axis: TimeAxis) -> None:
         gui, layout = self.gui, self.model.layout
         self.words = gui.add_html("")
         """State in words."""
@@ -233,7 +223,7 @@ class Page:
         self.below = gui.add_folder("Estimator")
         self.below.visible = False
         with gui.add_folder("Picture", expand_by_default=False):
-            self._dark = gui.add_checkbox("dark", dark)
+            self._dark = gui.add_checkbox("dark", False)
             self._forces = gui.add_checkbox("forces on pulleys", True)
             wanted: Labels = "all" if len(layout.elements) <= FEW else "chosen"
             self._labels = gui.add_dropdown(

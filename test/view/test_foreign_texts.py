@@ -17,7 +17,7 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.view import page as pages
 from cdrj_ros.view.history import Curves, History, nothing_known
 from cdrj_ros.view.html import table_of
-from cdrj_ros.view.page import Page, PageSettings
+from cdrj_ros.view.page import Page
 from cdrj_ros.view.panels import Controls, Plots, TimeAxis
 from cdrj_ros.view.picture import picture_of
 from cdrj_ros.view.recorded import Player
@@ -110,7 +110,7 @@ def page() -> Iterator[Page]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pages, "open_server", lambda host, port: Server(open_server(host, port)))
-        one = Page(load_model("finger"), PageSettings(port=0), "title", TimeAxis("t", 0.0, 1.0))
+        one = Page(load_model("finger"), "localhost", 0, "title", TimeAxis("t", 0.0, 1.0))
     yield one
     one.close()
 
