@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from cdrj_ros.identification.observations import samples_by
 from cdrj_ros.identification.problem import Loss, Problem, Progress
 from cdrj_ros.identification.residual_statistics import (
-    effective_variance,
     independent_states,
     lasting_squares,
 )
-from cdrj_ros.identification.solver import robust_weights, solve, thresholds, with_priors
+from cdrj_ros.identification.solver import minimise, prior_residuals, robust_weights
 from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
@@ -33,12 +32,6 @@ CERTAIN: Final = log(1000.0)
 
 WHOLE_CYCLE: Final = 2
 """Passes of a motor between the outer quarters of its range that make a whole cycle."""
-
-STEPS: Final = 12
-"""Largest number of steps of the fit with slipping cable."""
-
-TOLERANCE: Final = 1e-3
-"""Relative change of the cost that ends this fit."""
 
 
 class DrumFinding(NamedTuple):
@@ -78,8 +71,7 @@ def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progre
         problem.document, problem.source, problem.unknowns,
         [replace(one, drums_slip=True) for one in problem.observations], problem.pool,
     )  # fmt: skip
-    here = problem.residuals(coordinates)
-    weights = robust_weights(loss, here, thresholds(problem, here))
+    weights = robust_weights(problem, loss, problem.residuals(coordinates))
     # numbers fitted with the wrong drums can be far off: those of the file are another start
     slips = _fitted(slipping, (coordinates, np.zeros_like(coordinates)), weights, loss, say)
     problem.evaluations += slipping.evaluations
@@ -104,7 +96,7 @@ class _Misfit(NamedTuple):
 
 def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> _Misfit:
     residuals = problem.residuals(coordinates)
-    priors = with_priors(problem, coordinates, residuals)[residuals.size :] / problem.prior_scale
+    priors = prior_residuals(problem, coordinates)
     squares = lasting_squares(problem, residuals * np.sqrt(weights))
     return _Misfit(squares, float(priors @ priors), coordinates)
 
@@ -112,13 +104,10 @@ def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> _Misfit:
 def _fitted(
     problem: Problem, begins: Sequence[Vector], weights: Vector, loss: Loss, say: Progress
 ) -> _Misfit:
-    """The best fit from the best of several starts, with priors of their own weight."""
+    """The best fit from the best of several starts."""
     begin = min(begins, key=lambda one: _misfit(problem, one, weights).squares)
-    for _ in range(2):
-        begin = solve(problem, begin, loss, STEPS, say, TOLERANCE).coordinates
-        variance = effective_variance(problem, problem.residuals(begin) * np.sqrt(weights))
-        problem.prior_scale = float(np.sqrt(variance))
-    return _misfit(problem, begin, weights)
+    found = minimise(problem, begin, loss, say, settled=np.inf)
+    return _misfit(problem, found.coordinates, weights)
 
 
 def finding(ratio: float, independent: int, strain: float) -> DrumFinding:

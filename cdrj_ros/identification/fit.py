@@ -29,37 +29,18 @@ from cdrj_ros.identification.observations import (
     samples_of,
 )
 from cdrj_ros.identification.problem import (
-    Loss,
     Pool,
     Problem,
     Progress,
     Rounds,
     Settings,
     check,
-    residuals_together,
     sample_count,
 )
-from cdrj_ros.identification.residual_statistics import (
-    Unexplained,
-    effective_variance,
-    unexplained,
-)
-from cdrj_ros.identification.solver import (
-    difference_points,
-    jacobian,
-    limits,
-    many_starts,
-    robust_weights,
-    solve,
-    sought,
-    thresholds,
-    with_priors,
-)
-from cdrj_ros.identification.standard_errors import (
-    accuracy,
-    expected_gain,
-    remaining_step,
-)
+from cdrj_ros.identification.residual_statistics import Unexplained, unexplained
+from cdrj_ros.identification.solver import Minimum, minimise
+from cdrj_ros.identification.standard_errors import accuracy
+from cdrj_ros.identification.starts import many_starts, sought
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.channels import EFFORT
 from cdrj_ros.model.prepared import prepare
@@ -75,9 +56,6 @@ DISTRUST: Final = 1.25
 
 SCOUT: Final = 4
 """The search for the minimum uses only every n-th of the thinned samples, and of the residuals."""
-
-COARSE_STEPS: Final = 60
-ROBUST_ROUNDS: Final = 3
 
 
 @dataclass(frozen=True)
@@ -174,33 +152,25 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         f"{sample_count(rough)} samples"
     )
     scout = rounds.problem(coarse=True, scout=SCOUT)
-    coordinates, starts = _coarse_fit(scout, rough, settings, say)
+    begin, starts = _search(scout, settings, say)
     last = rough
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
-        last.prior_scale = rough.prior_scale
         say(f"last round: all {sample_count(last)} samples")
-    coordinates, slopes, unsettled = settle(last, rough, coordinates, loss, say)
-    here = rough.residuals(coordinates)
-    weights = robust_weights(loss, here, thresholds(rough, here))
-    known = accuracy(rough, coordinates, here, slopes, weights)
-    trusted = DISTRUST * effective_variance(rough, here * np.sqrt(weights))
-    if known.variance > trusted and any(one.prior for one in rounds.unknowns):
+    found = minimise(last, begin, loss, say, rough=rough)
+    known = accuracy(rough, found)
+    if known.variance > DISTRUST * found.variance and any(one.prior for one in rounds.unknowns):
         # what is known before would otherwise be given up for residuals that tell less
         say("fitting once more, with residuals that tell less")
-        for one in (rough, last):
-            one.least_variance, one.prior_scale = known.variance, float(np.sqrt(known.variance))
-        coordinates = solve(rough, coordinates, loss, COARSE_STEPS, say).coordinates
-        coordinates, slopes, unsettled = settle(last, rough, coordinates, loss, say)
-        here = rough.residuals(coordinates)
-        weights = robust_weights(loss, here, thresholds(rough, here))
-        known = accuracy(rough, coordinates, here, slopes, weights)
-    coordinates = np.where(known.silent, 0.0, coordinates)
+        last.least_variance = known.variance
+        found = minimise(last, found.coordinates, loss, say, rough=rough)
+        known = accuracy(rough, found)
+    unsettled = _unsettled(last, found)
+    coordinates = np.where(known.silent, 0.0, found.coordinates)
     residuals = last.residuals(coordinates)
     left = unexplained(last, residuals)
     drums = None
     if settings.compares_drums and drums_in_doubt(rounds.model.robot):
-        scout.prior_scale = rough.prior_scale
         drums = compare_drums(scout, coordinates, loss, say)
     return Identification(
         rounds.unknowns,
@@ -249,30 +219,18 @@ def _stddev_before(rounds: Rounds, found: Vector) -> Vector:
     return np.array([before.get(name, stddev) for name, stddev in zip(names, found, strict=True)])
 
 
-def _coarse_fit(
-    scout: Problem, rough: Problem, settings: Settings, say: Progress
-) -> tuple[Vector, tuple[str, ...]]:
-    """Fit to thinned samples: from every start to a quarter of them, from the best to all of them.
+def _search(scout: Problem, settings: Settings, say: Progress) -> tuple[Vector, tuple[str, ...]]:
+    """Fit to a quarter of the thinned samples, from every start.
 
     Returns:
         Coordinates of the best fit, and a message about the starts if there were several.
     """
-    loss = settings.loss
     first = sought(scout, settings.sought)
-    found, same = many_starts(
-        scout, settings.starts, settings.seed, "linear", COARSE_STEPS, say, first
-    )
-    # the steps far from the minimum cost a quarter: 1.8 times faster
-    best = solve(rough, found[0].coordinates, "linear", COARSE_STEPS, say)
-    if any(unknown.prior for unknown in rough.unknowns):
-        # a prior has the weight of its standard deviation only if the residuals have theirs
-        here = rough.residuals(best.coordinates)
-        rough.prior_scale = float(np.sqrt(effective_variance(rough, here)))
-        best = solve(rough, best.coordinates, "linear", COARSE_STEPS, say)
-    for _ in range(ROBUST_ROUNDS if loss != "linear" else 0):
-        # outliers bias the first fit, and thereby the choice of residuals that count as outliers
-        best = solve(rough, best.coordinates, loss, COARSE_STEPS, say)
-    return best.coordinates, (_of_starts(len(found), same),) if settings.starts > 1 else ()
+    best, same = many_starts(scout, settings.starts, settings.seed, say, first)
+    # outliers bias the first fit, and a prior has its weight only if the residuals have theirs
+    found = minimise(scout, best.coordinates, settings.loss, say)
+    message = (_of_starts(settings.starts, same),) if settings.starts > 1 else ()
+    return found.coordinates, message
 
 
 def _silent(text: str) -> None:
@@ -285,53 +243,15 @@ def _of_starts(count: int, same: int) -> str:
     return f"{same} of {count} starts ended in the best minimum; the others ended in worse ones."
 
 
-SETTLING_STEPS: Final = 8
-SETTLING_GAIN: Final = 1e-3
-"""A further step that lowers the cost by less, as a fraction, is not taken for its gain."""
-SETTLED: Final = 0.3
-"""Further steps smaller than this are not taken [standard errors]."""
 UNSETTLED: Final = 1.0
 """A remaining step larger than this is reported [standard errors]."""
 
 
-def settle(
-    last: Problem, rough: Problem, coordinates: Vector, loss: Loss, say: Progress
-) -> tuple[Vector, Table, tuple[str, ...]]:
-    """Take further steps while they are a considerable fraction of a standard error, or gain.
-
-    Where most of the cost is noise, a tolerance on its relative change ends a fit too early.  The
-    Jacobian is that of the thinned samples, which is nearly the same and many times cheaper.
-
-    Returns:
-        The coordinates, the Jacobian there without priors, and a message if they have not
-        settled.
-    """
-    lower, upper = limits(last)
-    for _ in range(SETTLING_STEPS):
-        say("computing standard errors")
-        # the long run over all samples and the short ones share the processors
-        around = difference_points(rough, coordinates, central=True)
-        residuals = residuals_together([(last, [coordinates]), (rough, around)])[0][0]
-        slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
-        weights = robust_weights(loss, residuals, thresholds(last, residuals))
-        step, size = remaining_step(last, coordinates, residuals, slopes, weights)
-        worst = int(size.argmax())
-        gain = expected_gain(step, residuals, slopes, weights)
-        if size[worst] <= SETTLED and gain <= SETTLING_GAIN:
-            return coordinates, slopes, ()
-        moved = np.clip(coordinates + step, lower, upper)
-        after = with_priors(last, moved, last.residuals(moved))
-        before = with_priors(last, coordinates, residuals)
-        weights = np.concatenate([weights, np.ones(before.size - weights.size)])
-        if not weights @ after**2 < weights @ before**2:
-            break
-        say(f"another step, of {size[worst]:.1f} standard errors")
-        coordinates = moved
-    slopes = jacobian(rough, coordinates, central=True)[: residuals.size]
-    if size[worst] <= UNSETTLED:
-        return coordinates, slopes, ()
-    sentence = (
-        f"The fit has not settled: {last.unknowns[worst].name} would still move by "
-        f"{size[worst]:.1f} of its standard errors."
-    )
-    return coordinates, slopes, (sentence,)
+def _unsettled(problem: Problem, found: Minimum) -> tuple[str, ...]:
+    """A message if a further step would change a number by more than its standard error."""
+    worst = int(found.size.argmax())
+    if found.size[worst] <= UNSETTLED:
+        return ()
+    name, size = problem.unknowns[worst].name, found.size[worst]
+    text = f"The fit has not settled: {name} would still move by {size:.1f} of its standard errors."
+    return (text,)

@@ -116,7 +116,8 @@ def observe(
         whole: its conditioned samples.
         sigmas: divisor of the residuals of every fitted channel.
         stride: only every n-th sample is estimated.
-        most_residuals: largest number of residuals; references are thinned to stay below it.
+        most_residuals: largest number of residuals; successive readings are averaged to stay near
+            or below it.
         settle_s: time at the beginning that is excluded from the comparison [s].
         moving: whether the unknowns change the samples by more than a constant.
 
@@ -126,7 +127,7 @@ def observe(
     begin = int(whole.stamp_ns[0]) + round(settle_s * 1e9)
     until = int(whole.stamp_ns[-1])
     columns = channel_columns(model.layout)
-    inside: dict[int, tuple[NDArray[np.intp], Stamps]] = {}
+    inside: dict[int, _Chosen] = {}
     found = []
     names = [name for name in sigmas if name in recorded.references]
     for name in names:
@@ -135,18 +136,15 @@ def observe(
         finite = bool(np.isfinite(values).all())
         if not finite or key not in inside:
             ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
-            _, first = np.unique(stamps, return_index=True)
-            at = first[ok[first]]
-            step = max(1, -(-at.size * len(names) // most_residuals))
-            at = at[::step]
-            placed = at, np.ascontiguousarray(stamps[at])
+            chosen = _Chosen(stamps, ok, most_residuals // len(names))
             if finite:
-                inside[key] = placed
+                inside[key] = chosen
         else:
-            placed = inside[key]
-        at, chosen = placed
+            chosen = inside[key]
         scale = model.robot.effort_scale.get(name.removeprefix(f"{EFFORT}/"), 1.0)
-        found.append(Channel(name, columns[name], chosen, values[at], sigmas[name], scale))
+        found.append(
+            Channel(name, columns[name], chosen.stamp_ns, chosen.mean(values), sigmas[name], scale)
+        )
     channels = tuple(channel for channel in found if channel.reference.size)
     if not channels:
         raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")
@@ -156,6 +154,27 @@ def observe(
     samples = thinned(whole, stride)
     groups = groups_of(channels, samples.stamp_ns)
     return Observations(recorded, stride, samples, offsets, channels, groups)
+
+
+class _Chosen:
+    """Readings that are fitted; where they are too many, means over equal steps of time."""
+
+    def __init__(self, stamps: Stamps, usable: NDArray[np.bool_], most: int) -> None:
+        _, first = np.unique(stamps, return_index=True)
+        self._at = first[usable[first]]
+        own = stamps[self._at]
+        self._label = np.arange(own.size)
+        if own.size > most:
+            width = max(1, int(own[-1] - own[0]) // max(1, most))
+            self._label = np.unique((own - own[0]) // width, return_inverse=True)[1]
+        self._count = np.bincount(self._label)
+        since = (own - own[:1]).astype(np.float64)
+        mean = np.bincount(self._label, since) / self._count
+        self.stamp_ns: Stamps = own[:1] + np.round(mean).astype(np.int64)
+
+    def mean(self, values: Vector) -> Vector:
+        """Of the readings at every stamp."""
+        return np.asarray(np.bincount(self._label, values[self._at]) / self._count)
 
 
 def samples_of(model: Model, recorded: Recorded) -> Samples:

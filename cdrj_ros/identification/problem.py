@@ -127,9 +127,6 @@ class Problem:
         self._written = writer_of(self.numbers_alone, tuple(paths))
         self.begin = prepare(build_robot(document, source))
         """Model of the numbers in the document."""
-        self.prior_scale = 1.0
-        """Factor of a prior's residual: the standard deviation that a residual would have if all
-        residuals were independent."""
         self.least_variance = 0.0
         """Variance of a residual below which the fit does not trust it, if all residuals were
         independent."""
@@ -264,7 +261,7 @@ LOWEST_RATE: Final = 100.0
 """Lowest sampling rate in those rounds [Hz]."""
 
 MOST_RESIDUALS: Final = 400_000
-"""Largest number of residuals of a round; references are thinned to stay below it."""
+"""Largest number of residuals of a round."""
 
 
 @dataclass(frozen=True)
@@ -290,7 +287,7 @@ class Rounds:
 
         Args:
             coarse: whether the samples are thinned, see ``Settings.samples``.
-            scout: further divisor of the samples and of the largest number of residuals.
+            scout: further divisor of the samples, and cubed of the largest number of residuals.
         """
         moving = changes_conditioning(path for one in self.unknowns for path in one.paths)
         total = sum(samples.stamp_ns.size for samples in self.samples)
@@ -299,7 +296,7 @@ class Rounds:
             observe(
                 self.model, one, samples, self.sigmas,
                 scout * _stride(one, total, wanted) if coarse else 1,
-                MOST_RESIDUALS // (scout**2 * len(self.recordings)), self.settings.settle_s,
+                MOST_RESIDUALS // (scout**3 * len(self.recordings)), self.settings.settle_s,
                 moving,
             )
             for one, samples in zip(self.recordings, self.samples, strict=True)

@@ -1,20 +1,23 @@
-"""Bounded least squares with robust losses, from one start or from several: (I1), (I9).
+"""Bounded least squares with priors and robust losses: (I1), (I4).
 
-docs/identification.md.
+Gauss-Newton steps, damped as by Levenberg and Marquardt where they do not lower the cost.  A number
+that a step would take beyond a bound goes to the bound, and the others are chosen accordingly:
+numbers that start at a bound, such as a friction of zero, do not shorten the steps of all others.
+See docs/identification.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from itertools import zip_longest
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.problem import Loss, Problem, Progress
-from cdrj_ros.identification.residual_statistics import independent_states
+from cdrj_ros.identification.problem import Loss, Problem, Progress, residuals_together
+from cdrj_ros.identification.residual_statistics import effective_variance
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -23,79 +26,189 @@ Table = NDArray[np.float64]
 STEP: Final = 2e-3
 """Finite-difference step of the Jacobian, in coordinates."""
 
-INSIDE: Final = 1e-3
-"""Distance of a start from its bounds, in coordinates."""
-
 HUBER: Final = 1.345
 """Threshold of a robust loss, in standard deviations of a channel's residual."""
 
-TOLERANCE: Final = 3e-5
-"""Relative change of the cost, or of the coordinates, that ends a round."""
+MOST_STEPS: Final = 60
+GAIN: Final = 1e-3
+"""A further step that lowers the cost by less, as a fraction, is not taken for its gain."""
+SETTLED: Final = 0.3
+
+DAMPING: Final = (0.0, *np.geomspace(0.01, 1000.0, 11).tolist())
+"""Shares of the information's diagonal that are added until a step lowers the cost."""
+
+LONGEST: Final = 5.0
+"""Longest step, in coordinates."""
+
+AS_LINEAR: Final = 0.5
+"""Fraction of the fall of the cost expected of a step that is enough."""
+
+AT_BOUND: Final = 1e-6
+"""Distance within which a number counts as at a bound, as a fraction of the range."""
 
 
-class Solved(NamedTuple):
-    """Solution of a round."""
+@dataclass(frozen=True)
+class Minimum:
+    """Where a minimisation ended."""
 
     coordinates: Vector
+    """Shape (p,)."""
+    residuals: Vector
+    """Without priors, shape (n,)."""
+    slopes: Table
+    """Their Jacobian, shape (n, p)."""
+    weights: Vector
+    """Robust weights, shape (n,)."""
+    variance: float
+    """(I2), which gives residuals and priors their weights."""
     cost: float
-    """Half the sum of squares, robust loss and priors included."""
-    steps: int
+    """Squares of residuals and priors in units of their variances."""
+    step: Vector
+    """The remaining Gauss-Newton step, shape (p,)."""
+    size: Vector
+    """Its size in standard errors, (I4), shape (p,)."""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square residual."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-def solve(
+def minimise(
     problem: Problem,
     begin: Vector,
     loss: Loss,
-    most_steps: int,
     say: Progress,
-    tolerance: float = TOLERANCE,
-) -> Solved:
+    *,
+    rough: Problem | None = None,
+    variance: float | None = None,
+    settled: float = SETTLED,
+) -> Minimum:
     """Least squares from one start.
+
+    Where most of the cost is noise, a tolerance on its change ends a fit too early, so steps are
+    taken while they are a considerable fraction of a standard error, or gain.
 
     Args:
         problem: problem whose residuals are minimised.
         begin: coordinates of the start.
-        loss: one of ``LOSSES``.
-        most_steps: largest number of residual evaluations, not counting those of the Jacobian.
+        loss: one of ``LOSSES``; its weights are computed anew at every step.
         say: called with a line for every step.
-        tolerance: relative change of cost or coordinates that ends the minimisation.
+        rough: problem with the same residuals, over fewer samples, which supplies the Jacobian by
+            central differences; None: the problem itself, by one-sided differences.
+        variance: weight of the residuals beside the priors; None: (I2), anew at every step.
+        settled: largest step that is not taken [standard errors].
 
     Raises:
         RobotFileError: the start describes no possible robot.
     """
-    from scipy.optimize import least_squares
+    here = np.clip(begin, *limits(problem))
+    problem.model(here)  # raises an error that states the reason
+    for taken in range(MOST_STEPS + 1):
+        found = _minimum(problem, here, loss, rough, variance)
+        say(f"step {taken + 1}: rms residual {found.rms:.5g}")
+        slow = _expected(problem, found, found.step) >= (1.0 - GAIN) * found.cost
+        if taken == MOST_STEPS or (slow and found.size.max() <= settled):
+            break
+        better = _lower(problem, found)
+        if better is None:
+            break
+        here = better
+    return found
 
+
+def _minimum(
+    problem: Problem, here: Vector, loss: Loss, rough: Problem | None, variance: float | None
+) -> Minimum:
+    """What is known at some coordinates; arguments as of ``minimise``."""
+    if rough is None:
+        rows = problem.residuals_of(difference_points(problem, here))
+        residuals, slopes = rows[0], jacobian(problem, here, rows)
+    else:  # long runs over all samples and short ones share the processors
+        points = difference_points(rough, here, central=True)
+        (residuals,), rows = residuals_together([(problem, [here]), (rough, points)])
+        slopes = jacobian(rough, here, rows, central=True)
+    weights = robust_weights(problem, loss, residuals)
+    if variance is None:
+        variance = effective_variance(problem, residuals * np.sqrt(weights))
+    cost = _cost(problem, here, residuals, weights, variance)
+    found = Minimum(here, residuals, slopes, weights, variance, cost, here, here)
+    step, size = _step(problem, found, 0.0)
+    return replace(found, step=step, size=size)
+
+
+def _lower(problem: Problem, found: Minimum) -> Vector | None:
+    """Coordinates with a lower cost; None if no damping helps.
+
+    The damping rises until the cost falls by as much as if the residuals were linear, or by less
+    than with the one before.  A step is doubled as long as the cost falls: it leads across kinks.
+    """
+    best, least = None, found.cost
+
+    def cost(there: Vector) -> float:
+        residuals = problem.residuals(there)
+        return _cost(problem, there, residuals, found.weights, found.variance)
+
+    for damping in DAMPING:
+        step = found.step if damping == 0.0 else _step(problem, found, damping)[0]
+        if np.abs(step).max() > LONGEST and damping < DAMPING[-1]:
+            continue
+        there = found.coordinates + step
+        now = cost(there)
+        if now < least:
+            best, least = there, now
+        elif best is not None:
+            break
+        if found.cost - now >= AS_LINEAR * (found.cost - _expected(problem, found, step)):
+            break
+    while best is not None and np.abs(best - found.coordinates).max() < LONGEST:
+        there = np.clip(2.0 * best - found.coordinates, *limits(problem))
+        now = cost(there)
+        if not now < least:
+            break
+        best, least = there, now
+    return best
+
+
+def _step(problem: Problem, found: Minimum, damping: float) -> tuple[Vector, Vector]:
+    """(I4): a step within the bounds, and its size in standard errors, shape (p,) each.
+
+    The size is 0 for numbers at a bound that the step would violate.
+    """
+    here, slopes, weights = found.coordinates, found.slopes, found.weights
+    information = slopes.T @ (slopes * weights[:, None]) / found.variance
+    information += np.diag(known_before(problem, here))
+    uphill = slopes.T @ (found.residuals * weights) / found.variance + pull(problem, here)
+    damped = information + damping * np.diag(np.diag(information))
     lower, upper = limits(problem)
-    margin = np.minimum(INSIDE, 0.25 * (upper - lower))
-    begin = np.clip(begin, lower + margin, upper - margin)
-    problem.model(begin)  # raises an error that states the reason
-    size = problem.size
-    steps = 0
+    margin = AT_BOUND * (upper - lower)
+    step, size, free = np.zeros(here.size), np.zeros(here.size), np.arange(here.size)
+    while free.size:
+        rest = uphill[free] + damped[free] @ step - damped[np.ix_(free, free)] @ step[free]
+        step[free] = -np.linalg.solve(damped[np.ix_(free, free)], rest)
+        beyond = (here + step < lower) | (here + step > upper)
+        step = np.clip(here + step, lower, upper) - here
+        kept = free[~beyond[free]]
+        if kept.size == free.size:
+            break
+        free = kept
+    stddev = np.sqrt(np.diag(np.linalg.inv(information)))
+    moving = np.abs(step) > margin
+    size[moving] = np.abs(step[moving]) / stddev[moving]
+    return step, size
 
-    def residuals(coordinates: Vector) -> Vector:
-        nonlocal steps
-        steps += 1
-        found = with_priors(problem, coordinates, problem.residuals(coordinates))
-        rms = float(np.sqrt(np.mean(found[:size] ** 2)))
-        say(f"step {steps}: rms residual {rms:.5g}")
-        return found
 
-    def differences(coordinates: Vector) -> Table:
-        return jacobian(problem, coordinates)
+def _expected(problem: Problem, found: Minimum, step: Vector) -> float:
+    """Cost after a step if the residuals were linear."""
+    there, after = found.coordinates + step, found.residuals + found.slopes @ step
+    return _cost(problem, there, after, found.weights, found.variance)
 
-    first = with_priors(problem, begin, problem.residuals(begin))
-    found = least_squares(
-        residuals,
-        begin,
-        differences,
-        bounds=(lower, upper),
-        loss=_robust(loss, problem, first) if loss != "linear" else "linear",
-        max_nfev=most_steps,
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=1e-12,
-    )
-    return Solved(found.x, float(found.cost), int(found.nfev))
+
+def _cost(
+    problem: Problem, here: Vector, residuals: Vector, weights: Vector, variance: float
+) -> float:
+    priors = prior_residuals(problem, here)
+    return float(weights @ residuals**2) / variance + float(priors @ priors)
 
 
 def limits(problem: Problem) -> tuple[Vector, Vector]:
@@ -104,70 +217,80 @@ def limits(problem: Problem) -> tuple[Vector, Vector]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def with_priors(problem: Problem, coordinates: Vector, residuals: Vector) -> Vector:
-    """Residuals followed by those of the priors; a new array, which older SciPy scales in place."""
-    priors = [
-        problem.prior_scale * (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
-        for unknown, x in zip(problem.unknowns, coordinates, strict=True)
-        if unknown.prior is not None
-    ]
-    return np.concatenate([residuals, priors])
+def prior_residuals(problem: Problem, here: Vector) -> Vector:
+    """Deviations from the priors [standard deviations], one for each number with a prior."""
+    return np.array(
+        [
+            (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
+            for unknown, x in zip(problem.unknowns, here, strict=True)
+            if unknown.prior is not None
+        ]
+    )
 
 
-def jacobian(problem: Problem, coordinates: Vector, central: bool = False) -> Table:
-    """Finite differences of the residuals, priors included, all columns in parallel.
+def pull(problem: Problem, here: Vector) -> Vector:
+    """Gradient of the priors' half sum of squares, in coordinates, shape (p,)."""
+    found = np.zeros(here.size)
+    for k, (unknown, x) in enumerate(zip(problem.unknowns, here, strict=True)):
+        if unknown.prior is not None:
+            off = unknown.value(float(x)) - unknown.prior[0]
+            found[k] = unknown.slope(float(x)) * off / unknown.prior[1] ** 2
+    return found
+
+
+def known_before(problem: Problem, here: Vector) -> Vector:
+    """Information of each number's prior or of its bounds, whichever is larger, in coordinates.
+
+    A number between bounds is given a variance of a twelfth of their squared distance, which is the
+    only information about a number without influence on the data.
+    """
+    lower, upper = limits(problem)
+    known = 12.0 / (upper - lower) ** 2
+    for k, (unknown, x) in enumerate(zip(problem.unknowns, here, strict=True)):
+        if unknown.prior is not None:
+            known[k] = max(known[k], (unknown.slope(float(x)) / unknown.prior[1]) ** 2)
+    return known
+
+
+def jacobian(
+    problem: Problem, coordinates: Vector, rows: Sequence[Vector], central: bool = False
+) -> Table:
+    """Finite differences of the residuals, given at ``difference_points``.
 
     A column whose step leaves the bounds, or describes no possible robot, steps the other way.
     """
     lower, upper = limits(problem)
-    n = coordinates.size
-    ahead = _ahead(problem, coordinates)
-    points = difference_points(problem, coordinates, central)
-    found = problem.residuals_of(points)
-    rows = [
-        with_priors(problem, point, values) for point, values in zip(points, found, strict=True)
-    ]
-    here, columns = rows[0], []
-    per = 2 if central else 1
-    for k in range(n):
-        there = rows[1 + per * k]
-        back = rows[2 + per * k] if central else None
-        outside = not lower[k] <= coordinates[k] - ahead[k] * STEP <= upper[k]
-        if (
-            back is not None
-            and not outside
-            and np.isfinite(there).all()
-            and np.isfinite(back).all()
-        ):
-            columns.append((there - back) / (2.0 * ahead[k] * STEP))
+    here, columns, per = rows[0], [], 2 if central else 1
+    for k, step in enumerate(_steps(problem, coordinates).tolist()):
+        there, *back = rows[1 + per * k : 1 + per * (k + 1)]
+        inside = lower[k] <= coordinates[k] - step <= upper[k]
+        if inside and all(np.isfinite(one).all() for one in (there, *back)):
+            columns.append((there - (back[0] if back else here)) / (per * step))
             continue
-        side = ahead[k]
-        if not np.isfinite(there).all():
-            side = -side
-            point = _beside(coordinates, k, side * STEP)
-            there = with_priors(problem, point, problem.residuals(point))
+        if np.isfinite(there).all():
+            columns.append((there - here) / step)
+            continue
+        there = problem.residuals(_beside(coordinates, k, -step))
         if not np.isfinite(there).all():
             raise UsageError(
                 f"{problem.unknowns[k].name} cannot be varied: no robot is possible close to "
                 f"{problem.unknowns[k].value(float(coordinates[k])):.6g}"
             )
-        columns.append((there - here) / (side * STEP))
+        columns.append((here - there) / step)
     return np.column_stack(columns)
 
 
 def difference_points(problem: Problem, coordinates: Vector, central: bool = False) -> list[Vector]:
     """The points of ``jacobian``: the coordinates, then one or two beside them for each."""
     points = [coordinates]
-    for k, side in enumerate(_ahead(problem, coordinates)):
-        points.append(_beside(coordinates, k, side * STEP))
-        if central:
-            points.append(_beside(coordinates, k, -side * STEP))
+    for k, step in enumerate(_steps(problem, coordinates).tolist()):
+        points += [_beside(coordinates, k, way) for way in ((step, -step) if central else (step,))]
     return points
 
 
-def _ahead(problem: Problem, coordinates: Vector) -> Vector:
-    """Direction of each coordinate's first step, which stays below the upper bound."""
-    return np.where(coordinates + STEP <= limits(problem)[1], 1.0, -1.0)
+def _steps(problem: Problem, coordinates: Vector) -> Vector:
+    """First step of each coordinate, which stays below the upper bound."""
+    return np.where(coordinates + STEP <= limits(problem)[1], STEP, -STEP)
 
 
 def _beside(coordinates: Vector, k: int, step: float) -> Vector:
@@ -176,7 +299,7 @@ def _beside(coordinates: Vector, k: int, step: float) -> Vector:
     return moved
 
 
-def thresholds(problem: Problem, residuals: Vector) -> Vector:
+def _thresholds(problem: Problem, residuals: Vector) -> Vector:
     """Threshold of the robust loss for every residual: ``HUBER`` robust sigmas of its channel."""
     by_name: dict[str, list[Vector]] = {}
     at = 0
@@ -192,202 +315,16 @@ def thresholds(problem: Problem, residuals: Vector) -> Vector:
         for name, parts in by_name.items()
     }
     ends = [np.full(size, bends[name]) for name, size in spans]
-    return np.concatenate([*ends, np.full(residuals.size - at, np.inf)])
+    return np.concatenate(ends)
 
 
-def robust_weights(loss: Loss, residuals: Vector, bend: Vector) -> Vector:
+def robust_weights(problem: Problem, loss: Loss, residuals: Vector) -> Vector:
     """Derivative of the loss by the squared residual: 1 for small residuals, less for outliers."""
     if loss == "linear":
         return np.ones(residuals.size)
-    z = (residuals / bend) ** 2
+    z = (residuals / _thresholds(problem, residuals)) ** 2
     if loss == "huber":
         weights: Vector = np.where(z <= 1.0, 1.0, 1.0 / np.sqrt(np.maximum(z, 1.0)))
     else:
         weights = 1.0 / np.sqrt(1.0 + z)
     return weights
-
-
-def _robust(loss: Loss, problem: Problem, residuals: Vector) -> Callable[[Vector], Any]:
-    """The loss for ``least_squares``, with the threshold of each channel."""
-    bend2 = thresholds(problem, residuals) ** 2
-
-    def shape(squares: Vector) -> Table:
-        z = squares / bend2
-        rho = np.empty((3, z.size))
-        if loss == "huber":
-            far = z > 1.0
-            root = np.sqrt(np.maximum(z, 1.0))
-            rho[0] = np.where(far, 2.0 * root - 1.0, z)
-            rho[1] = np.where(far, 1.0 / root, 1.0)
-            rho[2] = np.where(far, -0.5 / root**3, 0.0)
-        else:
-            t = 1.0 + z
-            rho[0] = 2.0 * (np.sqrt(t) - 1.0)
-            rho[1] = t**-0.5
-            rho[2] = -0.5 * t**-1.5
-        finite = np.isfinite(bend2)
-        rho[0] = np.where(finite, rho[0] * np.where(finite, bend2, 1.0), squares)
-        rho[2] /= bend2
-        return rho
-
-    return shape
-
-
-DRAWS: Final = 12
-"""Random points evaluated for each random start."""
-
-REACH: Final = 5.0
-"""Distance of random starts from the file's numbers, in coordinates."""
-
-SOUGHT: Final = 41
-"""Values of a number that is sought over its whole range."""
-
-
-def _promising(problem: Problem, count: int, seed: int) -> list[Vector]:
-    """The points with the smallest cost among ``DRAWS`` times as many random ones.
-
-    Every other one is the best of points as near to the file as its numbers are known.
-    """
-    generator = np.random.default_rng(seed)
-    before = _before(problem)
-    near, wide = (
-        _cheapest(
-            problem,
-            [_random_point(problem, before, generator, far) for _ in range(DRAWS * some)],
-        )[:some]
-        for far, some in ((False, (count + 1) // 2), (True, count // 2))
-    )
-    pairs = zip_longest(near, wide)
-    return [point for pair in pairs for point in pair if point is not None]
-
-
-def _cheapest(problem: Problem, drawn: Sequence[Vector]) -> list[Vector]:
-    """Points that describe a possible robot, the one with the smallest cost first."""
-    ranked = []
-    for begin in range(0, len(drawn), DRAWS):  # in batches to limit memory
-        some = drawn[begin : begin + DRAWS]
-        for point, residuals in zip(some, problem.residuals_of(some), strict=True):
-            cost = float(np.sum(with_priors(problem, point, residuals) ** 2))
-            if np.isfinite(cost):
-                ranked.append((cost, point))
-    ranked.sort(key=lambda pair: pair[0])
-    return [point for _, point in ranked]
-
-
-class _Before(NamedTuple):
-    """What is known before the fit."""
-
-    numbers: tuple[tuple[float, float] | None, ...]
-    """Mean and standard deviation of every number [SI]; None where unknown."""
-    independent: int
-    """Number of residuals that count as independent."""
-
-
-def _before(problem: Problem) -> _Before:
-    """The priors; a number without one has the standard deviation that the file leaves it."""
-    file = problem.begin.robot.uncertainty
-    stddev: dict[str, float] = {}
-    if file is not None:
-        deviations = np.sqrt(np.diag(file.covariance)).tolist()
-        stddev = dict(zip(file.parameters, deviations, strict=True))
-    numbers: list[tuple[float, float] | None] = []
-    for unknown in problem.unknowns:
-        own = stddev.get(unknown.paths[0], 0.0)
-        numbers.append(unknown.prior or ((unknown.start, own) if own > 0.0 else None))
-    return _Before(tuple(numbers), independent_states(problem))
-
-
-def _random_point(
-    problem: Problem,
-    before: _Before,
-    generator: np.random.Generator,
-    far: bool,
-) -> Vector:
-    """A random start: numbers within what is known of them, all others within ``REACH``.
-
-    Args:
-        problem: problem with the numbers.
-        before: what is known of them.
-        generator: random generator.
-        far: whether numbers without a prior lie within ``REACH``, whatever the file says.
-    """
-    point = generator.uniform(-REACH, REACH, len(problem.unknowns))
-    for k, (unknown, own) in enumerate(zip(problem.unknowns, before.numbers, strict=True)):
-        if own is not None and not (far and unknown.prior is None):
-            value = float(generator.normal(*own))
-            point[k] = unknown.coordinate(min(max(value, unknown.lower), unknown.upper))
-    return np.clip(point, *limits(problem))
-
-
-def _distance(problem: Problem, before: _Before, coordinates: Vector, residuals: Vector) -> float:
-    """(I9): by which minima are compared, twice a negative log-likelihood.
-
-    Args:
-        problem: problem with the numbers.
-        before: what is known of them.
-        coordinates: of the numbers, shape (p,).
-        residuals: there, without priors, shape (n,).
-    """
-    off = [
-        (unknown.value(float(x)) - own[0]) / own[1]
-        for unknown, x, own in zip(problem.unknowns, coordinates, before.numbers, strict=True)
-        if own is not None
-    ]
-    squares = max(float(residuals @ residuals), 1e-300)
-    return before.independent * float(np.log(squares)) + float(np.square(off).sum())
-
-
-def sought(problem: Problem, paths: Collection[str]) -> Vector:
-    """Coordinates of the start, with some numbers replaced by the best between their bounds.
-
-    Around a wrong zero a cable may be slack throughout, and the cost does not change.
-
-    Args:
-        problem: problem whose residuals are compared.
-        paths: of the numbers, one of which is varied after the other.
-    """
-    lower, upper = limits(problem)
-    here = np.zeros(lower.size)
-    for k, unknown in enumerate(problem.unknowns):
-        if not paths or unknown.paths[0] not in paths:
-            continue
-        points = []
-        for x in np.linspace(lower[k], upper[k], SOUGHT):
-            points.append(here.copy())
-            points[-1][k] = x
-        costs = [float(np.sum(found**2)) for found in problem.residuals_of(points)]
-        here = points[int(np.argmin(costs))]
-    return here
-
-
-def many_starts(
-    problem: Problem,
-    count: int,
-    seed: int,
-    loss: Loss,
-    most_steps: int,
-    say: Progress,
-    first: Vector,
-) -> tuple[list[Solved], int]:
-    """Minimise from a first start and from random ones.
-
-    Returns:
-        The solution of each start, best first by (I9), and the number of starts that reached the
-        best minimum.
-    """
-    begins = [first, *(_promising(problem, count - 1, seed) if count > 1 else ())]
-    found = []
-    for k, begin in enumerate(begins):
-        if len(begins) > 1:
-            say(f"start {k + 1} of {len(begins)}")
-        found.append(solve(problem, begin, loss, most_steps, say))
-    if len(found) > 1:
-        before = _before(problem)
-        found.sort(
-            key=lambda one: _distance(
-                problem, before, one.coordinates, problem.residuals(one.coordinates)
-            )
-        )
-    best = found[0]
-    same = sum(abs(solved.cost - best.cost) <= best.cost * 0.01 + 1e-12 for solved in found)
-    return found, same

@@ -34,21 +34,16 @@ from cdrj_ros.identification.residual_statistics import (
     Linear,
     Places,
     cells_of_residuals,
-    effective_variance,
     residual_variance,
     states_of_residuals,
     visited_states,
 )
-from cdrj_ros.identification.solver import limits
+from cdrj_ros.identification.solver import Minimum, known_before, limits, pull
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.robot.parameters import find_number
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
-
-
-AT_BOUND: Final = 1e-6
-"""Distance within which a number counts as at a bound, as a fraction of the range."""
 
 
 class Accuracy(NamedTuple):
@@ -68,23 +63,16 @@ class Accuracy(NamedTuple):
     """(I6)."""
 
 
-def accuracy(
-    problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
-) -> Accuracy:
+def accuracy(problem: Problem, found: Minimum) -> Accuracy:
     """Standard errors and findings at a solution.
 
     Args:
         problem: problem with the observations of the residuals and the Jacobian.
-        coordinates: the solution's coordinates, shape (p,).
-        residuals: residuals without priors, shape (n,).
-        jacobian: Jacobian without priors, shape (n, p).
-        weights: robust weights, shape (n,); ones for the linear loss.
+        found: the solution.
     """
-    root = np.sqrt(weights)
+    coordinates = found.coordinates
     causes = nuisance_causes(problem.begin.robot.uncertainty, problem.unknowns)
-    covariance, absorbed, information, variance = _covariance(
-        problem, coordinates, causes, residuals * root, jacobian * root[:, None], root
-    )
+    covariance, absorbed, information, variance = _covariance(problem, causes, found)
     slope = np.array(
         [u.slope(float(x)) for u, x in zip(problem.unknowns, coordinates, strict=True)]
     )
@@ -106,12 +94,7 @@ def accuracy(
 
 
 def _covariance(
-    problem: Problem,
-    coordinates: Vector,
-    causes: Sequence[Cause],
-    residuals: Vector,
-    slopes: Table,
-    root: Vector,
+    problem: Problem, causes: Sequence[Cause], found: Minimum
 ) -> tuple[Table, Table, Table, float]:
     """(I3): covariance of the numbers, their change by each cause, the data's information, (I6).
 
@@ -119,23 +102,21 @@ def _covariance(
 
     Args:
         problem: problem with the observations of the residuals.
-        coordinates: the solution's coordinates, shape (p,).
         causes: of errors of all other numbers.
-        residuals: with robust weights applied, shape (n,).
-        slopes: Jacobian with robust weights applied, shape (n, p).
-        root: square roots of the robust weights, shape (n,).
+        found: the solution.
     """
+    coordinates, variance, root = found.coordinates, found.variance, np.sqrt(found.weights)
+    residuals, slopes = found.residuals * root, found.slopes * root[:, None]
     others = effects(problem, coordinates, causes) * root[:, None]
-    known = _known_beforehand(problem, coordinates)
+    known = known_before(problem, coordinates)
     everything = Linear(
         np.hstack([slopes, others]), residuals,
         np.concatenate([known, np.ones(len(causes))]),
-        np.concatenate([_pull(problem, coordinates), np.zeros(len(causes))]),
+        np.concatenate([pull(problem, coordinates), np.zeros(len(causes))]),
     )  # fmt: skip
     places = Places(
         states_of_residuals(problem), cells_of_residuals(problem), visited_states(problem)
     )
-    variance = effective_variance(problem, residuals)
     left = residual_variance(everything, places, variance)
     square = slopes.T @ slopes
     fitted = np.linalg.inv(square / variance + np.diag(known))
@@ -143,64 +124,6 @@ def _covariance(
     own = fitted @ (square * (left / variance**2) + np.diag(known)) @ fitted
     covariance = np.asarray(own + absorbed @ absorbed.T, dtype=np.float64)
     return covariance, absorbed, square / left, left
-
-
-def remaining_step(
-    problem: Problem, coordinates: Vector, residuals: Vector, jacobian: Table, weights: Vector
-) -> tuple[Vector, Vector]:
-    """(I4): the remaining Gauss-Newton step at a solution; arguments as for ``accuracy``.
-
-    Returns:
-        The step in coordinates, and its size in standard errors, shape (p,) each; 0 for numbers
-        at a bound that the step would violate.
-    """
-    variance = effective_variance(problem, residuals * np.sqrt(weights))
-    information = jacobian.T @ (jacobian * weights[:, None]) / variance
-    information += np.diag(_known_beforehand(problem, coordinates))
-    uphill = jacobian.T @ (residuals * weights) / variance
-    uphill += _pull(problem, coordinates)
-    lower, upper = limits(problem)
-    margin = AT_BOUND * (upper - lower)
-    leaves = ((coordinates <= lower + margin) & (uphill > 0.0)) | (
-        (coordinates >= upper - margin) & (uphill < 0.0)
-    )
-    free = np.flatnonzero(~leaves)
-    covariance = np.linalg.inv(information[np.ix_(free, free)])
-    step, size = np.zeros(coordinates.size), np.zeros(coordinates.size)
-    step[free] = -covariance @ uphill[free]
-    size[free] = np.abs(step[free]) / np.sqrt(np.diag(covariance))
-    return step, size
-
-
-def expected_gain(step: Vector, residuals: Vector, jacobian: Table, weights: Vector) -> float:
-    """Fraction of the cost by which a step would lower it if the residuals were linear."""
-    along = jacobian @ step
-    cost = float(weights @ residuals**2)
-    return float(-(weights * along) @ (2.0 * residuals + along)) / max(cost, 1e-300)
-
-
-def _pull(problem: Problem, coordinates: Vector) -> Vector:
-    """Gradient of the priors' half sum of squares, in coordinates."""
-    pull = np.zeros(coordinates.size)
-    for k, (unknown, x) in enumerate(zip(problem.unknowns, coordinates, strict=True)):
-        if unknown.prior is not None:
-            off = unknown.value(float(x)) - unknown.prior[0]
-            pull[k] = unknown.slope(float(x)) * off / unknown.prior[1] ** 2
-    return pull
-
-
-def _known_beforehand(problem: Problem, coordinates: Vector) -> Vector:
-    """Information of the priors and of the bounds, in coordinates.
-
-    A number between bounds is given a variance of at most a twelfth of their squared distance,
-    which is the only information about a number without influence on the data.
-    """
-    lower, upper = limits(problem)
-    known = 12.0 / (upper - lower) ** 2
-    for k, (unknown, x) in enumerate(zip(problem.unknowns, coordinates, strict=True)):
-        if unknown.prior is not None:
-            known[k] += (unknown.slope(float(x)) / unknown.prior[1]) ** 2
-    return known
 
 
 CLOSE: Final = 0.05

@@ -14,7 +14,7 @@ from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import Observations, Recorded, observe, samples_of
 from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
-from cdrj_ros.identification.solver import jacobian
+from cdrj_ros.identification.solver import STEP, difference_points, jacobian
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.document import Document
@@ -99,12 +99,13 @@ def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
             fine = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
             rough = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
             here = np.array([0.1, -0.2])
-            beside = here + np.array([2e-3, 0.0])
+            beside = here + np.array([STEP, 0.0])
             together = residuals_together([(fine, [here]), (rough, [here, beside, here])])
             assert (fine.evaluations, rough.evaluations) == (1, 2)
-            one_sided = jacobian(rough, here)
+            one_sided = jacobian(rough, here, rough.residuals_of(difference_points(rough, here)))
             assert rough.evaluations == 3, "two of its three points were known"
-            both_sided = jacobian(rough, here, central=True)
+            points = difference_points(rough, here, central=True)
+            both_sided = jacobian(rough, here, rough.residuals_of(points), central=True)
             assert rough.evaluations == 5
             found.append([*together[0], *together[1], one_sided, both_sided])
     for one, two in zip(*found, strict=True):

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.identification import solver
-from cdrj_ros.identification.solver import REACH, many_starts
+from cdrj_ros.identification import starts
+from cdrj_ros.identification.starts import REACH, many_starts
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.robot.description import Uncertainty
 
@@ -27,7 +27,6 @@ class TwoMinima:
     """Residuals that vanish at the file's preload and at a quarter of it, but for a remainder."""
 
     size = 2
-    prior_scale = 1.0
 
     def __init__(self, near: float, far: float, known: Uncertainty | None = STATED) -> None:
         self.unknowns = (PRELOAD,)
@@ -47,12 +46,12 @@ class TwoMinima:
 
 @pytest.fixture(autouse=True)
 def eight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solver, "independent_states", lambda _: 8)
+    monkeypatch.setattr(starts, "independent_states", lambda _: 8)
 
 
 def preload(problem: Any) -> tuple[float, int]:
-    found, same = many_starts(problem, 12, 0, "linear", 60, lambda _: None, np.zeros(1))
-    return PRELOAD.value(float(found[0].coordinates[0])), same
+    found, same = many_starts(problem, 12, 0, lambda _: None, np.zeros(1))
+    return PRELOAD.value(float(found.coordinates[0])), same
 
 
 def test_of_minima_that_the_residuals_hardly_distinguish_the_one_near_the_file_is_taken() -> None:
@@ -72,11 +71,11 @@ def test_without_knowledge_of_a_number_the_smallest_residuals_decide() -> None:
 def test_random_starts_keep_to_what_is_known() -> None:
     problem: Any = TwoMinima(1.0, 1.0)
     problem.unknowns = (PRELOAD, DRUM, UNKNOWN)
-    before = solver._before(problem)
+    before = starts._before(problem)
     assert before.numbers == ((26.0, 2.6), DRUM.prior, None)
     generator = np.random.default_rng(0)
     wide, near = (
-        np.array([solver._random_point(problem, before, generator, way) for _ in range(200)])
+        np.array([starts._random_point(problem, before, generator, way) for _ in range(200)])
         for way in (True, False)
     )
     for points in (wide, near):
@@ -89,10 +88,10 @@ def test_random_starts_keep_to_what_is_known() -> None:
 def test_a_random_start_is_within_the_bounds() -> None:
     problem: Any = TwoMinima(1.0, 1.0)
     problem.unknowns = (replace(DRUM, lower=0.0149, upper=0.0151),)
-    before = solver._before(problem)
+    before = starts._before(problem)
     generator = np.random.default_rng(0)
     values = [
-        problem.unknowns[0].value(float(solver._random_point(problem, before, generator, True)[0]))
+        problem.unknowns[0].value(float(starts._random_point(problem, before, generator, True)[0]))
         for _ in range(50)
     ]
     assert min(values) >= 0.0149 - 1e-12
