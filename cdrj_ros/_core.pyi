@@ -106,6 +106,9 @@ class FrameMotion:
 
     def __int__(self) -> int: ...
 
+RECORDS: dict[str, np.dtype[Any]]
+"""The records of ``robot_records.hpp`` and ``state_records.hpp`` as structured types."""
+
 class Law:
     """Friction laws, by the words of a robot file."""
 

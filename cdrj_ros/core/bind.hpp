@@ -19,6 +19,7 @@ void bind_kinds(pybind11::module_& core, const char* name, const char* const (&n
     for (std::size_t k = 0; k < n; ++k) kinds.value(names[k], static_cast<Kind>(k));
 }
 
+void bind_records(pybind11::module_& core);
 void bind_messages(pybind11::module_& core);
 void bind_conditioning(pybind11::module_& core);
 void bind_ensemble(pybind11::module_& core);

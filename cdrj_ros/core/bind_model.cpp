@@ -272,6 +272,7 @@ py::array_t<double> copy_of(std::span<const double> numbers) {
 
 PYBIND11_MODULE(_core, core) {
     core.doc() = "The compiled core; its types are in _core.pyi.";
+    cdrj::bind_records(core);
     cdrj::bind_messages(core);
     cdrj::bind_conditioning(core);
     cdrj::bind_ensemble(core);

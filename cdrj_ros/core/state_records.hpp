@@ -1,7 +1,7 @@
 // What a sample keeps for the next one, and what it works with.
 //
-// Every field takes 8 bytes: the records are rows of NumPy arrays, whose structured types
-// `cdrj_ros.model` declares with the same fields in the same order. SI units.
+// Every field is 8 bytes long or made of such: the records are rows of NumPy arrays, whose types
+// `bind_records.cpp` makes of all fields. SI units.
 #pragma once
 
 #include <array>

@@ -157,7 +157,7 @@ class Ensemble:
         Both are of the same robot, which may have different numbers.
         """
         mine, theirs, drawn = (
-            number_views(self.model.sizes, numbers).segments["material"]  # type: ignore[call-overload]
+            number_views(self.model.sizes, numbers).segments["material"]
             for numbers in (self.numbers, other.numbers, other._drawn)
         )
         mine *= theirs / drawn

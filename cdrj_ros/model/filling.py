@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros._core import Law, Stribeck, blended_loss
-from cdrj_ros.model import geometry
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.packing import (
     Indices,
@@ -298,9 +297,7 @@ class _Rows:
             self._term += 1
             _fill(self._plan.terms, k, adds_to_wrap=int(adds_to_wrap), target=target, joint=joint)
             table: Any = self._numbers.tables[k * TABLE_INTERVALS : (k + 1) * TABLE_INTERVALS]
-            table.view(np.float64)[:] = geometry.hermite_table(
-                profile.value, profile.slope, step
-            ).ravel()
+            table.view(np.float64)[:] = hermite_table(profile.value, profile.slope, step).ravel()
         return constant
 
 
@@ -358,3 +355,19 @@ def bearing_drag(pulley: Pulley) -> float:
 def contact_cells(pulley: Pulley) -> int:
     """Number of contact cells of a pulley; 1 until it has been chosen."""
     return max(pulley.cells, 1)
+
+
+def hermite_table(values: Vector, slopes: Vector, step: float) -> NDArray[np.float64]:
+    """Cubic coefficients of a function sampled with its slopes on a uniform grid.
+
+    Args:
+        values: shape (k + 1,).
+        slopes: derivatives at the same points, shape (k + 1,).
+        step: distance of the points.
+
+    Returns:
+        Coefficients of the powers of u in [0, 1], one row per interval, shape (k, 4).
+    """
+    y0, y1 = values[:-1], values[1:]
+    d0, d1 = slopes[:-1] * step, slopes[1:] * step
+    return np.stack([y0, d0, 3 * (y1 - y0) - 2 * d0 - d1, 2 * (y0 - y1) + d0 + d1], axis=1)

@@ -1,63 +1,37 @@
 """Rows of structured arrays whose fields have names, ``pulleys[p].mu_c``, and vectors of them.
 
-A record is declared as a class whose annotated fields are the fields of the row.  ``record_type``
-turns it into a structured type, which NumPy stores and the compiled core reads.  The class itself
-is never instantiated; type checkers read field names from it.  A vector holds numbers and rows of
-several kinds, one ``Part`` after the other.
+The records are those of the core, whose headers describe their fields: ``robot_records.hpp`` and
+``state_records.hpp``.  A vector holds numbers and rows of several kinds, one ``Part`` after the
+other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import prod
-from typing import Any, Final, NamedTuple, Protocol, TypeVar, overload
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Row_co = TypeVar("Row_co", covariant=True)
+from cdrj_ros import _core
 
-_KINDS: Final[dict[str, Any]] = {"int": np.int64, "float": np.float64}
-
-
-class Rows(Protocol[Row_co]):
-    """A one-dimensional structured array; ``Row_co`` names the fields."""
-
-    def __len__(self) -> int: ...
-
-    @overload
-    def __getitem__(self, place: int) -> Row_co: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Rows[Row_co]: ...
-
-    def __setitem__(self, place: int, row: Any) -> None: ...
+Rows = Any
+"""A structured array, whose rows have the fields of a record as attributes."""
 
 
-class Grid(Protocol[Row_co]):
-    """A two-dimensional structured array; ``Row_co`` names the fields."""
-
-    def __getitem__(self, place: tuple[int, int]) -> Row_co: ...
-
-
-def record_type(fields: type, **vectors: int) -> Any:
-    """Structured type with the annotated fields of a class, 8 bytes each and in their order.
-
-    Args:
-        fields: a class whose annotations are ``int``, ``float`` or ``Vector``; the fields of
-            classes that it is derived from come first.
-        vectors: length of every field annotated as ``Vector``.
-    """
+def _rows_of(record: np.dtype[Any]) -> Any:
+    """The type of rows of a record, with vectors and matrices as arrays of their numbers."""
     columns: list[Any] = []
-    inherited = [vars(base).get("__annotations__", {}) for base in reversed(fields.__mro__)]
-    for name, kind in (field for one in inherited for field in one.items()):
-        if hasattr(np.record, name):
-            raise TypeError(f"{fields.__name__}.{name} is hidden by NumPy's own attribute")
-        if name in vectors:
-            columns.append((name, np.float64, (vectors[name],)))
-        else:
-            columns.append((name, _KINDS[kind]))
+    for name in record.names or ():
+        field = record[name]
+        kind = np.int64 if field.kind == "i" else np.float64
+        columns.append((name, kind, (field.itemsize // 8,) if field.itemsize > 8 else ()))
     return np.dtype((np.record, columns))
+
+
+RECORDS: Final = {name: _rows_of(record) for name, record in _core.RECORDS.items()}
+"""Types of rows by the name of the record."""
 
 
 def code_of(kinds: Any, word: str) -> int:

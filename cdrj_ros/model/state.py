@@ -12,10 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.cable_records import CONTACT, DRUM, SEGMENT, Contact, Drum, Segment
-from cdrj_ros.model.geometry import ARC_MIDDLE, POSE, TOUCH, TWIST, ArcMiddle, Pose, Touch, Twist
 from cdrj_ros.model.packing import Sizes
-from cdrj_ros.model.records import Grid, Part, Rows, part, size_of, views
+from cdrj_ros.model.records import RECORDS, Part, Rows, part, size_of, views
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -46,14 +44,14 @@ class StateViews(NamedTuple):
     """Place of the middle of every pulley's arc on that path [m], shape (pulleys,)."""
     covered: Vector
     """Length of cable on every pulley whose contact cells are fixed to its surface [m], shape
-    (surfaces,); see ``PulleyPlan.surface``."""
+    (surfaces,); see ``PulleyTopology.surface``."""
     angle: Vector
     """Angles of motors, then joints [rad] or [m], shape (axes,)."""
     bearing_friction: Vector
     """Friction torques of motors, then joints [N m], of prismatic joints [N], shape (axes,)."""
-    drums: Rows[Drum]
-    """Of every end that takes up cable, shape (drums,); see ``EndPlan.drum``."""
-    middles: Rows[ArcMiddle]
+    drums: Rows
+    """Of every end that takes up cable, shape (drums,); see ``EndTopology.drum``."""
+    middles: Rows
     """Of every node, shape (nodes,)."""
 
 
@@ -105,16 +103,16 @@ class ScratchViews(NamedTuple):
     middle: Vector
     """Place of the middle of every arc along its body [m], up to a constant and whole turns, shape
     (pulleys,); only where it is given by tables."""
-    segments: Rows[Segment]
-    contacts: Rows[Contact]
+    segments: Rows
+    contacts: Rows
     """Of every pulley, shape (pulleys,)."""
-    pose: Rows[Pose]
+    pose: Rows
     """Of every frame, shape (frames,)."""
-    twist: Grid[Twist]
+    twist: Rows
     """Of every frame by every joint, shape (frames, joints)."""
-    touches: Rows[Touch]
+    touches: Rows
     """Of every node, shape (nodes,)."""
-    middles: Rows[ArcMiddle]
+    middles: Rows
     """Of the same nodes."""
     history: Vector
     """The state before the sample, by the contact cells of this sample, shape (state_size,); empty
@@ -139,8 +137,8 @@ def _state_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.surfaces),
         axes,
         axes,
-        part(sizes.drums, record=DRUM),
-        part(sizes.nodes, record=ARC_MIDDLE),
+        part(sizes.drums, record=RECORDS["Drum"]),
+        part(sizes.nodes, record=RECORDS["ArcMiddle"]),
     )
 
 
@@ -192,12 +190,12 @@ def _scratch_parts(sizes: Sizes) -> tuple[Part, ...]:
         pulleys,
         part(2 * sizes.cables),
         pulleys,
-        part(sizes.contacts + sizes.cables, record=SEGMENT),
-        part(sizes.contacts, record=CONTACT),
-        part(sizes.frames, record=POSE),
-        part(sizes.frames, sizes.joints, record=TWIST),
-        part(sizes.nodes, record=TOUCH),
-        part(sizes.nodes, record=ARC_MIDDLE),
+        part(sizes.contacts + sizes.cables, record=RECORDS["Segment"]),
+        part(sizes.contacts, record=RECORDS["Contact"]),
+        part(sizes.frames, record=RECORDS["Pose"]),
+        part(sizes.frames, sizes.joints, record=RECORDS["Twist"]),
+        part(sizes.nodes, record=RECORDS["Touch"]),
+        part(sizes.nodes, record=RECORDS["ArcMiddle"]),
         part(state_size(sizes) if sizes.surfaces > 0 else 0),
     )
 

@@ -37,7 +37,7 @@ class CableMotion:
     elastic: Elasticity
     """Tension-strain law of the cable."""
     constants: Any
-    """Constants of the pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
+    """Constants of the pulleys, a structured array of ``PulleyConstants``, shape (pulleys,)."""
     stribeck: Stribeck
     """Form of static friction."""
 

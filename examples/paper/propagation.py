@@ -316,7 +316,7 @@ def _readings(known: Sequence[KnownTension], places: list[int]) -> Readings:
 
 
 def _constants(model: Model, pulleys: slice, frictionless: bool) -> Any:
-    """Constants of a cable's pulleys, a structured array of ``PulleyNumbers``, shape (pulleys,)."""
+    """Rows of ``PulleyConstants`` of a cable's pulleys, shape (pulleys,)."""
     every: Any = number_views(model.sizes, model.numbers).pulleys
     rows = every[pulleys].copy()
     if frictionless:

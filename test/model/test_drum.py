@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Drum
-from cdrj_ros.model.cable_records import CAPACITY, FIRST_SPACING
+from cdrj_ros.model.records import RECORDS
 
 RADIUS, STIFFNESS = 0.015, 6283.0
+CAPACITY = RECORDS["Drum"]["angle"].shape[0]
+FIRST_SPACING = 0.1
+"""Distance of break points until the memory is full for the first time [rad]."""
 
 
 def rate(tension: float) -> float:
