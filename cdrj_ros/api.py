@@ -116,10 +116,8 @@ class Estimator(LiveEstimator):
             self.feed_efforts(stamp_ns, list(torques), list(torques.values()))
         self.estimates = ()
         if readings:
-            _, outputs = self.feed(kind, stamp_ns, list(readings), list(readings.values()))
-            self.estimates = tuple(
-                replace(one, stddev=stddev, angles=angles) for one, stddev, angles in outputs
-            )
+            _, made = self.feed(kind, stamp_ns, list(readings), list(readings.values()))
+            self.estimates = tuple(made)
         return self.estimates[-1] if self.estimates else None
 
     @property

@@ -56,7 +56,7 @@ class ClosedLoop:
         self.drives = Drives(self.limits)
         self.estimator = LiveEstimator(self.model)
         self.sensors = encoder_groups(self.model, SensorSettings(), seed)
-        self.estimate, self.stddev = None, None
+        self.estimate = None
         self.readings = {}
 
     @property
@@ -70,7 +70,7 @@ class ClosedLoop:
         self.drives.command(order, self.rig.time_s)
 
     def step(self):
-        """Advance by a millisecond; the newest estimate is then in ``estimate`` and ``stddev``."""
+        """Advance by a millisecond; the newest estimate is then in ``estimate``."""
         rig = self.rig
         count = rig.steps + 1
         angle = self.drives.next(count, count / RATE_HZ, 1.0 / RATE_HZ, rig.motor_effort)
@@ -85,8 +85,7 @@ class ClosedLoop:
                 self.readings[group.kind] = values
                 stamp_ns = FIRST_NS + round(stamp_s * 1e9)
                 _, outputs = self.estimator.feed(group.kind, stamp_ns, group.names, values)
-                for output in outputs:
-                    self.estimate, self.stddev = output.estimate, output.stddev
+                self.estimate = outputs[-1] if outputs else self.estimate
 
     def tensions(self):
         """The newest estimate with the arrays of ``/cdrj/tensions``.
@@ -94,8 +93,8 @@ class ClosedLoop:
         Returns:
             Names, tensions [N], standard deviations [N] and status flags of all elements.
         """
-        elements = len(self.model.layout.elements)
         if self.estimate is None:
             return [], np.empty(0), np.empty(0), np.empty(0, dtype=int)
         status = self.estimate.status.astype(int)
-        return self.model.layout.elements, self.estimate.tension, self.stddev[:elements], status
+        one = self.estimate
+        return self.model.layout.elements, one.tension, one.tension_stddev, status

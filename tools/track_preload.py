@@ -96,9 +96,9 @@ def track(model: Model, truth: Truth, friction: float, options: Options, seed: i
         output = live.take(Sample(stamp, motor, joint))
         live.finish()
         assert output.stddev is not None
-        error[k] = output.estimate.tension - truth.tension[k]
+        error[k] = output.tension - truth.tension[k]
         stddev[k] = output.stddev[:elements]
-        unsure[k] = output.estimate.status != 0
+        unsure[k] = output.status != 0
     return Tracked(error, stddev, unsure, live)
 
 

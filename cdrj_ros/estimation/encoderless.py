@@ -207,13 +207,8 @@ class LiveEncoderless:
             if name in self._clock_offset_ns:
                 self._efforts.add(stamp_ns + self._clock_offset_ns[name], (name,), (effort,))
 
-    def estimate(self, sample: Sample) -> tuple[Estimate, Vector, Angles | None]:
-        """Estimate a sample; a predicted one leaves the history as it is.
-
-        Returns:
-            The estimate, its standard deviations, and the angles of the joints without encoder, one
-            row; None where there is no effort.
-        """
+    def estimate(self, sample: Sample) -> Estimate:
+        """Estimate a sample; a predicted one leaves the history as it is."""
         if sample.predicted:
             self.solver.keep()
         else:
@@ -228,8 +223,8 @@ class LiveEncoderless:
         values, stddev = np.nan_to_num(found.values[0]), np.nan_to_num(found.stddev[0])
         layout = found.layout
         solved = not any(int(flag) & INVALID for flag in values[layout.status])
-        estimate = Estimate(sample.stamp_ns, values, layout, solved)
-        return estimate, stddev, None if self.lacks_efforts else found.angles
+        angles = None if self.lacks_efforts else found.angles
+        return Estimate(sample.stamp_ns, values, layout, solved, None, stddev, angles)
 
     def state_at(self, stamp_ns: int) -> State:
         """The robot's state after the last sample, whose stamp is given [ns]."""

@@ -214,13 +214,11 @@ class Ensemble:
         if progress[LAST_STAMP] >= 0:
             progress[LAST_STAMP] += by_ns
 
-    def step(
-        self, state: State, sample: Sample, at_once: bool = True
-    ) -> tuple[State, Estimate, Vector]:
+    def step(self, state: State, sample: Sample, at_once: bool = True) -> tuple[State, Estimate]:
         """``step`` and ``update`` in one call.
 
         Returns:
-            The new state, the estimate and the standard deviations, bit-identical to theirs.
+            The new state, and the estimate with standard deviations, bit-identical to theirs.
 
         Raises:
             ValueError: the angles are not those of this robot.
@@ -234,8 +232,7 @@ class Ensemble:
         )
         return (
             State(stamp, out, model.state_part),
-            Estimate(stamp, out, model.layout, solved, model.estimate_part),
-            stddev,
+            Estimate(stamp, out, model.layout, solved, model.estimate_part, stddev),
         )
 
     def update(self, sample: Sample, estimate: Estimate, at_once: bool = True) -> Vector:

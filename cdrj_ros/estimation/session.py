@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from cdrj_ros.estimation.ensemble import (
     mark_unsure,
     preload_of_elements,
 )
-from cdrj_ros.estimation.estimator import NEVER, Angles, Estimate, State, initial_state, step
+from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import SensorFusion
 from cdrj_ros.estimation.preloads import START_SHARE, Preloads
 from cdrj_ros.estimation.samples import Sample
@@ -68,16 +68,6 @@ class Options:
     def corrects(self) -> bool:
         """Whether sensors other than the encoders correct the estimate."""
         return self.tension_sensors or self.track_preload
-
-
-class Output(NamedTuple):
-    """What the live estimator gives for one sample."""
-
-    estimate: Estimate
-    stddev: Vector | None
-    """Standard deviations in the order of ``stddev_columns``; None if none are estimated."""
-    angles: Angles | None = None
-    """Of the joints without encoder, one row; None where all have one or there is no effort."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +270,7 @@ class LiveEstimator:
         stamp_ns: int,
         names: Sequence[str],
         positions: Sequence[float] | Vector,
-    ) -> tuple[bool, list[Output]]:
+    ) -> tuple[bool, list[Estimate]]:
         """Process a message of angles.
 
         Args:
@@ -293,79 +283,74 @@ class LiveEstimator:
             Whether the clock jumped back, and the estimates that the message completes.
         """
         topic = TOPICS[kind]
-        return self._outputs_of(
+        return self._estimates_of(
             samples_of(self.conditioner.feed(topic, stamp_ns, names, positions))
         )
 
-    def feed_message(self, kind: Kind, message: JointStateDecoder) -> tuple[bool, list[Output]]:
+    def feed_message(self, kind: Kind, message: JointStateDecoder) -> tuple[bool, list[Estimate]]:
         """``feed`` the last message of a decoder."""
-        return self._outputs_of(self.conditioner.take(kind, message))
+        return self._estimates_of(self.conditioner.take(kind, message))
 
-    def _outputs_of(self, samples: list[Sample]) -> tuple[bool, list[Output]]:
+    def _estimates_of(self, samples: list[Sample]) -> tuple[bool, list[Estimate]]:
         """Whether the clock jumped back before these samples, and the estimates for them."""
         jumped = self.conditioner.clock_jumps != self._jumps
         if jumped:
             self._restart(known=True)
-        outputs = []
-        for sample in samples:
-            output = self.take(sample)
-            if not sample.silent:
-                outputs.append(output)
-        return jumped, outputs
+        estimates = [(self.take(sample), sample.silent) for sample in samples]
+        return jumped, [estimate for estimate, silent in estimates if not silent]
 
     def finish(self) -> None:
         """Do what the last estimate need not wait for; the next sample does it otherwise."""
         if self.ensemble is not None:
             self.ensemble.finish()
 
-    def take(self, sample: Sample) -> Output:
+    def take(self, sample: Sample) -> Estimate:
         """Process one sample; ``finish`` can follow once the estimate has been published.
 
-        A predicted sample leaves the memory as it is; only the next predicted one continues it.
+        The estimate has its standard deviations, and the angles of joints without encoder.  A
+        predicted sample leaves the memory as it is; only the next predicted one continues it.
         """
         if self.encoderless is not None:
-            output = self._take_encoderless(self.encoderless, sample)
-        elif sample.predicted:
-            output = self._take_predicted(sample)
-        else:
-            output = self._take_next(sample)
-        return output
+            return self._take_encoderless(self.encoderless, sample)
+        if sample.predicted:
+            return self._take_predicted(sample)
+        return self._take_next(sample)
 
-    def _take_next(self, sample: Sample) -> Output:
+    def _take_next(self, sample: Sample) -> Estimate:
         """``take`` for a sample that continues the memory."""
         self._predicted = None
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        estimate, stddev = self._step(sample)
+        estimate = self._step(sample)
         self._note(sample, estimate)
-        self._mark(sample, estimate, stddev)
+        self._mark(sample, estimate)
         if self.fusion is not None and estimate.solved:
             self._correct(self.fusion, sample, estimate)
-        return Output(estimate, stddev)
+        return estimate
 
-    def _step(self, sample: Sample) -> tuple[Estimate, Vector | None]:
-        """The next estimate, and its standard deviations if they are wanted."""
+    def _step(self, sample: Sample) -> Estimate:
+        """The next estimate, with its standard deviations if they are wanted."""
         ensemble = self.ensemble
         if ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
-            return estimate, None
+            return estimate
         if self.fusion is None:
-            self.state, estimate, stddev = ensemble.step(self.state, sample, at_once=False)
-            return estimate, stddev
+            self.state, estimate = ensemble.step(self.state, sample, at_once=False)
+            return estimate
         model, is_corrected = self.model, self.state is not self.uncorrected
         if self.state.stamp_ns == NEVER:
             model = self.fusion.start_model()
         if model is self.model:  # at once, since other sensors correct the members
-            self.state, estimate, stddev = ensemble.step(self.state, sample, at_once=True)
+            self.state, estimate = ensemble.step(self.state, sample, at_once=True)
         else:
             self.state, estimate = step(model, self.state, sample)
-            stddev = ensemble.update(sample, estimate)
+            estimate.stddev = ensemble.update(sample, estimate)
         if is_corrected or model is not self.model:
             self.uncorrected = step(self.model, self.uncorrected, sample)[0]
         else:
             self.uncorrected = self.state
-        return estimate, stddev
+        return estimate
 
     def _note(self, sample: Sample, estimate: Estimate) -> None:
         """Note a sample that is not predicted."""
@@ -387,29 +372,33 @@ class LiveEstimator:
         if wrong or fusion.contradicted:
             mark_elements_unsure(estimate.values, self._everywhere)
 
-    def _take_predicted(self, sample: Sample) -> Output:
+    def _take_predicted(self, sample: Sample) -> Estimate:
         """``take`` for a predicted sample."""
         self._predicted, estimate = step(self.model, self._predicted or self.state, sample)
-        stddev = None if self.ensemble is None else self.ensemble.predict(sample, estimate)
-        self._mark(sample, estimate, stddev)
+        if self.ensemble is not None:
+            estimate.stddev = self.ensemble.predict(sample, estimate)
+        self._mark(sample, estimate)
         if self.fusion is not None and self.fusion.contradicted:
             mark_elements_unsure(estimate.values, self._everywhere)
-        return Output(estimate, stddev)
+        return estimate
 
-    def _take_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Output:
+    def _take_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Estimate:
         """``take`` for a robot with joints without encoder."""
         self._earlier = None
-        estimate, stddev, angles = encoderless.estimate(sample)
+        estimate = encoderless.estimate(sample)
         if not sample.predicted:
             self.state = self.uncorrected = encoderless.state_at(sample.stamp_ns)
             self._note(sample, estimate)
-        self._mark(sample, estimate, stddev)
-        return Output(estimate, stddev if self.options.uncertainty else None, angles)
+        self._mark(sample, estimate)
+        if not self.options.uncertainty:
+            estimate.stddev = None
+        return estimate
 
-    def _mark(self, sample: Sample, estimate: Estimate, stddev: Vector | None) -> None:
+    def _mark(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
-        if stddev is not None:
-            mark_unsure(estimate.values, self._preload, stddev, self.options.unsure_share)
+        if estimate.stddev is not None:
+            share = self.options.unsure_share
+            mark_unsure(estimate.values, self._preload, estimate.stddev, share)
         if sample.doubtful:
             mark_elements_unsure(estimate.values, self._everywhere)
         if self.always_unsure is not None:

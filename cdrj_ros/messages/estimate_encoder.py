@@ -81,19 +81,18 @@ class EstimateEncoder:
         self._no_efforts = prepare.message(JOINT_STATE, axes)
         self._efforts_stddev = prepare.message(JOINT_STATE, axes, (), begins[2], "effort")
 
-    def encode(self, estimate: Estimate, stddev: Vector | None = None) -> Encoded:
+    def encode(self, estimate: Estimate) -> Encoded:
         """Encode all three messages.
 
         Args:
             estimate: of this robot.
-            stddev: its standard deviations, in the order of ``stddev_columns``; None: none known.
 
         Raises:
             MessageError: an estimate of another robot, standard deviations where none are expected
                 or none where they are, or a stamp that no header can hold.
         """
         stamp, values = estimate.stamp_ns, estimate.values
-        stddevs = NONE_KNOWN if stddev is None else stddev
+        stddevs = NONE_KNOWN if estimate.stddev is None else estimate.stddev
         if values.size != self._layout.size or stddevs.size != self._width:
             raise MessageError(
                 f"the messages take {self._layout.size} values and {self._width} standard "
@@ -108,10 +107,11 @@ class EstimateEncoder:
             efforts.encode(stamp, values, stddevs),
         )
 
-    def efforts_stddev(self, estimate: Estimate, stddev: Vector) -> bytes:
+    def efforts_stddev(self, estimate: Estimate) -> bytes:
         """Encode sensor_msgs/JointState with the standard deviations of the efforts [N m]."""
         encoder = self._efforts_stddev if estimate.solved else self._no_efforts
-        return encoder.encode(estimate.stamp_ns, estimate.values, stddev)
+        stddevs = NONE_KNOWN if estimate.stddev is None else estimate.stddev
+        return encoder.encode(estimate.stamp_ns, estimate.values, stddevs)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.health_verdict import unsure_elements
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.robot.tolerances import narrowed
@@ -83,10 +83,9 @@ def names_with(estimate: Estimate, flag: int) -> list[str]:
 
 
 def status_of(
-    name: str, live: LiveEstimator, output: Output | None, health: Health, times: StepTimes
+    name: str, live: LiveEstimator, estimate: Estimate | None, health: Health, times: StepTimes
 ) -> DiagnosticStatus:
     """The estimator's DiagnosticStatus."""
-    estimate = output.estimate if output else None
     flagged = {
         flag: names_with(estimate, flag) if estimate else []
         for flag in (SLACK, OVERLOAD, UNSURE, INVALID)
@@ -261,15 +260,15 @@ class HealthWatch:
         if len(tensions) == len(names):
             self.monitor.read_tensions(stamp_ns, names, tensions, stddevs)
 
-    def follow(self, output: Output) -> None:
-        """Follow the estimator to its last sample; ``output`` is the estimate there."""
+    def follow(self, estimate: Estimate) -> None:
+        """Follow the estimator to its last sample, with the estimate there."""
         live = self._live
         if live.sample is None:
             return
         if self.monitor.model is not live.model:
             self.monitor = self._new()
         # with other sensors the spread is that of a corrected estimate, not of the file
-        self.monitor.follow(live.sample, output.stddev if live.fusion is None else None)
+        self.monitor.follow(live.sample, estimate.stddev if live.fusion is None else None)
         self._doubt()
 
     def _doubt(self) -> None:

@@ -18,8 +18,9 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.conditioner import Kind
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.reading_limits import efforts_of
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.text import counted
 from cdrj_ros.messages.cdr import MessageError, cable_tensions
@@ -81,7 +82,7 @@ class Estimation:
         self.node, self._state_file, self._managed = node, state_file, managed
         self.state = "unconfigured"
         """``unconfigured``, ``inactive``, ``active`` or ``finalized``."""
-        self.output: Output | None = None
+        self.latest: Estimate | None = None
         """The last estimate."""
         self._simulated = False
         self._chosen: dict[str, bool] = {}
@@ -121,7 +122,7 @@ class Estimation:
             self.health = HealthWatch(self.live, marks_unsure=started.health == "mark")
         self._read_state()
         self._limit = RateLimit(started.max_rate_hz)
-        self.output = None
+        self.latest = None
         self.times = StepTimes()
         self._simulated = bool(node.get_parameter(SIMULATED).value)
         self.silence = Silence(self.timeout_s, self._simulated)
@@ -233,42 +234,40 @@ class Estimation:
                     live.feed_efforts(stamp_ns, names, efforts)
                 if health is not None and wanted:
                     health.read_efforts(stamp_ns, names, efforts)
-            jumped, outputs = live.feed_message(kind, message)
+            jumped, estimates = live.feed_message(kind, message)
             if jumped:
                 self.node.get_logger().warning(
                     "the clock of the inputs went back: estimate restarted",
                     throttle_duration_sec=1.0,
                 )
-            if outputs:
-                self._publish(outputs, (perf_counter() - begin) / len(outputs))
+            if estimates:
+                self._publish(estimates, (perf_counter() - begin) / len(estimates))
             else:  # which may need an explanation
                 topic.names, topic.positions = message.names, message.positions
 
         return on_angles
 
-    def _publish(self, outputs: list[Output], step_s: float) -> None:
+    def _publish(self, estimates: list[Estimate], step_s: float) -> None:
         """Publish the estimates that one message led to; those older than the timeout as STALE.
 
         Args:
-            outputs: at least one.
+            estimates: at least one.
             step_s: time that each has taken [s].
         """
         self.times.add(step_s)
-        newest_ns = outputs[-1].estimate.stamp_ns + self.live.conditioner.lag_ns
+        newest_ns = estimates[-1].stamp_ns + self.live.conditioner.lag_ns
         now_ns = self.now_ns()
         self.stamps.note(newest_ns, now_ns)
         fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)
-        for output in outputs:
-            estimate = output.estimate
-            self.output = output
+        for estimate in estimates:
+            self.latest = estimate
             if not self._limit.passes(estimate.stamp_ns):
                 continue
-            if estimate.stamp_ns < fresh_ns:
-                output = output._replace(estimate=marked_stale(estimate))  # noqa: PLW2901
-            self.outputs.publish(output)
+            is_fresh = estimate.stamp_ns >= fresh_ns
+            self.outputs.publish(estimate if is_fresh else marked_stale(estimate))
         self.live.finish()
         if self.health is not None:
-            self.health.follow(outputs[-1])
+            self.health.follow(estimates[-1])
         self.watch.note()
 
     def on_tensions(self, payload: bytes) -> None:
@@ -291,8 +290,8 @@ class Estimation:
 
     def _on_watch(self) -> None:
         """Republish the last estimate as STALE once the inputs have been silent for the timeout."""
-        if self.output is not None and self.watch.lost():
-            self.outputs.publish_stale(self.output)
+        if self.latest is not None and self.watch.lost():
+            self.outputs.publish_stale(self.latest)
 
     def _on_steady(self) -> None:
         """Publish diagnostics if the timer on the node's clock has not done so."""
@@ -317,9 +316,9 @@ class Estimation:
             since = self.outputs.published - self._counted
             self._counted, self._counted_ns = self.outputs.published, now_ns
             rate_hz = since / elapsed_s if elapsed_s > 0.0 else 0.0
-            health = self.watch.health(self.output, rate_hz, self.node.clock_refused)
+            health = self.watch.health(self.latest, rate_hz, self.node.clock_refused)
             self.watch.warn(health)
-            status = status_of(name, self.live, self.output, health, self.times)
+            status = status_of(name, self.live, self.latest, health, self.times)
         else:
             status = DiagnosticStatus(
                 level=DiagnosticStatus.WARN,
@@ -353,9 +352,9 @@ class Estimation:
 
     def forget(self) -> None:
         """Republish the last estimate as STALE, then discard it."""
-        if self.output is not None:
-            self.outputs.publish_stale(self.output)
-        self.output = None
+        if self.latest is not None:
+            self.outputs.publish_stale(self.latest)
+        self.latest = None
         if self.health is not None:
             self.health.reset()
         self.silence.forget()

@@ -19,9 +19,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.reading_limits import axis_of
 from cdrj_ros.estimation.refusals import REFUSALS
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.text import counted, printable
 from cdrj_ros.inspection.motor_travel import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
@@ -326,18 +327,18 @@ class InputWatch:
             )
         return True
 
-    def health(self, output: Output | None, rate_hz: float, clock_refused: int) -> Health:
+    def health(self, latest: Estimate | None, rate_hz: float, clock_refused: int) -> Health:
         """State of the inputs and outputs; call once a second."""
         conditioner = self._live.conditioner
         silence_s = self.silence_s()
         for one in self._inputs:
             one.look(monotonic())
         age = float("inf")
-        if output is not None:
+        if latest is not None:
             lag_s = conditioner.lag_ns * 1e-9
-            age = self._stamps.age_s(output.estimate.stamp_ns, self._now_ns(), lag_s, silence_s)
+            age = self._stamps.age_s(latest.stamp_ns, self._now_ns(), lag_s, silence_s)
         waiting = ""
-        if self._quiet or output is None:
+        if self._quiet or latest is None:
             for one in self._inputs:
                 if words := one.adapt():
                     self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

@@ -12,7 +12,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.session import LiveEstimator, Output
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.estimate_encoder import EstimateEncoder, marked_stale
 from cdrj_ros.messages.templates import Template
@@ -109,27 +109,26 @@ class Outputs:
         self.states_wanted = self.states.get_subscription_count() > 0
         self.stddev_wanted = self.efforts_stddev.get_subscription_count() > 0
 
-    def publish(self, output: Output) -> None:
+    def publish(self, estimate: Estimate) -> None:
         """Publish an estimate on all topics."""
-        estimate, stddev, angles = output
-        stamp = estimate.stamp_ns
+        stamp, angles = estimate.stamp_ns, estimate.angles
         if self._angles is not None and angles is not None:
             encode = self._angles.encode
             self._on_angles.publish(encode(stamp, position=angles.value[-1]))
             self._on_angles_stddev.publish(encode(stamp, position=angles.stddev[-1]))
-        tensions, forces, efforts = self._encoder.encode(estimate, stddev)
+        tensions, forces, efforts = self._encoder.encode(estimate)
         self.tensions.publish(tensions)
         self.forces.publish(forces)
         self.efforts.publish(efforts)
-        if self.stddev_wanted and stddev is not None:
-            self.efforts_stddev.publish(self._encoder.efforts_stddev(estimate, stddev))
+        if self.stddev_wanted and estimate.stddev is not None:
+            self.efforts_stddev.publish(self._encoder.efforts_stddev(estimate))
         if self.states_wanted or self.wanted:
             self._publish_known(estimate)
         self.published += 1
 
-    def publish_stale(self, output: Output) -> None:
+    def publish_stale(self, estimate: Estimate) -> None:
         """Publish tensions and nodal forces once more, as STALE."""
-        tensions, forces, _ = self._encoder.encode(marked_stale(output.estimate), output.stddev)
+        tensions, forces, _ = self._encoder.encode(marked_stale(estimate))
         self.tensions.publish(tensions)
         self.forces.publish(forces)
 

@@ -325,7 +325,7 @@ def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course
         if k % 300 == 0:
             made += live.feed("joints", stamp, ("elbow",), (course.elbow[k],))[1]
         made += live.feed("motors", stamp, ("winch",), (course.winch[k],))[1]
-        given += [(output.estimate.stamp_ns - START) // MS for output in made]
+        given += [(output.stamp_ns - START) // MS for output in made]
         if k == 299:
             assert live.sample is not None
             assert live.last_ns == START, "of the one time that has a reading of both"
@@ -365,7 +365,7 @@ def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     assert verdict.beyond(2.0) <= BEYOND_TWO
     assert verdict.beyond(5.0) <= BEYOND_FIVE
     late = judge(course, outputs, course.duration_ns - SECOND, course.duration_ns)
-    errors = [abs(outputs[-1].estimate.tension - course.tension[-1]).max()]
+    errors = [abs(outputs[-1].tension - course.tension[-1]).max()]
     assert late.judged > 0
     assert max(errors) < 0.5, "the robot file's preload is the right one"
 
@@ -389,7 +389,7 @@ def test_a_long_gap_beside_a_sensor_on_trial_leaves_no_standard_deviation_too_sm
             clock_ns=(begin, 3600 * SECOND), sensors=(EFFORT,), lies=lies,
         )  # fmt: skip
         outputs = run(model, shorter, faults, watch=consistent)
-        after = [output for output in outputs if output.estimate.stamp_ns >= START + begin]
+        after = [output for output in outputs if output.stamp_ns >= START + begin]
         assert len(after) == (end - begin) // MS
         smallest = [o.stddev[: part.tension.shape[1]].min() for o in after if o.stddev is not None]
         assert min(smallest) > 1.0

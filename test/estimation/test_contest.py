@@ -276,9 +276,9 @@ def _run(
             said = true + change + float(generator.normal(0.0, 0.05))
             live.feed_tensions(sample.stamp_ns, [cell], [said], [0.05])
         output = live.take(sample)
-        off = float((output.estimate.tension - tension[k])[7])
+        off = float((output.tension - tension[k])[7])
         if k == calm + 2 and changed:
-            assert np.all(output.estimate.status.astype(int) & UNSURE), "until it is decided"
+            assert np.all(output.status.astype(int) & UNSURE), "until it is decided"
             assert live.fusion is not None
             health = live.fusion.health
             assert sum(one.used > 100 for one in health.values()) == trusted
@@ -336,7 +336,7 @@ def test_only_readings_that_agree_or_show_a_possible_change_correct_the_estimate
     health = SensorHealth(sensor, trusted=True)
     live.fusion.health[sensor] = health
     first = Sample(SECOND, course.winch[:1], course.elbow[:1])
-    before = live.take(first).estimate
+    before = live.take(first)
     stamp = first.stamp_ns + 10 * MS
     if sensor in model.layout.elements:
         tension = before.tension[model.layout.elements.index(sensor)]
@@ -344,6 +344,6 @@ def test_only_readings_that_agree_or_show_a_possible_change_correct_the_estimate
     else:
         live.feed_efforts(stamp, [sensor], before.motor_effort + 0.01)
     live.take(first._replace(stamp_ns=stamp))
-    after = live.take(first._replace(stamp_ns=stamp + 10 * MS)).estimate
+    after = live.take(first._replace(stamp_ns=stamp + 10 * MS))
     assert (health.used, health.refused, health.changes) == (used, 1 - used, changes)
     assert np.array_equal(after.tension, before.tension) == (not used)

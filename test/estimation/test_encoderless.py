@@ -108,12 +108,12 @@ def test_the_live_estimator_gives_what_a_recording_gives(prototype: Model) -> No
         outputs += live.feed("motors", stamp, ["winch"], samples.motor_angle[k])[1]
     whole = EncoderlessEstimator(prototype).run(only_measured(prototype, samples), efforts)
     assert whole.angles is not None
-    assert [output.estimate.stamp_ns for output in outputs] == samples.stamp_ns.tolist()
+    assert [output.stamp_ns for output in outputs] == samples.stamp_ns.tolist()
     for k, output in enumerate(outputs):
         assert output.angles is not None
         assert output.angles.value[0] == whole.angles.value[k]
         assert output.angles.stddev[0] == whole.angles.stddev[k]
-        assert np.array_equal(output.estimate.tension, whole.values[k, prototype.layout.tension])
+        assert np.array_equal(output.tension, whole.values[k, prototype.layout.tension])
 
 
 def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_encoders(
@@ -126,9 +126,9 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
     output = live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 10**9))
     assert live.encoderless.lacks_efforts
     assert output.angles is None
-    assert not output.estimate.solved
-    assert np.all(output.estimate.status == INVALID)
-    assert np.all(output.estimate.tension == 0.0)
+    assert not output.solved
+    assert np.all(output.status == INVALID)
+    assert np.all(output.tension == 0.0)
     live.feed_efforts(START + 2 * 10**9, ["winch"], [0.0])
     live.take(only_measured(prototype, samples).at(2)._replace(stamp_ns=START + 2 * 10**9))
     assert not live.encoderless.lacks_efforts

@@ -93,13 +93,13 @@ def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
 def test_unsure_elements_are_unsure_until_the_doubt_ends(model: Model) -> None:
     live = LiveEstimator(model, Options(uncertainty=False))
     rest = Sample(1_000_000_000, np.zeros(1), np.zeros(1))
-    assert set(live.take(rest).estimate.status) == {OK}
+    assert set(live.take(rest).status) == {OK}
     live.always_unsure = np.arange(16) < 8
-    found = live.take(rest._replace(stamp_ns=1_001_000_000)).estimate
+    found = live.take(rest._replace(stamp_ns=1_001_000_000))
     assert set(found.status[UPPER]) == {UNSURE}
     assert set(found.status[LOWER]) == {OK}
     live.always_unsure = None
-    assert set(live.take(rest._replace(stamp_ns=1_002_000_000)).estimate.status) == {OK}
+    assert set(live.take(rest._replace(stamp_ns=1_002_000_000)).status) == {OK}
 
 
 def test_the_other_flags_of_unsure_elements_are_kept() -> None:

@@ -115,7 +115,7 @@ def _feed(live: LiveEstimator, course: Course, k: int, shift_ns: int) -> list[An
 
 def _mean(output: Any) -> tuple[float, float]:
     """Mean tension of the upper cable and mean standard deviation there [N]."""
-    return float(output.estimate.tension[:8].mean()), float(output.stddev[:8].mean())
+    return float(output.tension[:8].mean()), float(output.stddev[:8].mean())
 
 
 @pytest.fixture
@@ -133,7 +133,7 @@ def _after_the_clock(live: LiveEstimator, course: Course) -> Any:
     """The first estimate after the clock has been set back by an hour."""
     k = BREAK // MS
     made: list[Any] = []
-    while not made or made[-1].estimate.stamp_ns > START:
+    while not made or made[-1].stamp_ns > START:
         made = _feed(live, course, k, -HOUR)
         k += 1
         assert k < BREAK // MS + 100
@@ -175,7 +175,7 @@ def test_a_reset_forgets_it(model: Model, course: Course, learned: LiveEstimator
     for k in range(20):
         one, other = (_feed(live, course, k, 0) for live in (learned, fresh))
         for mine, its in zip(one, other, strict=True):
-            assert np.array_equal(mine.estimate.values, its.estimate.values)
+            assert np.array_equal(mine.values, its.values)
             assert np.array_equal(mine.stddev, its.stddev)
     assert learned.fusion is not None
     assert learned.fusion.health == {}
@@ -248,8 +248,8 @@ def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course
             live.feed_tensions(START + k * MS, (CELL,), (said,), (0.05,))
         for output in _feed(live, course, k, 0):
             if k > BREAK // MS + 500:
-                assert np.all(output.estimate.status[:8] != 0)
-                off = np.abs(output.estimate.tension - truth)[:8]
+                assert np.all(output.status[:8] != 0)
+                off = np.abs(output.tension - truth)[:8]
                 within.append(off <= 2.0 * output.stddev[:8])
     assert live.fusion is not None
     assert CELL in live.fusion.faults()

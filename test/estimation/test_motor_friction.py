@@ -60,9 +60,7 @@ def track(truth: Truth, friction: float = 0.0, seed: int = 0) -> Tracked:
         output = live.take(Sample(stamp, truth.motor_angle[k], truth.joint_angle[k]))
         assert output.stddev is not None
         n = truth.tension.shape[1]
-        rows.append(
-            (output.estimate.tension - truth.tension[k], output.stddev[:n], output.estimate.status)
-        )
+        rows.append((output.tension - truth.tension[k], output.stddev[:n], output.status))
     error, stddev, status = (np.array(column) for column in zip(*rows, strict=True))
     return Tracked(live, error, stddev, status)
 

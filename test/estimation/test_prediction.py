@@ -21,7 +21,8 @@ from support.campaign import (
 )
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
 
-from cdrj_ros.estimation.session import LiveEstimator, Options, Output
+from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion as motions
@@ -66,7 +67,7 @@ def test_prediction_leaves_the_memory_as_it_is_without(
     period_ns: dict[str, int], late_ns: int, sensors: tuple[str, ...], model: Model, fast: Course
 ) -> None:
     found: dict[Mode, dict[str, object]] = {}
-    outputs: dict[Mode, list[Output]] = {}
+    outputs: dict[Mode, list[Estimate]] = {}
     course = fast.until(4001 * MS)
     for mode in ("wait", "predict"):
         faults = Faults(period_ns, late_ns={"elbow": late_ns}, sensors=sensors, mode=mode)
@@ -75,9 +76,9 @@ def test_prediction_leaves_the_memory_as_it_is_without(
             watch=lambda live, mode=mode: found.update({mode: _everything(live)}),  # type: ignore[misc]
         )  # fmt: skip
     assert found["predict"] == found["wait"]
-    stamps = [output.estimate.stamp_ns for output in outputs["predict"]]
+    stamps = [output.stamp_ns for output in outputs["predict"]]
     assert stamps == sorted(set(stamps))
-    assert stamps[-1] >= outputs["wait"][-1].estimate.stamp_ns
+    assert stamps[-1] >= outputs["wait"][-1].stamp_ns
 
 
 @pytest.mark.parametrize("sensors", [(), (CELL,), (EFFORT,), (CELL, EFFORT)])
@@ -142,7 +143,7 @@ def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders(unmeasured
         found.append(
             (live.last_ns, live.encoderless.solver.state.tobytes(), live.state.values.tobytes())
         )
-        stamps.append([output.estimate.stamp_ns for output in given])
+        stamps.append([output.stamp_ns for output in given])
     assert found[0] == found[1]
     assert stamps[0] == sorted(set(stamps[0]))
     assert stamps[1] == sorted(set(stamps[1]))

@@ -94,14 +94,14 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     for k in range(beside.cell.size):
         _feed_cell(live, beside, k, LIES[lie])
         output = live.take(_sample(beside.samples, k))
-        off = np.abs(output.estimate.tension - beside.tension[k])[:8].max()
+        off = np.abs(output.tension - beside.tension[k])[:8].max()
         if k < CALM:
             taught = off
         if found >= 0:
             assert off < 1e-9, "as without the cell"
         elif _dropped(live):
             found = k
-            assert np.all(output.estimate.status.astype(int) & UNSURE)
+            assert np.all(output.status.astype(int) & UNSURE)
     assert live.fusion is not None
     health = live.fusion.health[CELL]
     assert taught > 3.0, "it was trusted, and moved the preload"
@@ -128,13 +128,13 @@ def test_the_standard_deviation_opens_where_corrections_are_undone(
         assert output.stddev is not None
         if k == CALM - 1:
             before = output.stddev[:8]
-            assert not np.any(output.estimate.status[:8].astype(int) & UNSURE)
+            assert not np.any(output.status[:8].astype(int) & UNSURE)
         if was_dropped:
             break
     else:
         pytest.fail("the cell was not dropped")
     assert np.all(output.stddev[:8] > 3.0 * before)
-    assert np.all(output.estimate.status.astype(int) & UNSURE)
+    assert np.all(output.status.astype(int) & UNSURE)
 
 
 @pytest.mark.parametrize("break_at", [CALM - 100, CALM + 20])
@@ -157,7 +157,7 @@ def test_corrections_before_a_restart_are_undone_after_it(
     for k in range(break_at, beside.cell.size):
         _feed_cell(live, beside, k, lie)
         output = live.take(_sample(beside.samples, k))
-        offs.append(np.abs(output.estimate.tension - beside.tension[k])[:8].max())
+        offs.append(np.abs(output.tension - beside.tension[k])[:8].max())
     assert offs[0] > 3.0, "its corrections are restored"
     assert _dropped(live)
     assert offs[-1] < 1e-9, "as without the cell"

@@ -14,8 +14,9 @@ import pytest
 
 from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.estimation.session import LiveEstimator, Options, Output
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import (
     HEADER,
     StateFileError,
@@ -60,7 +61,7 @@ def variant(model: Model, change: Callable[[dict[str, Any]], None]) -> Model:
     return prepare(build_robot(document, "test"))
 
 
-def send(live: LiveEstimator, readings: Samples, k: int, begin: int = 0) -> list[Output]:
+def send(live: LiveEstimator, readings: Samples, k: int, begin: int = 0) -> list[Estimate]:
     stamp = begin or int(readings.stamp_ns[k])
     outputs = live.feed("joints", stamp, ("elbow",), readings.joint_angle[k])[1]
     return outputs + live.feed("motors", stamp, ("winch",), readings.motor_angle[k])[1]
@@ -73,8 +74,8 @@ def paused(readings: Samples, at: int) -> Samples:
     return Samples(readings.stamp_ns, readings.motor_angle[rest], readings.joint_angle[rest])
 
 
-def all_unsure(output: Output) -> bool:
-    return bool(np.all(output.estimate.status.astype(int) & UNSURE))
+def all_unsure(output: Estimate) -> bool:
+    return bool(np.all(output.status.astype(int) & UNSURE))
 
 
 # -- gaps --------------------------------------------------------------------------------------
@@ -93,7 +94,7 @@ def test_there_are_no_estimates_for_the_silence_of_one_topic(
     assert live.conditioner.gaps == 1
     assert live.conditioner.refused == dict.fromkeys(live.conditioner.refused, 0)
     first = outputs[0]
-    assert first.estimate.stamp_ns == stamps[4000]
+    assert first.stamp_ns == stamps[4000]
     assert len(before) + len(outputs) == 2000
     assert first.stddev is not None
     assert before[-1].stddev is not None
@@ -103,8 +104,8 @@ def test_there_are_no_estimates_for_the_silence_of_one_topic(
     heard = np.r_[0:1000, 4000:5000]
     joints = {"elbow": Series(stamps[heard], stamps[heard] - 1, readings.joint_angle[heard, 0])}
     offline = estimate(model, condition(model.robot, motors, joints), spread=True)
-    assert np.array_equal(offline.stamp_ns, [o.estimate.stamp_ns for o in before + outputs])
-    node = np.array([output.estimate.tension for output in before + outputs])
+    assert np.array_equal(offline.stamp_ns, [o.stamp_ns for o in before + outputs])
+    node = np.array([output.tension for output in before + outputs])
     assert np.array_equal(offline.values[:, model.layout.tension], node)
     assert offline.stddev is not None
     assert np.array_equal(offline.stddev, [output.stddev for output in before + outputs])
@@ -165,7 +166,7 @@ def test_turns_are_still_counted_after_every_change(
             ACTIONS[action](one)
             ACTIONS[action](other)
         for expected, got in zip(send(one, there, k), send(other, wrapping, k), strict=True):
-            assert np.allclose(got.estimate.tension, expected.estimate.tension, atol=1e-6)
+            assert np.allclose(got.tension, expected.tension, atol=1e-6)
             compared += 1
     assert compared == 3000
 
@@ -183,7 +184,7 @@ def test_a_restart_restores_the_turn(turning: Model, readings: Samples, tmp_path
     read_state(again, path)
     for k in range(far, far + 100):
         expected, got = send(live, wrapping, k), send(again, wrapping, k)
-        assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
+        assert np.array_equal(got[0].values, expected[0].values)
 
 
 def test_the_first_reading_is_the_angle_in_the_joints_range_or_nearest_to_the_reference(
@@ -223,7 +224,7 @@ def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
     assert conditioner.steps == 1
     assert 10 <= conditioner.refused["implausible"] <= 30
     assert conditioner.displaced == {"winch": pytest.approx(0.5, abs=0.05)}
-    after = [o for o in outputs if o.estimate.stamp_ns > readings.stamp_ns[1530]]
+    after = [o for o in outputs if o.stamp_ns > readings.stamp_ns[1530]]
     assert len(after) > 150
     assert all(map(all_unsure, after))
     live.tare()
@@ -266,8 +267,8 @@ def test_an_unsolved_cable_does_not_affect_the_others(model: Model) -> None:
         sample = Sample(stamp, np.array([turn, turn]), np.array([0.0]))
         expected = good.take(sample)
         got = bad.take(sample._replace(motor_angle=np.array([turn, turn + far])))
-        status = got.estimate.status.astype(int)
-        assert not got.estimate.solved
+        status = got.status.astype(int)
+        assert not got.solved
         assert np.all(status[lower] & INVALID)
         assert not np.any(status[upper] & INVALID)
         assert expected.stddev is not None
@@ -275,7 +276,7 @@ def test_an_unsolved_cable_does_not_affect_the_others(model: Model) -> None:
         assert np.allclose(got.stddev[upper], expected.stddev[upper], rtol=1e-6)
         assert got.stddev[upper].min() > 0.0
     back = bad.take(Sample(START + 100 * MS, np.array([0.2, 0.2]), np.array([0.0])))
-    assert back.estimate.solved
+    assert back.solved
     assert back.stddev is not None
     assert back.stddev[lower].min() > 0.0
 
@@ -288,7 +289,7 @@ def _winding_in(model: Model) -> float:
     turned = Sample(START + MS, np.array([0.0, 0.01]), np.zeros(1))
     output = live.take(turned)
     last = len(model.layout.elements) // 2
-    return 1.0 if output.estimate.tension[last] > model.robot.cables[1].preload else -1.0
+    return 1.0 if output.tension[last] > model.robot.cables[1].preload else -1.0
 
 
 # -- changes persist across processes ----------------------------------------------------------
@@ -314,7 +315,7 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
     assert "cables.lower.preload = 20" in read_state(again, path)
     for k in range(900, 1000):
         expected, got = send(live, readings, k), send(again, readings, k)
-        assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
+        assert np.array_equal(got[0].values, expected[0].values)
     for one in (at_once, again):
         assert np.array_equal(one.model.numbers, live.model.numbers)
         assert one.model.robot.motors == live.model.robot.motors
@@ -340,7 +341,7 @@ def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_sta
     assert again.model.robot.cables[1].preload == 20.0
     fresh = LiveEstimator(load_model(str(ROBOTS / "prototype.yaml"), "36.85,20"))
     expected, got = send(fresh, readings, 400), send(again, readings, 400)
-    assert np.array_equal(got[0].estimate.values, expected[0].estimate.values)
+    assert np.array_equal(got[0].values, expected[0].values)
 
 
 def arrays_in(path: Path) -> dict[str, Any]:
@@ -403,7 +404,7 @@ def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estim
                 except StateFileError as error:
                     lines.append(str(error))
                 (output,) = send(again, readings, 50)
-            assert np.isfinite(output.estimate.values).all(), name
+            assert np.isfinite(output.values).all(), name
     assert len(lines) > 80
     assert not any("\n" in line for line in lines)
 
@@ -450,7 +451,7 @@ def test_a_tare_in_motion_is_refused_with_the_axis_and_changes_nothing(
     with pytest.raises(UsageError, match=r"not at rest: winch moved by .* where .* is allowed"):
         live.tare()
     one, other = send(live, readings, 1200), send(untouched, readings, 1200)
-    assert np.array_equal(one[0].estimate.values, other[0].estimate.values)
+    assert np.array_equal(one[0].values, other[0].values)
     assert live.model is untouched.model
 
 

@@ -126,9 +126,9 @@ def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
         for _, kind, name, stamp, value in sorted(messages)
         for output in live.feed(kind, stamp, (name,), (value,))[1]
     ]
-    status = np.array([output.estimate.status for output in node])
+    status = np.array([output.status for output in node])
     unsure = (status.astype(int) & UNSURE > 0).mean(axis=1)
-    assert np.array_equal(offline.stamp_ns, [output.estimate.stamp_ns for output in node])
+    assert np.array_equal(offline.stamp_ns, [output.stamp_ns for output in node])
     assert np.array_equal(offline.values[:, model.layout.status], status)
     after = offline.stamp_ns > motor.stamp_ns[15_000]
     assert np.all(unsure[after] == 1.0)

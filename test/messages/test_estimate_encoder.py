@@ -73,7 +73,7 @@ def test_all_bytes_are_those_of_messages_encoded_array_by_array(
     for seed in range(20):
         estimate = some_estimate(layout, seed, solved=seed % 5 != 4)
         stddev = np.random.default_rng(100 + seed).random(width) if uncertain else None
-        ours = encoder.encode(estimate, stddev)
+        ours = encoder.encode(replace(estimate, stddev=stddev))
         assert ours == array_by_array(layout, frame_id, estimate, stddev)
 
 
@@ -81,7 +81,9 @@ def test_all_bytes_are_those_of_messages_encoded_array_by_array(
 def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: bool) -> None:
     stddev = np.arange(stddev_columns(layout).size) * 0.5
     estimate = some_estimate(layout, 1, solved=solved)
-    payload = EstimateEncoder(layout, uncertain=True).efforts_stddev(estimate, stddev)
+    payload = EstimateEncoder(layout, uncertain=True).efforts_stddev(
+        replace(estimate, stddev=stddev)
+    )
     axes, begin = layout.motors + layout.joints, len(layout.elements) + len(layout.pulleys)
     template = Template(JOINT_STATE, axes, ("effort",) if solved else (), "base")
     efforts = {"effort": stddev[begin:]} if solved else {}
@@ -92,14 +94,14 @@ def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
     certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 0), np.zeros(stddev_columns(layout).size)
     short = replace(estimate, whole=estimate.values[:-1])
-    for encoder, *wrong in (
-        (certain, estimate, stddev),
-        (uncertain, estimate, None),
-        (uncertain, estimate, stddev[1:]),
-        (certain, short, None),
+    for encoder, wrong in (
+        (certain, replace(estimate, stddev=stddev)),
+        (uncertain, estimate),
+        (uncertain, replace(estimate, stddev=stddev[1:])),
+        (certain, short),
     ):
         with pytest.raises(MessageError, match="the messages take"):
-            encoder.encode(*wrong)
+            encoder.encode(wrong)
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 1_000_000_000])

@@ -108,7 +108,7 @@ def test_where_all_inputs_are_late_alike_the_estimates_are_stale(
     assert all(bool(np.all(one & STALE)) == stale for one in status)
     assert any(bool(np.all(one & STALE)) for one in status) == stale
     if stale:
-        assert estimator.watch.health(estimator.output, 1.0, 0).age_s > 0.5
+        assert estimator.watch.health(estimator.latest, 1.0, 0).age_s > 0.5
         estimator.diagnose()
         assert bench.until(lambda: bool(said))
         assert said[-1].level != said[-1].OK

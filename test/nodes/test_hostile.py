@@ -22,9 +22,8 @@ import numpy as np
 import pytest
 from support.estimators import Bench
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
+from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
 from cdrj_ros.estimation.refusals import WHOLE
-from cdrj_ros.estimation.session import Output
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import (
@@ -95,8 +94,7 @@ class Heard:
         self._values = np.full((room, model.layout.size), 0.1)
         self.count = 0
 
-    def append(self, output: Output) -> None:
-        estimate = output.estimate
+    def append(self, estimate: Estimate) -> None:
         self._stamps[self.count] = estimate.stamp_ns
         self._values[self.count] = estimate.values
         self.count += 1
@@ -106,9 +104,9 @@ class Heard:
         assert_equal(model, self._values[: self.count].copy(), wanted)
 
 
-def assert_same(model: Model, got: list[Output], wanted: Estimates) -> None:
-    assert [one.estimate.stamp_ns for one in got] == wanted.stamp_ns.tolist()
-    assert_equal(model, np.array([one.estimate.values for one in got]), wanted)
+def assert_same(model: Model, got: list[Estimate], wanted: Estimates) -> None:
+    assert [one.stamp_ns for one in got] == wanted.stamp_ns.tolist()
+    assert_equal(model, np.array([one.values for one in got]), wanted)
 
 
 def assert_equal(model: Model, values: np.ndarray, wanted: Estimates) -> None:

@@ -79,8 +79,8 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     status = next(one for one in said if one.name.endswith(": health"))
     assert status.level == status.WARN
     assert status.message.startswith("preload of upper has lost 7.")
-    assert estimator.output is not None
-    flags = np.asarray(estimator.output.estimate.status)
+    assert estimator.latest is not None
+    flags = np.asarray(estimator.latest.status)
     assert set(flags[:8]) == ({UNSURE} if marks else {OK})
     assert set(flags[8:]) == {OK}, "the lower cable has lost nothing"
     named = {pair.key: pair.value for pair in status.values}["elements marked UNSURE"]
@@ -159,13 +159,13 @@ def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[
     assert logged(bench, log, "WARN", words)
 
     two_seconds_pass()
-    health = estimator.watch.health(estimator.output, 0.0, 0)
+    health = estimator.watch.health(estimator.latest, 0.0, 0)
     assert health.waiting.startswith(
         "no further message on /cdrj/motor_states, /cdrj/joint_states. "
     )
     estimator.joint(JOINT.encode(BEGIN + 10 * MILLISECOND, position=last.joint_angle))
     estimator.motor(MOTOR.encode(BEGIN + 11 * MILLISECOND, position=last.motor_angle))
-    assert estimator.watch.health(estimator.output, 0.0, 0).waiting == ""
+    assert estimator.watch.health(estimator.latest, 0.0, 0).waiting == ""
 
 
 def test_estimates_that_begin_stop_and_resume_are_logged(
@@ -252,7 +252,7 @@ def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
         joints.publish(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
         motors.publish(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
         k += 1
-        return estimator.output is not None
+        return estimator.latest is not None
 
     assert bench.until(answered)
     assert logged(bench, log, "WARN", "subscribed best-effort as well. Readings may be lost")

@@ -304,10 +304,10 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
 
     def status(age_s: float = 0.01) -> Any:
         health = Health(0.5, age_s, age_s, 1000.0)
-        return status_of("e", estimator.live, estimator.output, health, estimator.times)
+        return status_of("e", estimator.live, estimator.latest, health, estimator.times)
 
     def flagged(flag: int) -> int:
-        return int(sum(int(s) & flag != 0 for s in estimator.output.estimate.status))
+        return int(sum(int(s) & flag != 0 for s in estimator.latest.status))
 
     feed(estimator, 0, 1500)
     bench.until(lambda: said[-1] is not first)

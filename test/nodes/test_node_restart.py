@@ -122,7 +122,7 @@ def test_values_set_by_services_survive_a_kill(
         live.take(sample_of(still, n))
     live.tare()
     live.set_preload({"lower": 20.0})
-    expected = [live.take(sample_of(still, k)).estimate.tension for k in range(799, 900)]
+    expected = [live.take(sample_of(still, k)).tension for k in range(799, 900)]
     assert np.array_equal(tension, expected)
 
 

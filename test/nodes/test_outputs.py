@@ -46,7 +46,7 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
     feed(estimator, 0, 5)
     assert bench.until(lambda: len(states) == len(wrenches) == 5 and len(others) >= 15)
     assert {one.header.frame_id for one in (*states, *wrenches, *others)} == {"arm"}
-    layout, estimate = estimator.live.model.layout, estimator.output.estimate
+    layout, estimate = estimator.live.model.layout, estimator.latest
     state, wrench = states[-1], wrenches[-1]
     assert tuple(state.name) == layout.elements
     assert np.array_equal(state.effort, estimate.tension)
@@ -60,7 +60,7 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
     assert wrench.header.stamp.sec * 10**9 + wrench.header.stamp.nanosec == estimate.stamp_ns
 
     for unknown in (marked_stale(estimate), replace(estimate, solved=False)):
-        outputs.publish(estimator.output._replace(estimate=unknown))
+        outputs.publish(unknown)
     feed(estimator, 5, 6)
     assert bench.until(lambda: len(states) > 5 and len(wrenches) > 5)
     assert len(states) == len(wrenches) == 6, "a message without status says nothing unknown"
@@ -107,7 +107,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     far = sample_at(0)
     estimator.joint(JOINT.encode(far.stamp_ns, position=far.joint_angle))
     estimator.motor(MOTOR.encode(far.stamp_ns, position=far.motor_angle + 1e4))
-    assert not estimator.output.estimate.solved
+    assert not estimator.latest.solved
     assert bench.until(lambda: all(len(payloads) == 1 for payloads in heard.values()))
     for (payload,) in heard.values():
         stamp, names, effort = efforts_of(payload)
@@ -115,12 +115,12 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     estimator.live.reset()
     feed(estimator, 1, 3)
     assert bench.until(lambda: all(len(payloads) == 3 for payloads in heard.values()))
-    estimate, stddev, _ = estimator.output
+    estimate = estimator.latest
     layout = estimate.layout
     wanted = estimate.values[layout.motor_effort.start : layout.joint_effort.stop]
     assert np.array_equal(efforts_of(heard["efforts"][-1])[2], wanted)
     said = efforts_of(heard["efforts_stddev"][-1])[2]
-    assert np.array_equal(said, stddev[-2:])
+    assert np.array_equal(said, estimate.stddev[-2:])
     assert np.all(said > 0.0)
 
 
@@ -129,14 +129,14 @@ def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench: Bench) -> None:
     for one in (everything, slow):
         feed(one, 0, 600)
     assert np.array_equal(tensions(everything), expected((load_model(ROBOT),), (range(600),)))
-    whole = {one.estimate.stamp_ns: one for one in everything.answers}
+    whole = {one.stamp_ns: one for one in everything.answers}
     assert len(slow.answers) == pytest.approx(60, abs=1)
     for one in slow.answers:
-        same = whole[one.estimate.stamp_ns]
-        assert np.array_equal(one.estimate.values, same.estimate.values)
+        same = whole[one.stamp_ns]
+        assert np.array_equal(one.values, same.values)
         assert np.array_equal(one.stddev, same.stddev)
-    last = everything.output.estimate
-    assert np.array_equal(slow.output.estimate.values, last.values)
+    last = everything.latest
+    assert np.array_equal(slow.latest.values, last.values)
 
 
 def test_quality_of_service_may_be_overridden_by_parameters(bench: Bench) -> None:
@@ -168,7 +168,7 @@ def published(estimator: Any, interval: int, late: int) -> list[list[int]]:
         if k >= late and (k - late) % interval == 0:
             then = sample_at(k - late)
             estimator.joint(JOINT.encode(then.stamp_ns, position=then.joint_angle))
-        found.append([one.estimate.stamp_ns for one in estimator.answers[before:]])
+        found.append([one.stamp_ns for one in estimator.answers[before:]])
     return found
 
 

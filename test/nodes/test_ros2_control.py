@@ -82,7 +82,7 @@ def test_tensions_from_one_stream_at_500_hz_of_several_robots(
         publisher.publish(message)
         assert bench.until(lambda: topic.messages == k + 1)  # noqa: B023
     assert len(estimation.answers) == len(tension)
-    found = np.array([one.estimate.tension for one in estimation.answers])
+    found = np.array([one.tension for one in estimation.answers])
     np.testing.assert_allclose(found, tension, atol=1e-6)
     refused = {cause for cause, n in estimation.live.conditioner.refused.items() if n}
     assert refused == {"unknown_name"}

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.changes import with_other_numbers
-from cdrj_ros.estimation.session import LiveEstimator, Options, Output
+from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -291,7 +292,7 @@ def run(
     options: Options | None = None,
     scratch: Path | None = None,
     watch: Callable[[LiveEstimator], object] | None = None,
-) -> list[Output]:
+) -> list[Estimate]:
     """Feed the readings of the course with their faults.
 
     Args:
@@ -332,7 +333,7 @@ def run(
     return outputs
 
 
-def _feed(live: LiveEstimator, message: Message) -> list[Output]:
+def _feed(live: LiveEstimator, message: Message) -> list[Estimate]:
     stamp, value = START + message.stamp_ns, (message.value,)
     if message.name == CELL:
         live.feed_tensions(stamp, (CELL,), value, (NOISE[CELL],))
@@ -344,10 +345,9 @@ def _feed(live: LiveEstimator, message: Message) -> list[Output]:
     return live.feed(kind, stamp, (message.name,), value)[1]
 
 
-def _moved(output: Output, by: int) -> Output:
+def _moved(output: Estimate, by: int) -> Estimate:
     """The output with its stamp converted back to the course's clock."""
-    estimate = output.estimate
-    return output._replace(estimate=replace(estimate, stamp_ns=estimate.stamp_ns - by))
+    return replace(output, stamp_ns=output.stamp_ns - by)
 
 
 @dataclass(frozen=True)
@@ -366,20 +366,20 @@ class Verdict:
         return float(np.mean(self.ratio > sigmas)) if self.ratio.size else 0.0
 
 
-def judge(course: Course, outputs: Sequence[Output], begin_ns: int, end_ns: int) -> Verdict:
+def judge(course: Course, outputs: Sequence[Estimate], begin_ns: int, end_ns: int) -> Verdict:
     """Judge the estimates whose stamps lie between two times since the start [ns]."""
-    inside = [o for o in outputs if begin_ns <= o.estimate.stamp_ns - START < end_ns]
+    inside = [o for o in outputs if begin_ns <= o.stamp_ns - START < end_ns]
     if not inside:
         return Verdict(np.empty(0), 0.0, 0)
     elements = course.tension.shape[1]
-    since = np.array([o.estimate.stamp_ns - START for o in inside])
+    since = np.array([o.stamp_ns - START for o in inside])
     low = np.minimum(since // MS, course.winch.size - 1)
     high = np.minimum(low + 1, course.winch.size - 1)
     share = ((since - low * MS) / MS)[:, None]
     truth = course.tension[low] + share * (course.tension[high] - course.tension[low])
-    error = np.abs(np.array([o.estimate.tension for o in inside]) - truth)
+    error = np.abs(np.array([o.tension for o in inside]) - truth)
     stddev = np.array([o.stddev[:elements] for o in inside if o.stddev is not None])
-    good = np.array([o.estimate.status for o in inside]) == 0
+    good = np.array([o.status for o in inside]) == 0
     ratio = error / np.maximum(stddev, SMALLEST)
     worst = float(error[good].max()) if good.any() else 0.0
     return Verdict(ratio[good], worst, error.size)

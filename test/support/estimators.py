@@ -122,7 +122,7 @@ def hold(estimator: Any, k: int, displaced: float = 0.0) -> None:
 
 
 def tensions(estimator: Any) -> np.ndarray:
-    return np.array([output.estimate.tension for output in estimator.answers])
+    return np.array([output.tension for output in estimator.answers])
 
 
 def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGIN) -> np.ndarray:
