@@ -55,10 +55,6 @@ SUDDEN: Final = 0.5
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
 
-SMALLEST_NOISE: Final = 1e-6
-LARGEST_NOISE: Final = 1e6
-"""Outside these limits a load cell's standard deviation is replaced by the robot file's [N]."""
-
 
 class SensorFusion:
     """Corrects the estimate and the ensemble with measured tensions and efforts."""
@@ -73,17 +69,17 @@ class SensorFusion:
             track_preload: whether efforts are used; preloads without load cell drift freely then.
             effort_noise: standard deviation of a motor's effort [N m].
         """
-        self._tracks = track_preload
         self._drift = FREE_DRIFT if track_preload else SLOW_DRIFT
-        self._effort_noise = effort_noise
-        self.unknown_elements = 0
-        """Load cell readings of elements that the robot does not have."""
         self.health: dict[str, SensorHealth] = {}
         self._sensors: dict[str, SensorState] = {}
         """The trusted sensors whose readings have been used."""
         self._changed = np.zeros(len(ensemble.model.robot.cables))
         """Sum of the corrections of every preload [N]."""
-        self._waiting = WaitingMeasurements()
+        self._quantities = quantities_of(ensemble.model)
+        self.waiting = WaitingMeasurements(
+            ensemble.model.robot, self._quantities, effort_noise if track_preload else None
+        )
+        """The readings of these sensors."""
         self._adopt(ensemble)
 
     def _adopt(self, ensemble: Ensemble) -> None:
@@ -91,10 +87,9 @@ class SensorFusion:
         self.ensemble, self.model = ensemble, ensemble.model
         robot = self.model.robot
         self._preloads = Preloads(ensemble)
-        self._quantities = quantities_of(self.model)
+        self.waiting.robot = robot
         self._past = PastEstimates(ensemble.columns)
         self._friction = MotorFriction(robot)
-        self._clock_offset_ns = {one.name: one.sensor.clock_offset_ns for one in robot.motors}
 
     def use(self, ensemble: Ensemble) -> None:
         """Continue with other numbers of the robot; what is known of sensors and preloads stays."""
@@ -118,7 +113,7 @@ class SensorFusion:
             known: whether what is known of preloads and sensors is kept.  While friction is unknown
                 nothing contradicts a sensor, so that all are on trial again; those dropped stay so.
         """
-        self._waiting.forget()
+        self.waiting.forget()
         if known:
             self._compare_anew()
             for health in self.health.values():
@@ -158,7 +153,7 @@ class SensorFusion:
         Sensors that are still trusted then correct anew.  What the wrong one said last may be right
         all the same: the preloads are at least that uncertain.
         """
-        self._waiting.clear()
+        self.waiting.clear()
         self.forget()
         what = self._quantities[name]
         self._preloads.widen_before_start(self.health[name].residual, what.column, what.cables)
@@ -226,47 +221,6 @@ class SensorFusion:
             if self._quantities[name].is_effort
         }
 
-    # --- messages ---------------------------------------------------------------------------------
-
-    @property
-    def overlooked(self) -> int:
-        """Load cell readings and efforts discarded because no sample reached their stamp."""
-        return self._waiting.overlooked
-
-    def feed_tensions(
-        self,
-        stamp_ns: int,
-        names: Sequence[str],
-        tensions: Sequence[float] | Vector,
-        stddevs: Sequence[float] | Vector,
-    ) -> None:
-        """Queue a message of load cells, see ``LiveEstimator.feed_tensions``."""
-        for k, name in enumerate(names):
-            what = self._quantities.get(name)
-            if what is None or what.is_effort:
-                self.unknown_elements += 1
-                continue
-            noise = float(stddevs[k]) if len(stddevs) else 0.0
-            if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
-                noise = self.model.robot.cables[what.cables[0]].sensor_noise
-            self._waiting.add(Measurement(stamp_ns, name, float(tensions[k]), noise))
-
-    def wants_efforts(self, stamp_ns: int) -> bool:
-        """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
-        return self._tracks and self._waiting.wants_efforts(stamp_ns, len(self._clock_offset_ns))
-
-    def feed_efforts(
-        self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
-    ) -> None:
-        """Queue measured efforts of motors [N m]; other names are ignored."""
-        if not self._tracks:
-            return
-        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
-            offset_ns = self._clock_offset_ns.get(name)
-            if offset_ns is not None and not self._waiting.is_early(name, stamp_ns):
-                at = stamp_ns + offset_ns
-                self._waiting.add(Measurement(at, name, float(effort), self._effort_noise))
-
     # --- corrections ------------------------------------------------------------------------------
 
     def correct(
@@ -285,7 +239,7 @@ class SensorFusion:
         """
         direction = self._friction.turn(sample.motor_angle)
         self._past.add(estimate.stamp_ns, estimate.values, direction)
-        for measured in self._waiting.due(sample.stamp_ns):
+        for measured in self.waiting.due(sample.stamp_ns):
             dropped = len(self.faults())
             corrected = self._correct_with(sample, state, measured)
             if corrected is not state:

@@ -8,14 +8,14 @@ late measurements would apply the same correction repeatedly.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.description import Winch
+from cdrj_ros.robot.description import Robot, Winch
 
 Vector = NDArray[np.float64]
 
@@ -30,6 +30,10 @@ EFFORT_INTERVAL_NS: Final = 50_000_000
 
 MOST: Final = 10_000
 """Most measurements that wait: without angles no sample comes to use them."""
+
+SMALLEST_NOISE: Final = 1e-6
+LARGEST_NOISE: Final = 1e6
+"""Outside these limits a load cell's standard deviation is replaced by the robot file's [N]."""
 
 AHEAD_NS: Final = 5 * HISTORY_NS
 """Measurements further ahead of the samples are discarded [ns]."""
@@ -90,19 +94,28 @@ class Measurement(NamedTuple):
 
 
 class WaitingMeasurements:
-    """A queue in the order of arrival."""
+    """The readings of a robot's sensors that wait for a sample, in the order of arrival."""
 
-    def __init__(self) -> None:
-        """Begin empty."""
+    def __init__(
+        self, robot: Robot, quantities: Mapping[str, Quantity], effort_noise: float | None
+    ) -> None:
+        """Begin empty.
+
+        Args:
+            robot: with the noise of load cells and the clock offsets of motors; may be replaced by
+                one with other numbers.
+            quantities: what the sensors measure, by name.
+            effort_noise: standard deviation of a motor's effort [N m]; None: efforts are not used.
+        """
+        self.robot = robot
+        self._quantities, self._effort_noise = quantities, effort_noise
+        self.unknown_elements = 0
+        """Load cell readings of elements that the robot does not have."""
         self.overlooked = 0
         """Measurements discarded because no sample reached their stamp."""
         self._waiting: list[Measurement] = []
         self._efforts_ns: dict[str, int] = {}
         """Stamp of every motor's last effort [ns]."""
-
-    def __bool__(self) -> bool:
-        """Whether any measurement waits."""
-        return bool(self._waiting)
 
     def forget(self) -> None:
         """Discard all, as overlooked, and when efforts were measured."""
@@ -114,27 +127,58 @@ class WaitingMeasurements:
         """Discard all that wait, without counting them."""
         self._waiting.clear()
 
-    def add(self, measurement: Measurement) -> None:
+    def feed_tensions(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        tensions: Sequence[float] | Vector,
+        stddevs: Sequence[float] | Vector,
+    ) -> None:
+        """Queue a message of load cells, see ``LiveEstimator.feed_tensions``."""
+        for k, name in enumerate(names):
+            what = self._quantities.get(name)
+            if what is None or what.is_effort:
+                self.unknown_elements += 1
+                continue
+            noise = float(stddevs[k]) if len(stddevs) else 0.0
+            if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
+                noise = self.robot.cables[what.cables[0]].sensor_noise
+            self._add(Measurement(stamp_ns, name, float(tensions[k]), noise))
+
+    def feed_efforts(
+        self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
+    ) -> None:
+        """Queue measured efforts of motors [N m]; other names are ignored."""
+        if self._effort_noise is None:
+            return
+        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
+            what = self._quantities.get(name)
+            if what is not None and what.is_effort and not self._is_early(name, stamp_ns):
+                at = stamp_ns + self.robot.motors[what.motor].sensor.clock_offset_ns
+                self._add(Measurement(at, name, float(effort), self._effort_noise))
+
+    def wants_efforts(self, stamp_ns: int) -> bool:
+        """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
+        used = self._efforts_ns.values()
+        return self._effort_noise is not None and (
+            len(used) < len(self.robot.motors)
+            or any(abs(stamp_ns - last) >= EFFORT_INTERVAL_NS for last in used)
+        )
+
+    def _add(self, measurement: Measurement) -> None:
         """Queue a measurement."""
         if len(self._waiting) >= MOST:
             del self._waiting[: MOST // 2]
             self.overlooked += MOST // 2
         self._waiting.append(measurement)
 
-    def is_early(self, motor: str, stamp_ns: int) -> bool:
+    def _is_early(self, motor: str, stamp_ns: int) -> bool:
         """Whether a motor's effort follows the last one too soon; notes its stamp [ns] if not."""
         last = self._efforts_ns.get(motor)
         if last is not None and abs(stamp_ns - last) < EFFORT_INTERVAL_NS:
             return True
         self._efforts_ns[motor] = stamp_ns
         return False
-
-    def wants_efforts(self, stamp_ns: int, motors: int) -> bool:
-        """Whether efforts of this stamp [ns] would be used for any of so many motors."""
-        used = self._efforts_ns.values()
-        return len(used) < motors or any(
-            abs(stamp_ns - last) >= EFFORT_INTERVAL_NS for last in used
-        )
 
     def due(self, stamp_ns: int) -> Iterator[Measurement]:
         """Take the measurements up to a sample's stamp [ns] out of the queue, one by one."""

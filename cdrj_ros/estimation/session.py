@@ -8,12 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros import _core
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.changes import (
     RestWatch,
@@ -22,6 +20,7 @@ from cdrj_ros.estimation.changes import (
     with_other_numbers,
 )
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode, samples_of
+from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
@@ -39,9 +38,6 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.tolerances import narrowed
 
 Vector = NDArray[np.float64]
-
-UNWATCHED_NS: Final = 100_000_000
-"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
 
 
 @dataclass(frozen=True)
@@ -68,30 +64,6 @@ class Options:
     def corrects(self) -> bool:
         """Whether sensors other than the encoders correct the estimate."""
         return self.tension_sensors or self.track_preload
-
-
-@dataclass(frozen=True)
-class EarlierRun:
-    """The last state of a run, and the angles there."""
-
-    state: State
-    motor_angle: Vector | None = None
-    """[rad], shape (motors,); None where unknown."""
-    joint_angle: Vector | None = None
-    """[rad], shape (joints,); None where unknown."""
-    uncorrected: Vector | None = None
-    """Values of the state without corrections by other sensors; None: those of the state."""
-
-    def has_moved(self, sample: Sample) -> bool:
-        """Whether the robot has moved along an unknown path until the first sample of this run."""
-        moved = 0.0
-        for before, now in (
-            (self.motor_angle, sample.motor_angle),
-            (self.joint_angle, sample.joint_angle),
-        ):
-            if before is not None and before.shape == now.shape and now.size:
-                moved = max(moved, float(np.max(np.abs(now - before))))
-        return moved > _core.MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
 
 
 class LiveEstimator:
@@ -244,25 +216,11 @@ class LiveEstimator:
         if self.ensemble is not None:
             if earlier.has_moved(sample):
                 self.ensemble.reset()
-            self._doubt_pose(self.ensemble, earlier, sample)
+            # until other sensors narrow it, or ``reset`` confirms the angles
+            preloads = Preloads(self.ensemble)
+            preloads.vary(preloads.mean_tensions(earlier.pose_change(self.model, sample)))
         if late > 0 and self.fusion is not None:
             self.fusion.drift_unmeasured(late * 1e-9)
-
-    def _doubt_pose(self, ensemble: Ensemble, earlier: EarlierRun, sample: Sample) -> None:
-        """Leave open whether the robot has moved since an earlier run, or an encoder has slipped.
-
-        What the difference of the poses is worth in the mean tensions is added to their standard
-        deviations, until other sensors narrow it or ``reset`` confirms the angles.
-        """
-        motor, joint = earlier.motor_angle, earlier.joint_angle
-        if motor is None or joint is None:
-            return
-        preloads = Preloads(ensemble)
-        then, now = (
-            preloads.mean_tensions(step(self.model, self.state, one)[1].tension)
-            for one in (sample._replace(motor_angle=motor, joint_angle=joint), sample)
-        )
-        preloads.vary(now - then)
 
     def feed(
         self,
@@ -424,13 +382,13 @@ class LiveEstimator:
         if len(names) != len(tensions) or len(stddevs) not in (0, len(names)):
             self.conditioner.refuse("malformed")
             return
-        self.fusion.feed_tensions(stamp_ns, names, tensions, stddevs)
+        self.fusion.waiting.feed_tensions(stamp_ns, names, tensions, stddevs)
 
     def wants_efforts(self, stamp_ns: int) -> bool:
         """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
         if self.encoderless is not None:
             return True
-        return self.fusion is not None and self.fusion.wants_efforts(stamp_ns)
+        return self.fusion is not None and self.fusion.waiting.wants_efforts(stamp_ns)
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
@@ -439,7 +397,7 @@ class LiveEstimator:
         if self.encoderless is not None:
             self.encoderless.feed_efforts(stamp_ns, names, efforts)
         elif self.fusion is not None:
-            self.fusion.feed_efforts(stamp_ns, names, efforts)
+            self.fusion.waiting.feed_efforts(stamp_ns, names, efforts)
 
     def tare(self) -> str:
         """Make the current angles the reference pose.

@@ -16,8 +16,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.estimator import State
-from cdrj_ros.estimation.session import EarlierRun, LiveEstimator
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.files import write_bytes
 from cdrj_ros.foundation.text import printable

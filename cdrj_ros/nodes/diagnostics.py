@@ -193,8 +193,8 @@ def _figures(
     }
     others = live.fusion
     if others is not None:
-        values["refused: unknown element"] = str(others.unknown_elements)
-        values["sensor readings not used in time"] = str(others.overlooked)
+        values["refused: unknown element"] = str(others.waiting.unknown_elements)
+        values["sensor readings not used in time"] = str(others.waiting.overlooked)
         for one in others.health.values():
             state = "used" if one.trusted else "on trial until it follows a motion"
             if one.dropped:

@@ -283,7 +283,7 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
             live.take(_sample(readings, k)).values,
             plain.take(_sample(readings, k)).values,
         )
-    assert live.fusion.unknown_elements == 50
+    assert live.fusion.waiting.unknown_elements == 50
     assert live.conditioner.refused["malformed"] == 50
     assert live.fusion is not None
     assert live.fusion.health["upper/8"].used == 0

@@ -427,7 +427,7 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
     assert live.fusion is not None
     (health,) = live.fusion.health.values()
     assert health.tried + health.used + health.refused >= 5
-    assert live.fusion.overlooked == 0
+    assert live.fusion.waiting.overlooked == 0
 
 
 @pytest.mark.parametrize("stamp", [2**31 * 10**9, 2**31 * 10**9 + 4_294_967_295, 2**62])
