@@ -32,7 +32,6 @@ from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
 from cdrj_ros.foundation.errors import RobotFileError  # noqa: E402
 from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
-from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.robot.description import Robot  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
@@ -41,6 +40,7 @@ from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_rang
 from cdrj_ros.robot.writer import with_section  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.follow import follow_joints  # noqa: E402
+from cdrj_ros.simulation.load import make_load  # noqa: E402
 from cdrj_ros.simulation.motion import random  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
@@ -106,7 +106,7 @@ def moved(robot: Robot, seed: int) -> Moved:
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
     if len(robot.joints) == 1:
         course = random(np.radians(33.0), 0.3, seed, 0.5)(time)
-        torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+        torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
         truth = simulate(robot, time, course.angle, torque, 20.0, allow_slack=True)
     else:
         joints = np.stack(

@@ -17,10 +17,10 @@ import numpy as np
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.progress import progress_bar
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
 from cdrj_ros.simulation.truth import simulate
 
@@ -76,7 +76,7 @@ def on_the_rig(law: str, duration: float) -> tuple[np.ndarray, np.ndarray, np.nd
     share = np.minimum(moving * 0.1, 1.0)
     angle = np.radians(38.0) * share**2 * (3.0 - 2.0 * share) * np.sin(0.2 * pi * moving)
     speed = np.gradient(angle, time)
-    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    torque = make_load("rolling").torque(angle, speed, np.gradient(speed, time))
     with progress_bar(f"simulating, {law}", time.size) as report:
         truth = simulate(robot, time, angle, torque, progress=report)
     motor = np.reshape(truth.motor_angle, (time.size, -1))[:, 0]

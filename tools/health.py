@@ -26,12 +26,12 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.estimation.samples import Sample  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model  # noqa: E402
 from cdrj_ros.robot.description import Pulley, Robot  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.faults import Fault  # noqa: E402
+from cdrj_ros.simulation.load import make_load  # noqa: E402
 from cdrj_ros.simulation.motion import random, sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
@@ -123,7 +123,7 @@ def motion_of(robot: Robot, case: Case, seconds: float, seed: int | None) -> Tru
         else random(np.radians(38.0), 0.5, seed, 1.0)
     )
     course = move(time)
-    load = RollingLoad()
+    load = make_load("rolling")
     torque = load.torque(course.angle, course.speed, course.acceleration)
     return simulate(
         case.robot(robot), time, course.angle, torque, 20.0, cells=4, faults=case.faults,

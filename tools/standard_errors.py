@@ -43,13 +43,13 @@ from cdrj_ros.identification.unknowns import (  # noqa: E402
     fitted_along,
     parse_unknowns,
 )
-from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.robot.description import Robot  # noqa: E402
 from cdrj_ros.robot.parameters import number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 from cdrj_ros.robot.tolerances import SPRING_SCALE, within_range  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
+from cdrj_ros.simulation.load import make_load  # noqa: E402
 from cdrj_ros.simulation.motion import random, sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
@@ -146,7 +146,7 @@ def moved(
         else sine(float(amplitude), float(frequency), 0.5)
     )
     course = move(time)
-    torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
     truth = simulate(robot, time, course.angle, torque, 20.0, cells=8, allow_slack=True)
     stamps = 1_700_000_000_000_000_000 + np.round(time * 1e9).astype(np.int64)
     counts = [axis.sensor.resolution for axis in robot.axes]

@@ -26,11 +26,11 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.estimation.samples import Sample  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.model.joint import RollingLoad  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
 from cdrj_ros.model.prepared import Model  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.faults import Fault  # noqa: E402
+from cdrj_ros.simulation.load import make_load  # noqa: E402
 from cdrj_ros.simulation.motion import sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
@@ -67,7 +67,7 @@ def moved(share: float, cycles: int, fault: Fault | None) -> Truth:
     robot = replace(model.robot, cables=(replace(upper, preload=share * upper.preload), lower))
     time = np.arange(0.0, 1.0 + cycles / FREQUENCY, 1.0 / RATE)
     course = sine(np.radians(35.0), FREQUENCY, 1.0)(time)
-    torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
     faults = (fault,) if fault is not None else ()
     return simulate(
         robot, time, course.angle, torque, 20.0, cells=4, faults=faults, allow_slack=True

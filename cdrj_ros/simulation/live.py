@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Rig, divide_contacts
 from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all
-from cdrj_ros.simulation.load import Load, resting_start
+from cdrj_ros.simulation.load import Load, make_load, resting_start
 from cdrj_ros.simulation.truth import UNSOLVED
 
 Vector = NDArray[np.float64]
@@ -38,7 +37,7 @@ LONGEST_PUSH: Final = 3600.0
 class LiveSettings:
     """Settings of the rig and its load."""
 
-    load: Load = field(default_factory=lambda: Load(RollingLoad()))
+    load: Load = field(default_factory=lambda: make_load("rolling"))
     """Load of the free joint."""
     cells: int = 8
     """Contact cells per pulley."""
@@ -105,7 +104,7 @@ class LiveRig:
         start = self.settings.start
         if start is None:
             start = resting_start(
-                self._rig, drums[0], pose, self.settings.joint, self.load.coefficients(),
+                self._rig, drums[0], pose, self.settings.joint, self.load,
                 (self.lower, self.upper),
             )  # fmt: skip
         pose[self.settings.joint] = start

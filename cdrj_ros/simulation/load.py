@@ -9,7 +9,7 @@ cables.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from math import floor, log10
 from typing import Final, Literal, get_args
 
@@ -18,13 +18,10 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import MotionError, Rig, make_rig
 
 Vector = NDArray[np.float64]
-
-INERTIA, INERTIA_COS, WEIGHT, WEIGHT_COS, WEIGHT_COS_2, DAMPING, COEFFICIENTS = range(7)
 
 START_POINTS: Final = 2001
 """Number of poses among which the equilibrium at the start is sought."""
@@ -44,102 +41,66 @@ KINDS: Final[tuple[LoadKind, ...]] = get_args(LoadKind)
 
 
 @dataclass(frozen=True)
-class Pendulum:
-    """A mass on the arm of a revolute joint; the arm is level at q = 0, gravity acts against +q."""
-
-    load_mass: float = 0.3
-    """[kg]."""
-    arm: float = 0.15
-    """[m]; assumed."""
-    link_inertia: float = 1e-4
-    """Inertia of the link [kg m^2]; assumed."""
-    gravity: float = 9.81
-    """[m/s^2]."""
-
-
-@dataclass(frozen=True)
-class Lift:
-    """A mass that a prismatic joint lifts with +q."""
-
-    load_mass: float = 0.3
-    """[kg]."""
-    link_mass: float = 0.05
-    """Mass of the link that moves with the load [kg]; assumed."""
-    gravity: float = 9.81
-    """[m/s^2]."""
-
-
-@dataclass(frozen=True)
 class Load:
-    """Coefficients of the equation above."""
+    """The equation above; of a prismatic joint, q is in m and the torque in N."""
 
-    body: RollingLoad | Pendulum | Lift
+    inertia: float
+    """a0 [kg m^2]."""
+    inertia_cos: float = 0.0
+    """a1 [kg m^2]."""
+    weight: float = 0.0
+    """w0 [N m]."""
+    weight_cos: float = 0.0
+    """w1 [N m]."""
+    weight_cos_2: float = 0.0
+    """w2 [N m]."""
     damping: float = 0.0
     """c [N m s/rad]."""
 
     def coefficients(self) -> Vector:
-        """Shape (COEFFICIENTS,)."""
-        body = self.body
-        row = np.zeros(COEFFICIENTS)
-        row[DAMPING] = self.damping
-        if isinstance(body, RollingLoad):
-            m_j, m_l = body.joint_mass, body.load_mass
-            r, d, g = body.rolling_radius, body.load_distance, body.gravity
-            row[INERTIA] = 6.0 * m_j * r**2 + (4.0 * d**2 + 4.0 * r**2) * m_l
-            row[INERTIA_COS] = 8.0 * d * r * m_l
-            row[WEIGHT_COS] = 2.0 * g * (m_j + m_l) * r
-            row[WEIGHT_COS_2] = 2.0 * g * m_l * d
-        elif isinstance(body, Pendulum):
-            row[INERTIA] = body.load_mass * body.arm**2 + body.link_inertia
-            row[WEIGHT_COS] = body.load_mass * body.arm * body.gravity
-        else:
-            mass = body.load_mass + body.link_mass
-            row[INERTIA] = mass
-            row[WEIGHT] = mass * body.gravity
-        return row
+        """a0, a1, w0, w1, w2, c for the core, shape (6,)."""
+        return np.array(astuple(self))
+
+    def holding(self, angle: Vector) -> Vector:
+        """Torque that holds the load at rest [N m]; shape (n,)."""
+        turning = self.weight_cos * np.cos(angle) + self.weight_cos_2 * np.cos(2.0 * angle)
+        return np.asarray(self.weight + turning)
 
     def torque(self, angle: Vector, speed: Vector, acceleration: Vector) -> Vector:
         """Torque that the cables must exert about the joint [N m]; all arrays of shape (n,)."""
-        if isinstance(self.body, RollingLoad):
-            torque = self.body.torque(angle, speed, acceleration)
-        else:
-            k = self.coefficients()
-            torque = k[INERTIA] * acceleration + weight(k, angle)
-        return torque + self.damping * speed if self.damping else torque
+        inertia = self.inertia + self.inertia_cos * np.cos(angle)
+        carried = self.holding(angle) - 0.5 * self.inertia_cos * np.sin(angle) * speed**2
+        return inertia * acceleration + carried + self.damping * speed
 
 
-def weight(coefficients: Vector, angle: Vector) -> Vector:
-    """Torque that holds the load at rest [N m]."""
-    k = coefficients
-    held: Vector = k[WEIGHT] + k[WEIGHT_COS] * np.cos(angle) + k[WEIGHT_COS_2] * np.cos(2.0 * angle)
-    return held
+def make_load(
+    kind: LoadKind, mass: float = LARGEST_PAYLOAD, damping: float = 0.0, gravity: float = 9.81
+) -> Load:
+    """A load of ``KINDS``, with assumed dimensions.
 
-
-def energy(coefficients: Vector, angle: Vector, speed: Vector) -> Vector:
-    """Sum of kinetic and gravitational energy [J], zero at rest at q = 0; shape (n,)."""
-    k = coefficients
-    inertia = k[INERTIA] + k[INERTIA_COS] * np.cos(angle)
-    raised = (
-        k[WEIGHT] * angle
-        + k[WEIGHT_COS] * np.sin(angle)
-        + 0.5 * k[WEIGHT_COS_2] * np.sin(2.0 * angle)
-    )
-    total: Vector = 0.5 * inertia * speed**2 + raised
-    return total
-
-
-def make_load(kind: LoadKind, mass: float, damping: float = 0.0, gravity: float = 9.81) -> Load:
-    """A load of ``KINDS`` with the assumed dimensions.
+    ``rolling``: (4)-(9), a mass 0.15 m beyond the centre of a link of 0.2 kg, on circles of
+    0.04 m.  ``pendulum``: a mass on an arm of 0.15 m, level at q = 0.  ``lift``: a mass that a
+    prismatic joint lifts with +q.  Gravity acts against +q.
 
     Raises:
         UsageError: there is no such load.
     """
     if kind == "rolling":
-        return Load(RollingLoad(load_mass=mass, gravity=gravity), damping)
+        link, radius, distance = 0.2, 0.04, 0.15
+        return Load(
+            6.0 * link * radius**2 + 4.0 * (distance**2 + radius**2) * mass,
+            inertia_cos=8.0 * distance * radius * mass,
+            weight_cos=2.0 * gravity * (link + mass) * radius,
+            weight_cos_2=2.0 * gravity * mass * distance,
+            damping=damping,
+        )
     if kind == "pendulum":
-        return Load(Pendulum(load_mass=mass, gravity=gravity), damping)
+        arm, link_inertia = 0.15, 1e-4
+        turning = mass * arm**2 + link_inertia
+        return Load(turning, weight_cos=mass * arm * gravity, damping=damping)
     if kind == "lift":
-        return Load(Lift(load_mass=mass, gravity=gravity), damping)
+        lifted = mass + 0.05  # of the link
+        return Load(lifted, weight=lifted * gravity, damping=damping)
     raise UsageError(f"the load must be one of {', '.join(KINDS)}, got {kind!r}")
 
 
@@ -176,16 +137,14 @@ def cable_torque(rig: Rig, drums: Vector, joints: Vector, joint: int) -> Callabl
     return torque
 
 
-def balanced_start(
-    rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector
-) -> float:
+def balanced_start(rig: Rig, drums: Vector, joints: Vector, joint: int, load: Load) -> float:
     """Angle nearest to the reference at which cables without friction hold the load [rad].
 
     Raises:
         MotionError: there is none.
     """
     axis = rig.lumped.robot.joints[joint]
-    excess = _excess(rig, drums, joints, joint, coefficients)
+    excess = _excess(rig, drums, joints, joint, load)
     angle = _stable(excess, axis.lower, axis.upper, axis.reference_angle)
     if angle is not None:
         return angle
@@ -206,13 +165,13 @@ def resting_start(
     drums: Vector,
     joints: Vector,
     joint: int,
-    coefficients: Vector,
+    load: Load,
     stops: tuple[float, float],
 ) -> float:
     """Angle at which the joint is at rest, held by the cables or by one of its end stops [rad]."""
     lower, upper = stops
     reference = rig.lumped.robot.joints[joint].reference_angle
-    excess = _excess(rig, drums, joints, joint, coefficients)
+    excess = _excess(rig, drums, joints, joint, load)
     angle = _stable(excess, lower, upper, reference)
     if angle is not None:
         return angle
@@ -235,13 +194,13 @@ def usual_payload(robot: Robot, joint: int, kind: LoadKind, gravity: float) -> f
     joints = np.array([other.reference_angle for other in robot.joints])
     drums = rig.drums(motors)[0]
     torque = cable_torque(rig, drums, joints, joint)
-    empty, full = (make_load(kind, mass, 0.0, gravity).coefficients() for mass in (0.0, 1.0))
+    empty, full = (make_load(kind, mass, 0.0, gravity) for mass in (0.0, 1.0))
     at = _stable(_excess(rig, drums, joints, joint, empty), axis.lower, axis.upper, joints[joint])
     sag = SAG * (axis.upper - axis.lower)
     angle = float(np.clip(joints[joint] if at is None else at, axis.lower + sag, axis.upper - sag))
     below, above = torque(np.array([angle - sag, angle + sag]))
     held = 0.5 * abs(float(above - below))
-    heavy = abs(float((weight(full, np.array([angle])) - weight(empty, np.array([angle])))[0]))
+    heavy = abs(float((full.holding(np.array([angle])) - empty.holding(np.array([angle])))[0]))
     if not 0.0 < held < LARGEST_PAYLOAD * heavy:
         return LARGEST_PAYLOAD
     digit = 10.0 ** floor(log10(held / heavy))
@@ -249,11 +208,11 @@ def usual_payload(robot: Robot, joint: int, kind: LoadKind, gravity: float) -> f
 
 
 def _excess(
-    rig: Rig, drums: Vector, joints: Vector, joint: int, coefficients: Vector
+    rig: Rig, drums: Vector, joints: Vector, joint: int, load: Load
 ) -> Callable[[Vector], Vector]:
     """Torque of the cables beyond what the load needs, as a function of the joint's angle."""
     torque = cable_torque(rig, drums, joints, joint)
-    return lambda angle: torque(angle) - weight(coefficients, angle)
+    return lambda angle: torque(angle) - load.holding(angle)
 
 
 def _stable(

@@ -125,10 +125,10 @@ def simulate(
     else:
         base = rig.drums(_columns(motor_angle, n, len(robot.motors), "motor_angle"))
     if load is not None:
-        axis, coefficients = robot.joints[joint], load.coefficients()
+        axis = robot.joints[joint]
         if start is None:
-            start = balanced_start(rig, base[0] + offset[0], joints[0], joint, coefficients)
-        stepper.release(coefficients, axis.effort_sign, axis.lower, axis.upper)
+            start = balanced_start(rig, base[0] + offset[0], joints[0], joint, load)
+        stepper.release(load.coefficients(), axis.effort_sign, axis.lower, axis.upper)
         stepper.swing = np.array([start, 0.0, 0.0, 0.0])
     dt = np.diff(time, prepend=time[0])
     batch, kept = np.empty((min(n, BATCH), rig.fine.layout.size)), Kept(rig, n)

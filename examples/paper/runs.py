@@ -23,7 +23,6 @@ from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.channels import NODAL_FORCE, TENSION
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot
 from cdrj_ros.robot.laws import Law
@@ -38,6 +37,7 @@ from cdrj_ros.simulation.sensors import (
     reading_times,
 )
 from cdrj_ros.simulation.truth import simulate
+from examples.paper.joint import RollingLoad
 
 Vector = NDArray[np.float64]
 Progress = Callable[[float], None]

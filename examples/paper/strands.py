@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.joint import FORMS, Form
+from examples.paper.joint import FORMS, Form
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from cdrj_ros.evaluation.channels import Channel
 from cdrj_ros.evaluation.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import thread_pool
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.robot.description import Robot
 from examples.paper import curves
+from examples.paper.joint import RollingLoad
 from examples.paper.runs import (
     CABLES,
     COMMON_RHO,

@@ -17,12 +17,12 @@ from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import BagWriter, Topics
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.writer import with_section
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import random
 from cdrj_ros.simulation.truth import simulate
 
@@ -42,7 +42,7 @@ def moved(seed: int) -> tuple[np.ndarray, Any, dict[str, np.ndarray]]:
     robot = build_robot(with_numbers(document, TRUTH), "truth")
     time = np.arange(0.0, 25.0, 1.0 / RATE)
     course = random(np.radians(33.0), 0.4, seed, 0.5)(time)
-    torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
     truth = simulate(robot, time, course.angle, torque, 20.0, allow_slack=True)
     readings = {
         "winch": truth.motor_angle[:, 0],

@@ -16,12 +16,12 @@ from cdrj_ros.commands import identify, validate
 from cdrj_ros.commands.identify_task import load_settings, parser, task_of
 from cdrj_ros.identification.observations import WEIGHTS
 from cdrj_ros.identification.problem import LOSSES
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
 from cdrj_ros.robot.document import load_schema
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, load_robot
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
 from cdrj_ros.simulation.truth import simulate
 
@@ -52,7 +52,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> WriteRig:
         grown = share * share * (3.0 - 2.0 * share)
         angle = amplitude * grown * np.sin(2.0 * np.pi * frequency * time)
         speed = np.gradient(angle, time)
-        torque = RollingLoad(load_mass=0.3).torque(angle, speed, np.gradient(speed, time))
+        torque = make_load("rolling", 0.3).torque(angle, speed, np.gradient(speed, time))
         truth = simulate(robot, time, angle, torque, cells=cells)
         path = tmp_path_factory.mktemp("rig") / name
         layout, topics = prepare(robot).layout, Topics()

@@ -13,11 +13,11 @@ import pytest
 from cdrj_ros.estimation.motor_friction import MotorFriction
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
@@ -32,7 +32,7 @@ def truth_of(seconds: float, *faults: Fault) -> Truth:
     robot = load_model(ROBOT).robot
     time = np.arange(0.0, seconds, 1.0 / RATE)
     course = sine(np.radians(35.0), 0.25, 1.0)(time)
-    torque = RollingLoad().torque(course.angle, course.speed, course.acceleration)
+    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
     return simulate(robot, time, course.angle, torque, 20.0, cells=4, faults=faults)
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     LoadCells,
@@ -67,7 +67,7 @@ def recording(case: Case) -> Recording:
     share = np.minimum(moving * 0.1, 1.0)
     angle = np.radians(38.0) * share**2 * (3.0 - 2.0 * share) * np.sin(2.0 * pi * 0.1 * moving)
     speed = np.gradient(angle, time)
-    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    torque = make_load("rolling").torque(angle, speed, np.gradient(speed, time))
     truth = simulate(robot, time, angle, torque, cells=8)
 
     generator, cells = np.random.default_rng(7), LoadCells()

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.truth import simulate
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
@@ -119,5 +119,5 @@ def truth() -> Truth:
     time = np.arange(15_001) / 1000.0
     angle = np.radians(38.0) * np.sin(2.0 * np.pi * 0.1 * time)
     speed = np.gradient(angle, time)
-    torque = RollingLoad().torque(angle, speed, np.gradient(speed, time))
+    torque = make_load("rolling").torque(angle, speed, np.gradient(speed, time))
     return simulate(prototype(), time, angle, torque)

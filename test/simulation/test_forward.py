@@ -7,14 +7,14 @@ from types import SimpleNamespace as Robots
 
 import numpy as np
 import pytest
+from support.energy import energy
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.load import Load, energy, make_load, weight
+from cdrj_ros.simulation.load import Load, make_load
 from cdrj_ros.simulation.motion import differences, sine
 from cdrj_ros.simulation.truth import simulate
 
@@ -27,7 +27,7 @@ def _total_energy(robot: Robot, truth: Truth, load: Load) -> np.ndarray:
     """Kinetic, gravitational and elastic energy [J] of every tenth sample, without the ends."""
     angle = truth.joint_angle[:, 0]
     speed = np.gradient(angle, truth.time)
-    total = energy(load.coefficients(), angle, speed)
+    total = energy(load, angle, speed)
     model = prepare(robot)
     at = np.arange(10, angle.size - 10, 10)
     stored = np.zeros(at.size)
@@ -56,7 +56,7 @@ def test_a_frictionless_swing_keeps_its_energy(robots: Robots, bedding: float) -
     robot = replace(robot, cables=tuple(cables))
     truth = simulate(robot, TIME, motor_angle=STILL, load=LOAD, cells=1, start=0.03)
     total = _total_energy(robot, truth, LOAD)
-    swung = energy(LOAD.coefficients(), truth.joint_angle[:, 0], np.zeros(TIME.size))
+    swung = energy(LOAD, truth.joint_angle[:, 0], np.zeros(TIME.size))
     assert np.ptp(total) < 0.01 * np.ptp(swung)
     drift = np.polyfit(np.arange(total.size), total, 1)[0] * total.size
     assert abs(drift) < 1e-3 * np.ptp(swung)
@@ -97,15 +97,3 @@ def test_a_joint_that_runs_out_of_its_range_is_refused_with_the_time(
 ) -> None:
     with pytest.raises(UsageError, match=r"elbow leaves its range .* at t = "):
         simulate(robots.prototype("none"), TIME, motor_angle=3.0 * TIME, load=LOAD, cells=1)
-
-
-def test_the_load_is_the_rolling_joints_own() -> None:
-    body = RollingLoad(load_mass=0.7)
-    k = Load(body).coefficients()
-    angle = np.linspace(-0.6, 0.6, 25)
-    zero = np.zeros_like(angle)
-    np.testing.assert_allclose(weight(k, angle), body.torque(angle, zero, zero), rtol=1e-12)
-    inertia = body.torque(angle, zero, zero + 1.0) - body.torque(angle, zero, zero)
-    np.testing.assert_allclose(k[0] + k[1] * np.cos(angle), inertia, rtol=1e-12)
-    turning = body.torque(angle, zero + 1.0, zero) - body.torque(angle, zero, zero)
-    np.testing.assert_allclose(-0.5 * k[1] * np.sin(angle), turning, atol=1e-12)

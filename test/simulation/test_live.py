@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.energy import energy
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
@@ -18,7 +19,7 @@ from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.follow import Demonstration, follow_joints, program_of
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
-from cdrj_ros.simulation.load import Load, energy, make_load
+from cdrj_ros.simulation.load import Load, make_load
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
@@ -149,7 +150,7 @@ def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robot
         length = shape_at(model, rig.joint_angle).length.reshape(2, 8).sum(axis=1)
         tension, before = rig.tension.reshape(2, 8)[:, 0], drives.speed[0]
         stored = 0.5 * tension**2 / stiffness * length / (1.0 + tension / stiffness)
-        moving = energy(load.coefficients(), rig.joint_angle, np.array([rig.joint_speed]))[0]
+        moving = energy(load, rig.joint_angle, np.array([rig.joint_speed]))[0]
         work.append(torque * rig.motor_angle[0])
         run.step()
         rotors.append(0.5 * inertia * before * drives.speed[0])  # conserved by leapfrog

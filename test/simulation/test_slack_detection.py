@@ -11,9 +11,9 @@ import pytest
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.series import Series
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.status import SLACK
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import Motion, dwell, ramps, random, sine
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
@@ -87,7 +87,7 @@ def watch(
     assert {cable.slack_tension for cable in robot.cables} == {SLACK_N}
     time = step_s * np.arange(round(duration / step_s))
     course = motion(time)
-    load = RollingLoad(load_mass=load_kg)
+    load = make_load("rolling", load_kg)
     torque = load.torque(course.angle, course.speed, course.acceleration)
     truth = simulate(robot, time, course.angle, torque, motor_speed, 2, allow_slack=True)
     heard = condition(

@@ -10,11 +10,11 @@ import numpy as np
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.model.joint import RollingLoad
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.simulation.assembly import Truth, divide_contacts
 from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.truth import simulate
 
 ROBOT = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
@@ -58,5 +58,5 @@ def test_the_joint_is_balanced_at_every_sample(truth: Truth) -> None:
     angle = truth.joint_angle[:, 0]
     # where the joint waits for the motor its torque is that of the phase at which it waits
     moving = np.diff(angle, prepend=angle[0] - 1.0) != 0.0
-    slow = RollingLoad().torque(angle, np.zeros_like(angle), np.zeros_like(angle))
+    slow = make_load("rolling").torque(angle, np.zeros_like(angle), np.zeros_like(angle))
     assert np.abs(truth.joint_effort[:, 0] - slow)[moving].max() < 0.05

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.joint import RollingLoad
+from cdrj_ros.simulation.load import make_load
+from examples.paper.joint import RollingLoad
 
 LOAD = RollingLoad(joint_mass=0.23, load_mass=0.31, rolling_radius=0.043, load_distance=0.152)
 PRINTED = replace(LOAD, form="published")
@@ -90,3 +91,9 @@ def test_an_unknown_form_is_refused() -> None:
         RollingLoad(form="printed")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="rolling_radius must be positive, got -1"):
         RollingLoad(rolling_radius=-1.0)
+
+
+def test_the_corrected_equations_are_those_of_the_simulated_load() -> None:
+    own = make_load("rolling", 0.7).torque(ANGLES, SPEEDS, ACCELERATIONS)
+    load = RollingLoad(load_mass=0.7)
+    np.testing.assert_allclose(own, load.torque(ANGLES, SPEEDS, ACCELERATIONS), rtol=1e-12)
