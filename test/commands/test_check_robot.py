@@ -309,3 +309,14 @@ def test_a_stiffening_cable_is_inspected_with_its_own_law(
     path.write_text(text, "utf-8")
     check_robot.main([str(path)])
     assert "EA 7.854e+04 N, bedding 0.002 at 10 N" in capsys.readouterr().out
+
+
+def test_an_implausible_modulus_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(PLAIN.replace("youngs_modulus_gpa: 100", "youngs_modulus_gpa: 2000", 1))
+    assert check_robot.main([str(robot)]) == 0
+    printed = capsys.readouterr().out
+    assert "a: youngs_modulus is 2e+03 GPa" in printed
+    assert "b: youngs_modulus" not in printed

@@ -284,3 +284,36 @@ def test_an_output_that_exists_is_refused_before_the_simulation(
         assert main([str(out), "--robot", ROBOT]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert words in line
+
+
+def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
+    run(tmp_path / "first", "--mode", "follow")
+    recording = run(tmp_path / "second", "--mode", "follow", "--recorded", str(tmp_path / "first"))
+    first = read_recording(tmp_path / "first").joints["elbow"]
+    second = recording.joints["elbow"]
+    late = (second.stamp_ns - second.stamp_ns[0]) * 1e-9
+    source = (first.stamp_ns - first.stamp_ns[0]) * 1e-9
+    moving = late > 2.5
+    expected = np.interp(late[moving] - 1.5, source, first.value)  # 1 s rest, half the blend
+    assert np.abs(second.value[moving] - expected).max() < 2e-3
+
+
+def test_positions_of_a_prismatic_joint_are_printed_in_metres(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
+    assert main([*command, "--amplitude", "20deg"]) == 2
+    assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
+    assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
+    error = capsys.readouterr().err
+    assert " m, t = " in error
+    assert "= 0.5 rad" not in error
+
+
+def test_a_given_amplitude_is_never_reduced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
+    assert main([*command, "--amplitude", "28deg"]) == 2
+    assert "element b/5 has no tension" in capsys.readouterr().err
+    assert not (tmp_path / "bag").exists()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import cdrj_ros as cdrj
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation import validation
 from cdrj_ros.evaluation.channels import estimate_channels
@@ -334,3 +336,31 @@ def test_bags_without_angles_are_refused(
         pass
     assert run(tmp_path, tmp_path / "empty")[0] == 2
     one_line(capsys, ["has no topic /cdrj/motor_states, but none"])
+
+
+def test_every_bag_may_have_its_own_preloads(
+    second: Path, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    low = write(tmp_path / "low", read_recording(ROOT / "bags" / "prototype_preload_23_6"))
+    code, one = run(tmp_path, short, low)
+    assert code == 0
+    assert one["all"]["channels"]["tension/lower/8"]["mean_relative_error"] > 0.3
+    (note,) = (note for note in one["bags"][1]["notes"] if "cable lower" in note)
+    assert "its preload is 26.26 N here" in note
+    assert not any("preload" in note for note in one["bags"][0]["notes"])
+    preloads = ["--preload", "36.85,26.26", "--preload", "23.52,6.66"]
+    code, both = run(tmp_path, short, low, *preloads)
+    assert code == 0
+    assert both["all"]["channels"]["tension/lower/8"]["mean_relative_error"] < 0.02
+    assert [bag["facts"]["preload"] for bag in both["bags"]] == ["36.85,26.26 N", "23.52,6.66 N"]
+    capsys.readouterr()
+    assert run(tmp_path, short, low, second, *preloads)[0] == 2
+    one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
+
+
+def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> None:
+    off, on = (cdrj.validate(ROBOT, short, uncertainty=known).pooled for known in (False, True))
+    for name, error in off.items():
+        assert error.coverage is None
+        assert 0.0 <= (on[name].coverage or 0.0) <= 1.0
+        assert error == replace(on[name], coverage=None)

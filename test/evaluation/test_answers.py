@@ -248,3 +248,9 @@ def test_a_node_that_leaves_out_estimates_is_refused() -> None:
     require_every_sample(NodeSettings())
     with pytest.raises(UsageError, match="publishes only some of its estimates"):
         require_every_sample(NodeSettings(max_rate_hz=100.0))
+
+
+def test_the_last_answer_repeated_while_paused_is_not_counted(bench: Bench) -> None:
+    bench.send(0, 1)
+    bench.answer(0, 0, 0)
+    assert bench.run.tally() == Tally(sent=4, expected=2, received=1)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import socketserver
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from cdrj_ros.evaluation.parallel import (
     Work,
     check_address,
     cluster_pool,
+    connected,
     on_cluster,
 )
 from cdrj_ros.foundation.errors import CdrjError, UsageError
@@ -105,3 +108,24 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPat
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(UsageError, match="--scheduler must be the address"):
         check_address(address)
+
+
+@pytest.mark.parametrize("said", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n" * 9])
+def test_a_port_at_which_something_else_listens_is_refused(
+    said: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
+
+    class Other(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.sendall(said)
+            self.request.recv(1_000_000)
+            over.wait()
+
+    over = Event()
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Other) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        with pytest.raises(UsageError, match="no Dask scheduler answered"):
+            connected(f"tcp://127.0.0.1:{server.server_address[1]}").__enter__()
+        over.set()
+        server.shutdown()

@@ -169,3 +169,16 @@ def test_effort_and_position_of_a_prismatic_joint_have_their_own_units() -> None
     (title,) = (group.title for group in table_groups(errors) if group.quantity == "effort")
     assert title == "Effort [N or N·m]"
     assert "[mm]" in hysteresis(found[0], slice(None)).axes[0].get_xlabel()
+
+
+def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:
+    channels = compare(
+        [0, 10],
+        {NAME: [0.0, 0.0], "effort/spindle": [0.0, 0.0]},
+        {NAME: ([0, 50], [1.0, 1.0]), "effort/spindle": ([60], [1.0])},
+        max_gap_ns=10,
+    )
+    bag = summed_up("a.mcap", 1.0, channels, counters={"late": 4})
+    assert bag.counters["late"] == 4
+    assert bag.counters["outside_estimates"] == 2
+    assert any("effort/spindle" in note for note in bag.notes)

@@ -144,3 +144,10 @@ def test_coverage_of_a_normal_estimate_with_correct_deviations_is_that_of_two_si
     assert coverage == pytest.approx(0.9545, abs=0.002)
     too_small = channel_error(estimate, reference, stddev=0.5 * stddev).coverage
     assert too_small == pytest.approx(0.6827, abs=0.004)
+
+
+def test_coverage_counts_only_samples_whose_deviation_is_known() -> None:
+    stddev = np.array([1.0, np.nan, 0.1, np.nan])
+    assert channel_error([1.0, 9.0, 1.0, 9.0], np.zeros(4), stddev=stddev).coverage == 0.5
+    assert channel_error([1.0], [0.0], stddev=[np.nan]).coverage is None
+    assert channel_error([1.0], [1.0], stddev=[0.0]).coverage == 1.0

@@ -295,3 +295,13 @@ def test_what_cannot_be_fitted_is_refused_with_a_reason(document: Document) -> N
         found_from(document, "rho", {"friction.mu_c": 0.3}, [rec])
     with pytest.raises(UsageError, match="loss"):
         found_from(document, "rho", {}, [rec], Settings(loss="cauchy"))
+
+
+def test_the_last_round_takes_every_sample(document: Document) -> None:
+    rec, start = recording(document, 10.0), {"friction.rho": 0.22}
+    rough, full = (
+        found_from(document, "friction.rho", start, [rec], Settings(coarse=coarse, samples=500))
+        for coarse in (True, False)
+    )
+    assert rough.samples < full.samples == 2000
+    np.testing.assert_allclose(full.values, 0.2, atol=1e-3)

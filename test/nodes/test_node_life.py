@@ -349,3 +349,21 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
 
 
 # several nodes ---------------------------------------------------------------------------------
+
+
+def test_the_filter_between_counts_may_change_while_running(bench: Bench) -> None:
+    from rclpy.parameter import Parameter
+
+    estimator, raw = bench.estimator(), bench.estimator("-r", "__ns:=/raw", tracking_bandwidth=0.0)
+    for one in (estimator, raw):
+        feed(one, 0, 200)
+    assert not np.array_equal(tensions(estimator), tensions(raw))  # the robot file's filter is on
+    (result,) = estimator.node.set_parameters([Parameter("tracking_bandwidth", value=0.0)])
+    assert result.successful
+    for one in (estimator, raw):
+        feed(one, 200, 300)
+    (motor, joint), (motor_raw, joint_raw) = (
+        (one.live.sample.motor_angle, one.live.sample.joint_angle) for one in (estimator, raw)
+    )
+    assert np.array_equal(motor, motor_raw)
+    assert np.array_equal(joint, joint_raw)

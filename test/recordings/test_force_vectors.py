@@ -135,3 +135,11 @@ def test_a_bag_whose_own_definition_has_no_arrays_of_components_is_read(
     read = read_recording(tmp_path / "own.mcap", force_vectors=True)
     assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
     assert read.references["nodal_force/a/3"].value.tolist() == [2.0] * COUNT
+
+
+def test_one_empty_component_makes_no_vector(tmp_path: Path) -> None:
+    given = arrays()
+    del given["force_z"]
+    read = recorded(tmp_path, given)
+    assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
+    assert sum(read.malformed.values()) == 0

@@ -257,3 +257,11 @@ def test_the_same_channel_on_two_reference_topics_is_refused(tmp_path):
 def test_a_path_that_is_not_there_is_refused_by_name(tmp_path):
     with pytest.raises(BagError, match=r"nowhere does not exist"):
         read_recording(Path(tmp_path / "nowhere"))
+
+
+def test_names_that_never_appear_are_named_with_those_that_do(make, tmp_path):
+    path = make.mcap(tmp_path / "a.mcap", make.swing(3))
+    with pytest.raises(BagError, match="never has the motor 'spindle', but 'motor', 'joint'"):
+        read_recording(path, ONE_TOPIC, motor_names=["motor", "spindle"])
+    with pytest.raises(BagError, match="never has the joint 'elbow'"):
+        read_recording(path, ONE_TOPIC, joint_names=["elbow"])

@@ -213,3 +213,24 @@ def test_a_copy_holds_the_same_messages_beside_new_ones(make, tmp_path, written)
         "/joint_states": 50,
         "/new": 5,
     }
+
+
+def test_an_unknown_compression_is_refused(tmp_path):
+    with pytest.raises(BagError, match="compression must be one of"):
+        BagWriter(tmp_path / "bag", compression="gzip")
+
+
+@pytest.mark.parametrize(
+    ("stamps", "position", "log_ns"),
+    [([1, 2], [[1.0]], None), ([1], [[1.0, 2.0]], None), ([1], [[1.0]], [1, 2]), (1, [1.0], None)],
+)
+def test_arrays_of_the_wrong_shape_are_refused_with_both_shapes(tmp_path, stamps, position, log_ns):
+    with pytest.raises(BagError, match=r"/a: \(.*take arrays of shape"):
+        BagWriter(tmp_path / "bag").write_joint_states("/a", stamps, ["x"], position, log_ns=log_ns)
+
+
+def test_a_topic_keeps_its_type(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    with pytest.raises(BagError, match=r"/a is sensor_msgs/msg/JointState, it cannot also be"):
+        bag.write_tensions("/a", [1], ["x"], [[1.0]])

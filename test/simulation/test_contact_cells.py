@@ -10,11 +10,13 @@ import pytest
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, placed, prepare, segments_of, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.assembly import Truth, divide_contacts
+from cdrj_ros.simulation.truth import simulate
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -138,3 +140,18 @@ def test_a_sheath_is_divided_and_an_eyelet_is_not() -> None:
     tension = wound(fine, np.linspace(0.0, 0.5, 4001)).values[-1, fine.layout.tension]
     assert tension[1] / tension[0] == pytest.approx(exp(-0.2 * pi / 2), rel=1e-6)
     assert tension[2] / tension[0] == pytest.approx(exp(-0.2 * pi), rel=1e-3)
+
+
+def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
+    robot = load_robot(PROTOTYPE)
+    time = np.arange(300) * 1e-3
+    # balanced at first, then the load grows beyond what any winch angle can hold
+    torque = np.where(time < 0.1, 0.0, 1e5)
+    with pytest.raises(UsageError, match="a cable would have to push"):
+        simulate(robot, time, np.zeros(time.size), torque, cells=2)
+
+
+def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
+    time = np.arange(10) * 1e-3
+    with pytest.raises(UsageError, match="at least one motor and one joint"):
+        simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))

@@ -123,3 +123,8 @@ def test_a_motion_faster_than_its_motor_is_refused_or_a_note_reports_its_waits(
     slow = simulate(robot, TIME, angle, torque, 1.0, cells=2)
     assert np.abs(np.diff(slow.motor_angle[:, 0])).max() <= 1e-3 * (1.0 + 1e-9)
     assert [note for note in slow.notes if "waited for its motor" in note]
+
+
+def test_arrays_of_another_shape_are_refused(robots: Robots) -> None:
+    with pytest.raises(UsageError, match=r"joint_angle must have the shape \(10, 2\)"):
+        simulate(robots.finger(), TIME[:10], np.zeros(10))

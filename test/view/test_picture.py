@@ -12,7 +12,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing, dashed_tube, tube
-from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known
+from cdrj_ros.view.history import History, Snapshot, choices, columns_of, indices_of, nothing_known
 from cdrj_ros.view.html import table_of
 from cdrj_ros.view.picture import (
     PALE,
@@ -151,3 +151,16 @@ def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
     # the middle of the bone, 19.89 mm from the joint, moves on a circle by 0.8 rad
     assert np.linalg.norm(end - start) == pytest.approx(scale * 2 * 0.01989 * np.sin(0.4))
     assert proximal.any()
+
+
+def test_every_element_and_pulley_can_be_plotted_with_its_neighbour(model: Model) -> None:
+    layout = model.layout
+    for chosen in choices(layout):
+        element, pulley = indices_of(layout, chosen)
+        assert chosen.partition(" ")[2] in (
+            layout.elements[element], None if pulley is None else layout.pulleys[pulley],
+        )  # fmt: skip
+        if pulley is not None:
+            assert element - layout.element_before[pulley] in (0, 1)
+            cables = {layout.elements[element].split("/")[0], layout.pulleys[pulley].split("/")[0]}
+            assert len(cables) == 1
