@@ -67,7 +67,7 @@ class Load:
         return np.asarray(self.weight + turning)
 
     def torque(self, angle: Vector, speed: Vector, acceleration: Vector) -> Vector:
-        """Torque that the cables must exert about the joint [N m]; all arrays of shape (n,)."""
+        """(4) as (9): torque that the cables must exert [N m]; all arrays of shape (n,)."""
         inertia = self.inertia + self.inertia_cos * np.cos(angle)
         carried = self.holding(angle) - 0.5 * self.inertia_cos * np.sin(angle) * speed**2
         return inertia * acceleration + carried + self.damping * speed
