@@ -21,6 +21,7 @@ from cdrj_ros.simulation.sensors import (
     Encoder,
     LoadCells,
     ReadingTimes,
+    Sampling,
     Schedule,
     counted,
     measured,
@@ -94,7 +95,7 @@ class _Sampler:
     """Columns of the truth at the times at which a sensor reads."""
 
     def __init__(
-        self, sensor: Encoder | LoadCells, columns: Sequence[int], begin: float, seed: Sequence[int]
+        self, sensor: Sampling, columns: Sequence[int], begin: float, seed: Sequence[int]
     ) -> None:
         self._times = ReadingTimes(sensor, begin, seed)
         self._columns = list(columns)

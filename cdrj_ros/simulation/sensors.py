@@ -30,20 +30,14 @@ ROUNDING_S: Final = 1e-12
 """Error of rounding in the times of readings [s]."""
 
 
-@dataclass(frozen=True)
-class Encoder:
-    """An incremental angle sensor."""
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """When a sensor reads, and which of its readings arrive."""
 
-    counts: int
-    """Counts per turn of the axis; on a prismatic joint, per 2 pi m."""
     rate: float
     """Readings per second [Hz]."""
     phase_s: float = 0.0
     """Time from the recording's start to the first reading [s]."""
-    noise: float = 0.0
-    """Standard deviation of the noise before quantisation [rad]."""
-    bias: float = 0.0
-    """Constant added to every reading [rad]."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
@@ -54,8 +48,20 @@ class Encoder:
     """Time from a reading to its message [s]."""
 
 
-@dataclass(frozen=True)
-class LoadCells:
+@dataclass(frozen=True, kw_only=True)
+class Encoder(Sampling):
+    """An incremental angle sensor."""
+
+    counts: int
+    """Counts per turn of the axis; on a prismatic joint, per 2 pi m."""
+    noise: float = 0.0
+    """Standard deviation of the noise before quantisation [rad]."""
+    bias: float = 0.0
+    """Constant added to every reading [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCells(Sampling):
     """Reference sensors of force and torque."""
 
     rate: float = 100.0
@@ -72,16 +78,6 @@ class LoadCells:
     """Constant added to every force reading [N]."""
     torque_bias: float = 0.0
     """Constant added to every torque reading [N m]."""
-    phase_s: float = 0.0
-    """Time from the recording's start to the first reading [s]."""
-    jitter_s: float = 0.0
-    """Standard deviation of the stamps about the time of reading [s]."""
-    dropout: float = 0.0
-    """Share of readings that are lost, in [0, 1)."""
-    burst_s: float = 0.0
-    """Mean duration of a loss [s]; 0: readings are lost independently."""
-    latency_s: float = 0.0
-    """Time from a reading to its message [s]."""
 
 
 class Schedule(NamedTuple):
@@ -95,8 +91,8 @@ class Schedule(NamedTuple):
 
 NONE_YET = Schedule(np.empty(0), np.empty(0))
 
-MOTOR_ENCODER = Encoder(81_920, 1000.0)
-JOINT_ENCODER = Encoder(16_384, 500.0, 0.0003)
+MOTOR_ENCODER = Encoder(counts=81_920, rate=1000.0)
+JOINT_ENCODER = Encoder(counts=16_384, rate=500.0, phase_s=0.0003)
 LOAD_CELLS = LoadCells()
 
 
@@ -110,7 +106,7 @@ def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -
 class ReadingTimes:
     """The times at which a sensor reads, with jitter and without lost readings."""
 
-    def __init__(self, sensor: Encoder | LoadCells, begin: float, seed: Seed) -> None:
+    def __init__(self, sensor: Sampling, begin: float, seed: Seed) -> None:
         """Start at ``begin`` [s]."""
         self._parts = self._scheduled(sensor, begin, np.random.default_rng(seed))
         self._part, self._taken = NONE_YET, 0
@@ -119,7 +115,7 @@ class ReadingTimes:
 
     @staticmethod
     def _scheduled(
-        sensor: Encoder | LoadCells, begin: float, generator: np.random.Generator
+        sensor: Sampling, begin: float, generator: np.random.Generator
     ) -> Iterator[Schedule]:
         """Consecutive schedules of ``SCHEDULED`` readings each."""
         count = 0

@@ -30,7 +30,7 @@ EFFORT = 1.0 + ANGLE
 TENSION = np.stack([30.0 + TIME, 20.0 - TIME, *(10.0 + 0 * TIME,) * 4], axis=1)
 TRUTH = truth_table(ANGLE, SPEED, EFFORT, TENSION)
 
-NOISY = Encoder(2**22, 1000.0, noise=1e-3, jitter_s=1e-4, dropout=0.1, burst_s=0.005)
+NOISY = Encoder(counts=2**22, rate=1000.0, noise=1e-3, jitter_s=1e-4, dropout=0.1, burst_s=0.005)
 
 
 def model_of(**motor: object) -> Model:
@@ -72,7 +72,8 @@ def in_steps(group: EncoderGroup) -> Messages:
 @pytest.mark.parametrize("update_rate", [None, 400.0])
 def test_a_truth_in_steps_gives_the_readings_of_the_whole(update_rate: float | None) -> None:
     settings = SensorSettings(
-        replace(NOISY, rate=700.0), Encoder(4096, 300.0, 0.0004, noise=1e-3), 0.01,
+        replace(NOISY, rate=700.0),
+        Encoder(counts=4096, rate=300.0, phase_s=0.0004, noise=1e-3), 0.01,
         update_rate=update_rate, freezes=(Freeze("j1", 1.5),),
     )  # fmt: skip
     whole, stepwise = (encoder_groups(MODEL, settings, 3) for _ in range(2))
@@ -115,7 +116,7 @@ def test_corrected_readings_are_the_true_angles() -> None:
     """The estimator's own conversion undoes what the simulated sensor does."""
     correction = "{angle: [-1.0, -0.4, 0.3, 1.1], value: [0.05, -0.1, 0.2, -0.02]}"
     model = model_of(scale=-0.5, offset=0.1, period=3.0, correction=correction)
-    (motors, _) = encoder_groups(model, SensorSettings(Encoder(2**24, 1000.0)), 0)
+    (motors, _) = encoder_groups(model, SensorSettings(Encoder(counts=2**24, rate=1000.0)), 0)
     read = motors.take(TIME, TRUTH)
     conditioner = Conditioner(model.robot)
     found = []

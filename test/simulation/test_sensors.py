@@ -10,16 +10,16 @@ import pytest
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.sensors import (
     Encoder,
-    LoadCells,
     Losses,
     ReadingTimes,
+    Sampling,
     Schedule,
     angle_of,
     read_encoder,
     reading_times,
 )
 
-ENCODER = Encoder(16_384, 1000.0)
+ENCODER = Encoder(counts=16_384, rate=1000.0)
 STEP = 2.0 * np.pi / ENCODER.counts
 TIME = np.arange(20_001) / 1000.0
 ANGLE = 0.5 * np.sin(TIME)
@@ -29,7 +29,7 @@ def _generator() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def schedule(sensor: Encoder | LoadCells, begin: float, end: float, seed: int = 5) -> Schedule:
+def schedule(sensor: Sampling, begin: float, end: float, seed: int = 5) -> Schedule:
     return ReadingTimes(sensor, begin, [seed]).until(end)
 
 
