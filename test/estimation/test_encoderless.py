@@ -167,3 +167,13 @@ def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
     (alone,) = determined_joints(prepare(build_robot(document, "cut")))
     assert alone.stddev == float("inf")
     assert determined_joints(load_model(str(ROBOTS / "prototype.yaml"))) == ()
+
+
+def test_bad_arguments_are_refused(prototype: Model) -> None:
+    with pytest.raises(ValueError, match="has an encoder"):
+        EncoderlessEstimator(load_model(str(ROBOTS / "prototype.yaml")))
+    with pytest.raises(ValueError, match="even"):
+        EncoderlessEstimator(prototype, members=3)
+    samples = only_measured(prototype, motion(prototype, 5))
+    with pytest.raises(ValueError, match="shape"):
+        EncoderlessEstimator(prototype, members=0).run(samples, np.zeros((5, 2)))

@@ -265,3 +265,22 @@ def test_one_cycle_suffices_for_what_no_change_explains_unless_few_readings_caus
     off = lone.report().values["deviation of winch [N m]"]
     assert float(off.split()[0]) > 1.0, "the cycle holds the wrong reading"
     assert lone.standing is None
+
+
+def test_the_clock_may_be_set_back_and_readings_may_pause(model: Model, motion: Samples) -> None:
+    readings = true_readings(model, same, motion)
+    monitor = watch(model, motion, readings)
+    before = monitor.cycles
+    watch(model, motion, readings, monitor=monitor)
+    late = Samples(motion.stamp_ns + 10**12, motion.motor_angle, motion.joint_angle)
+    watch(model, late, readings, monitor=monitor)
+    assert monitor.cycles >= before + 4
+    assert monitor.report().level == "ok"
+
+
+def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Samples) -> None:
+    monitor = HealthMonitor(model)
+    for k, stamp in enumerate(motion.stamp_ns.tolist()):
+        monitor.read_efforts(stamp, ["winch"], [0.0])
+        monitor.follow(Sample(stamp, motion.motor_angle[k], motion.joint_angle[k]))
+    assert monitor.report().level == "ok"

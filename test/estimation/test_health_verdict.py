@@ -108,3 +108,8 @@ def test_the_other_flags_of_unsure_elements_are_kept() -> None:
     mark_elements_unsure(values, np.array([True, True, True, True, False]))
     after = [UNSURE, SLACK | UNSURE, INVALID, UNSURE | SLACK, SLACK]
     assert values.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, *after, 7.0]
+
+
+def test_readings_that_no_change_explains_concern_all_elements(model: Model) -> None:
+    standing = Evaluation((), 0.0, 100.0, {"winch": (0.3, 0.3)})
+    assert unsure_elements(model.robot, standing, corrected=True).all()
