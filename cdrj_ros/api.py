@@ -343,12 +343,8 @@ def identify(
     from cdrj_ros.evaluation.inputs import read_inputs
     from cdrj_ros.identification.fit import identify as identify_numbers
     from cdrj_ros.identification.observations import Recorded
-    from cdrj_ros.identification.unknowns import (
-        fitted_along,
-        known_before,
-        parse_unknowns,
-        without_priors,
-    )
+    from cdrj_ros.identification.priors import fitted_along, known_before
+    from cdrj_ros.identification.unknowns import parse_unknowns, without_priors
     from cdrj_ros.recordings import Topics
 
     model = _loaded(model)

@@ -37,12 +37,9 @@ from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
 from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
+from cdrj_ros.identification.priors import fitted_along  # noqa: E402
 from cdrj_ros.identification.problem import Settings  # noqa: E402
-from cdrj_ros.identification.unknowns import (  # noqa: E402
-    Unknown,
-    fitted_along,
-    parse_unknowns,
-)
+from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.robot.description import Robot  # noqa: E402
 from cdrj_ros.robot.parameters import number_at, with_numbers  # noqa: E402

@@ -32,8 +32,9 @@ from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.observations import Recorded, samples_of
+from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Progress, Settings
-from cdrj_ros.identification.unknowns import Unknown, unknown_causes
+from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.inspection.shares import DURATION_S, sweep, tension_effects
 from cdrj_ros.model.channels import EFFORT, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model, prepare

@@ -22,11 +22,10 @@ from cdrj_ros.identification.pose import (
     pose_unknowns,
     search_ranges,
 )
+from cdrj_ros.identification.priors import fitted_along, known_before
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import (
     Unknown,
-    fitted_along,
-    known_before,
     parse_unknowns,
     starting_values,
     with_bounds,

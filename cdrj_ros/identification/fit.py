@@ -58,6 +58,10 @@ SCOUT: Final = 4
 """The search for the minimum uses only every n-th of the thinned samples, and of the residuals."""
 
 
+LAST_STEPS: Final = 4
+"""Largest number of steps with all thinned samples."""
+
+
 @dataclass(frozen=True)
 class Identification:
     """Result of a fit."""
@@ -157,13 +161,13 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
         say(f"last round: all {sample_count(last)} samples")
-    found = minimise(last, begin, loss, say, rough=rough)
+    found = minimise(last, begin, loss, say, rough=rough, most_steps=LAST_STEPS)
     known = accuracy(rough, found)
     if known.variance > DISTRUST * found.variance and any(one.prior for one in rounds.unknowns):
         # what is known before would otherwise be given up for residuals that tell less
         say("fitting once more, with residuals that tell less")
         last.least_variance = known.variance
-        found = minimise(last, found.coordinates, loss, say, rough=rough)
+        found = minimise(last, found.coordinates, loss, say, rough=rough, most_steps=LAST_STEPS)
         known = accuracy(rough, found)
     unsettled = _unsettled(last, found)
     coordinates = np.where(known.silent, 0.0, found.coordinates)
@@ -171,7 +175,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     left = unexplained(last, residuals)
     drums = None
     if settings.compares_drums and drums_in_doubt(rounds.model.robot):
-        drums = compare_drums(scout, coordinates, loss, say)
+        drums = compare_drums(rough, coordinates, loss, say)
     return Identification(
         rounds.unknowns,
         last.values(coordinates),

@@ -83,6 +83,7 @@ def minimise(
     rough: Problem | None = None,
     variance: float | None = None,
     settled: float = SETTLED,
+    most_steps: int = MOST_STEPS,
 ) -> Minimum:
     """Least squares from one start.
 
@@ -98,17 +99,18 @@ def minimise(
             central differences; None: the problem itself, by one-sided differences.
         variance: weight of the residuals beside the priors; None: (I2), anew at every step.
         settled: largest step that is not taken [standard errors].
+        most_steps: largest number of steps.
 
     Raises:
         RobotFileError: the start describes no possible robot.
     """
     here = np.clip(begin, *limits(problem))
     problem.model(here)  # raises an error that states the reason
-    for taken in range(MOST_STEPS + 1):
+    for taken in range(most_steps + 1):
         found = _minimum(problem, here, loss, rough, variance)
         say(f"step {taken + 1}: rms residual {found.rms:.5g}")
         slow = _expected(problem, found, found.step) >= (1.0 - GAIN) * found.cost
-        if taken == MOST_STEPS or (slow and found.size.max() <= settled):
+        if taken == most_steps or (slow and found.size.max() <= settled):
             break
         better = _lower(problem, found)
         if better is None:
@@ -177,8 +179,8 @@ def _step(problem: Problem, found: Minimum, damping: float) -> tuple[Vector, Vec
     """
     here, slopes, weights = found.coordinates, found.slopes, found.weights
     information = slopes.T @ (slopes * weights[:, None]) / found.variance
-    information += np.diag(known_before(problem, here))
-    uphill = slopes.T @ (found.residuals * weights) / found.variance + pull(problem, here)
+    information += np.diag(prior_information(problem, here))
+    uphill = slopes.T @ (found.residuals * weights) / found.variance + prior_gradient(problem, here)
     damped = information + damping * np.diag(np.diag(information))
     lower, upper = limits(problem)
     margin = AT_BOUND * (upper - lower)
@@ -228,7 +230,7 @@ def prior_residuals(problem: Problem, here: Vector) -> Vector:
     )
 
 
-def pull(problem: Problem, here: Vector) -> Vector:
+def prior_gradient(problem: Problem, here: Vector) -> Vector:
     """Gradient of the priors' half sum of squares, in coordinates, shape (p,)."""
     found = np.zeros(here.size)
     for k, (unknown, x) in enumerate(zip(problem.unknowns, here, strict=True)):
@@ -238,7 +240,7 @@ def pull(problem: Problem, here: Vector) -> Vector:
     return found
 
 
-def known_before(problem: Problem, here: Vector) -> Vector:
+def prior_information(problem: Problem, here: Vector) -> Vector:
     """Information of each number's prior or of its bounds, whichever is larger, in coordinates.
 
     A number between bounds is given a variance of a twelfth of their squared distance, which is the

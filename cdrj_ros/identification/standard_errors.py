@@ -38,7 +38,7 @@ from cdrj_ros.identification.residual_statistics import (
     states_of_residuals,
     visited_states,
 )
-from cdrj_ros.identification.solver import Minimum, known_before, limits, pull
+from cdrj_ros.identification.solver import Minimum, limits, prior_gradient, prior_information
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.robot.parameters import find_number
 
@@ -108,11 +108,11 @@ def _covariance(
     coordinates, variance, root = found.coordinates, found.variance, np.sqrt(found.weights)
     residuals, slopes = found.residuals * root, found.slopes * root[:, None]
     others = effects(problem, coordinates, causes) * root[:, None]
-    known = known_before(problem, coordinates)
+    known = prior_information(problem, coordinates)
     everything = Linear(
         np.hstack([slopes, others]), residuals,
         np.concatenate([known, np.ones(len(causes))]),
-        np.concatenate([pull(problem, coordinates), np.zeros(len(causes))]),
+        np.concatenate([prior_gradient(problem, coordinates), np.zeros(len(causes))]),
     )  # fmt: skip
     places = Places(
         states_of_residuals(problem), cells_of_residuals(problem), visited_states(problem)
