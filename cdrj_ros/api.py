@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.estimation.estimator import Estimate, Estimates
 from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.foundation.arrays import Stamps
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.loading import load_model
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from cdrj_ros.identification.fit import Identification
     from cdrj_ros.recordings import Topics
     from cdrj_ros.simulation.assembly import Truth
-
-Stamps = NDArray[np.int64]
 
 
 def load(robot: str | Path, numbers: Mapping[str, float] | None = None) -> Model:

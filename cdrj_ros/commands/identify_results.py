@@ -13,10 +13,9 @@ from cdrj_ros import __version__
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors
 from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.text import printable
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.problem import Loss
-from cdrj_ros.report.table import new_table, print_table, r2_remark
+from cdrj_ros.report.table import print_rows, r2_remark
 from cdrj_ros.robot.writer import yaml_number
 
 Section = Literal["fit", "hold_out", "cross_validation"]
@@ -89,7 +88,7 @@ def _print_numbers(found: Identification, values: Mapping[str, float]) -> None:
         (unknown.name, f"{unknown.start:.6g}", f"{values[unknown.paths[0]]:.6g}", f"{stddev:.2g}")
         for unknown, stddev in zip(found.unknowns, found.stddev, strict=True)
     ]
-    _print_table(("parameter", "start", "found", "stddev"), rows)
+    print_rows(("parameter", "start", "found", "stddev"), rows, right=True)
     for sentence in found.findings:
         say(f"note: {sentence}")
 
@@ -107,21 +106,9 @@ def _print_errors(title: str, compared: Compared, fitted: Sequence[str]) -> None
         )
         for name, error in compared.after.items()
     ]
-    _print_table(("reference", "RMSE", "mean rel. error", "R²", ""), rows)
+    print_rows(("reference", "RMSE", "mean rel. error", "R²", ""), rows, right=True)
     if remark := r2_remark(compared.after):
         say(remark)
-
-
-def _print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table whose first column is text and whose others are numbers."""
-    from rich.text import Text
-
-    table = new_table()
-    for k, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if k else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*(Text(printable(cell)) for cell in row))
-    print_table(table, None)
 
 
 def _beside(error: ChannelError, old: ChannelError | None, figure: str, form: str) -> str:

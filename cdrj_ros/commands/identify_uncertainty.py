@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.validation import validate_bag
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.residual_statistics import model_error
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.writer import yaml_number
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 KINDS: Final = ("effort/", "tension/")
 """Channels for which a robot file can state the model's error."""

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option
@@ -43,9 +42,6 @@ PRELOAD_FACTORS: Final = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
 
 SMALLER_SHARES: Final = (0.5, 0.25, 0.125)
 """Shares of the default amplitude, tried in turn if the rig cannot perform the default motion."""
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 def parser() -> argparse.ArgumentParser:

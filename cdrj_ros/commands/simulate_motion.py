@@ -10,12 +10,13 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.recordings import Topics, read_recording
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.faults import Fault
-from cdrj_ros.simulation.load import Load, make_load, usual_load
+from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, make_load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
 from cdrj_ros.simulation.sensors import angle_of
 
@@ -31,9 +32,6 @@ DWELL_S: Final = 1.0
 TRUTH_RATE: Final = 1000.0
 """Steps of the simulation per second [Hz]."""
 
-USUAL_PAYLOAD: Final = 0.3
-"""Default payload [kg]."""
-
 USUAL_SPEED: Final = 5.0
 """Default largest speed of a motor that balances a joint [rad/s]."""
 
@@ -45,8 +43,6 @@ LARGEST_SHARE: Final = 0.4
 
 CLEARANCE: Final = 1.1
 """The joint's range reaches at least this many default amplitudes to either side of the centre."""
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

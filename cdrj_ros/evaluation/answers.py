@@ -18,6 +18,7 @@ from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.conditioner import Conditioner, Kind, Mode
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import (
@@ -31,8 +32,6 @@ from cdrj_ros.messages.cdr import (
 )
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Layout, Model
-
-Floats = NDArray[np.float64]
 
 STALLED_S: Final = 10.0
 """Time without an answer after which estimates in flight are given up [s].

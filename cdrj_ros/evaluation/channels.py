@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.recorded_health import Verdict
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.messages import cdr
 from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION, channel_columns
 from cdrj_ros.model.prepared import Layout, Model, shape_at
@@ -25,9 +26,6 @@ FORCE_VECTOR: Final = cdr.FORCE_VECTOR
 
 ANGLE: Final = "angle"
 """``angle/joint`` of a joint without encoder [rad], [m] for a prismatic joint."""
-
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 
 
 class Quantity(NamedTuple):

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.model.prepared import Layout
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

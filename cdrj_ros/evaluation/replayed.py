@@ -8,10 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.estimation.conditioner import MODES, Mode
-from cdrj_ros.evaluation.answers import Answers, Floats, Tally, channels_of
+from cdrj_ros.evaluation.answers import Answers, Tally, channels_of
 from cdrj_ros.evaluation.channels import FORCE_VECTOR, BagComparison
 from cdrj_ros.evaluation.inputs import counters_of
 from cdrj_ros.evaluation.validation import compare_with_references
+from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Recording

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cdrj_ros.foundation.arrays import Floats, Stamps
+
 Indices = NDArray[np.intp]
-Stamps = NDArray[np.int64]
 
 REVERSAL_SHARE: Final = 0.05
 """A reversal counts if the angle then moves back by at least this share of its range [-]."""

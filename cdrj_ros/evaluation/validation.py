@@ -20,7 +20,6 @@ from cdrj_ros.evaluation.channels import (
     ANGLE,
     BagComparison,
     Channel,
-    Floats,
     estimate_channels,
     plot_angles,
     stddev_channels,
@@ -48,6 +47,7 @@ from cdrj_ros.evaluation.inputs import (
 )
 from cdrj_ros.evaluation.pulley_friction import FrictionSums
 from cdrj_ros.evaluation.reversals import reversal_zones
+from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.channels import EFFORT, TENSION
 from cdrj_ros.model.loading import load_model

@@ -6,14 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.foundation.text import fixed
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
-
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

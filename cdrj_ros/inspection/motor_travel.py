@@ -10,12 +10,10 @@ from collections import deque
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.inspection.ranges import following_motors
 from cdrj_ros.model.prepared import Model
-
-Vector = NDArray[np.float64]
 
 FEWEST: Final = 8
 """Smallest number of poses that are compared."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import Stribeck, blended_loss
+from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.checks import (
     CableCheck,
@@ -34,9 +35,6 @@ from cdrj_ros.model.filling import RIGID_BRISTLE, bearing_drag, friction_numbers
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
 from cdrj_ros.robot.laws import FRICTION_LAWS
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 POSES_PER_JOINT: Final = (81, 21, 9, 5)
 """Grid points per joint for a robot with one, two, three or four joints."""

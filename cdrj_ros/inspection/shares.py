@@ -13,15 +13,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.inspection.ranges import following_motors
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 SAMPLES: Final = 400
 """Samples of the motion, two cycles of the first joint."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros._core import END_OF_TIME_NS, MessageEncoder
 from cdrj_ros.estimation.estimator import Estimate
@@ -21,8 +20,6 @@ from cdrj_ros.messages.cdr import (
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Layout
 from cdrj_ros.model.status import STALE
-
-Vector = NDArray[np.float64]
 
 FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed")
 """Arrays that nodal forces and estimates have by the same names."""

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,9 @@ from dataclasses import replace
 from math import ceil
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.robot.description import Cable, Node, Pulley, Robot
 from cdrj_ros.robot.laws import FRICTION_LAWS
-
-Vector = NDArray[np.float64]
 
 EXPONENT_PER_CELL: Final = 0.13
 """Largest capstan exponent of one cell [-]."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros._core import Law, Stribeck, blended_loss
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.packing import (
     Indices,
@@ -35,8 +36,6 @@ from cdrj_ros.robot.description import (
     Winch,
 )
 from cdrj_ros.robot.laws import FRICTION_LAWS, FrictionLaw
-
-Vector = NDArray[np.float64]
 
 MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
 """Motion of the middle of an arc per growth of the arc, by the end that moves [-]."""

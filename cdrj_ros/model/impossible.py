@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.state import ScratchViews
 from cdrj_ros.robot.description import Cable
 from cdrj_ros.robot.units import unit_doubts
@@ -15,7 +15,6 @@ from cdrj_ros.robot.units import unit_doubts
 if TYPE_CHECKING:
     from cdrj_ros.model.prepared import Model, Shape
 
-Vector = NDArray[np.float64]
 
 NAMED_ANGLES: Final = 12
 """Joints whose angles are listed in a message."""

@@ -13,10 +13,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.records import RECORDS, Part, Rows, part, size_of, views
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
-Vector = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.division import divided
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
@@ -29,8 +30,6 @@ from cdrj_ros.model.state import (
     state_size,
 )
 from cdrj_ros.robot.description import Robot, Winch
-
-Vector = NDArray[np.float64]
 
 RANGE_CHECKS: Final = 41
 """Number of poses per joint in which the geometry is checked."""

@@ -9,14 +9,9 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import Sizes
 from cdrj_ros.model.records import RECORDS, Part, Rows, part, size_of, views
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 class StateViews(NamedTuple):

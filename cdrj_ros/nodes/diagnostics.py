@@ -8,18 +8,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.health_verdict import unsure_elements
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.robot.tolerances import narrowed
-
-Vector = NDArray[np.float64]
 
 WINDOW: Final = 4096
 """Number of latest steps over which the percentiles of the step time are computed."""

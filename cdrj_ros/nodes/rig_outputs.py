@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 from cdrj_msgs.msg import CableTensions, NodalForces
-from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
@@ -25,8 +25,6 @@ from cdrj_ros.simulation.sensor_groups import CellGroup, encoder_groups, truth_t
 BASE_LINK: Final = "base_link"
 """Frame of joint_state_broadcaster's messages."""
 
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "status")
 """What the truth gives of the forces on pulleys."""

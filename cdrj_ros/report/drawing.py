@@ -17,17 +17,14 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.files import replacing
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import LONG_SPAN, Scene, by_cable, inner_size, outlines, scene_of
 from cdrj_ros.robot.description import Robot
-
-Vector = NDArray[np.float64]
-Points = NDArray[np.float64]
 
 CABLE_COLOURS: Final = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5e4fa2", "#7f7f7f",

@@ -21,16 +21,13 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import QUANTITIES, Channel, quantity_of
 from cdrj_ros.evaluation.metrics import COVERAGE_SIGMAS
 from cdrj_ros.evaluation.reversals import envelope, turning_points
+from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.report.table import format_amount, scale_for
-
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 
 COLOURS: Final[Mapping[str, str]] = MappingProxyType(
     {

@@ -9,14 +9,11 @@ from math import cos, pi, sin
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.model.prepared import Model, placed, shape_at
 from cdrj_ros.report.visuals import FramePose, PlacedVisual, placed_visuals
 from cdrj_ros.robot.description import Anchor, Node, Pulley, Robot, Winch
-
-Vector = NDArray[np.float64]
-Points = NDArray[np.float64]
 
 ARC_STEP: Final = pi / 60.0
 """Angle between two points of a drawn arc [rad]."""

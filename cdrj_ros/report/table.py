@@ -111,6 +111,24 @@ def print_table(table: Table, file: TextIO | None) -> None:
     stream.write(plain(table))
 
 
+def print_rows(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    right: bool = False,
+    file: TextIO | None = None,
+) -> None:
+    """Print texts as a table; ``right``: all columns but the first are numbers."""
+    from rich.text import Text
+
+    table = new_table()
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if right and k else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*(Text(printable(cell)) for cell in row))
+    print_table(table, file)
+
+
 def plain(table: Table) -> str:
     """A table as aligned columns of text without rules, of any width."""
     from rich.console import Console
@@ -367,16 +385,9 @@ def limits_sentence(limit_check: LimitCheck) -> str:
 
 def print_limits(limit_check: LimitCheck, file: TextIO | None = None) -> None:
     """Print the figures outside their limits and their excess."""
-    from rich.text import Text
-
     say(limits_sentence(limit_check), file=file)
     if rows := outside_rows(limit_check):
-        table = new_table()
-        for heading in OUTSIDE_HEADINGS:
-            table.add_column(heading, no_wrap=True)
-        for row in rows:
-            table.add_row(*(Text(printable(cell)) for cell in row))
-        print_table(table, file)
+        print_rows(OUTSIDE_HEADINGS, rows, file=file)
 
 
 def _figure_text(one: Outside, value: float | None) -> str:

@@ -14,12 +14,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.robot.visuals import MESHES, Visual, VisualShape
 
-Vector = NDArray[np.float64]
-Points = NDArray[np.float64]
-Faces = NDArray[np.uint32]
 FramePose = tuple[Vector, NDArray[np.float64]]
 """Origin [m] and orientation of a frame in the base, shapes (3,) and (3, 3)."""
 

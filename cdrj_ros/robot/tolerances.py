@@ -14,8 +14,8 @@ from math import pi
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import Document
@@ -75,7 +75,6 @@ the cable's preload."""
 MOST_UNCERTAIN: Final = 7000
 """Largest number of uncertain numbers: their covariance takes 392 MB."""
 
-Vector = NDArray[np.float64]
 
 Factor = dict[str, float]
 """Standard deviations by path [SI] of numbers that deviate together, signed by direction."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 from xml.etree import ElementTree as Xml
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space import Matrix3, Vector3, rpy_rotation
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from cdrj_ros.robot.urdf import UrdfJoint
 
 Document = dict[str, Any]
-Matrix = NDArray[np.float64]
 
 VisualShape = Literal["box", "cylinder", "sphere", "mesh"]
 SHAPES: Final[tuple[VisualShape, ...]] = get_args(VisualShape)

@@ -14,15 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model, poses_in_range, prepare
 from cdrj_ros.model.status import INVALID
 from cdrj_ros.robot.description import Node, Pulley, Robot, Winch
 from cdrj_ros.simulation.faults import Fault, Wiring, wire
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 BATCH: Final = 1000
 """Samples between two calls of a progress function."""

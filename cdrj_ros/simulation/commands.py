@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.text import printable
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 Mode = Literal["position", "velocity", "effort"]
 """Commanded quantity: an angle [rad], a speed [rad/s] or a torque [N m]."""

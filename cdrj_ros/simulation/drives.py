@@ -12,15 +12,13 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.commands import Command, DriveLimits, Mode, Trajectory
 from cdrj_ros.simulation.faults import drums_of
-
-Vector = NDArray[np.float64]
 
 Program = Callable[[int], Vector]
 """Function from the step number to the angles of all motors [rad], shape (motors,)."""

@@ -11,12 +11,11 @@ from typing import Final, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Pulley, Robot, Winch
-
-Vector = NDArray[np.float64]
 
 FaultKind = Literal["slack", "snap", "slip"]
 KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model
@@ -22,9 +22,6 @@ from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.drives import Program
 from cdrj_ros.simulation.faults import drums_of
 from cdrj_ros.simulation.load import AT_AN_END
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 MotionName = Literal["none"] | motion.MotionKind
 

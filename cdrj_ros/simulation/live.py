@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros import _core
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.status import INVALID
@@ -22,9 +22,6 @@ from cdrj_ros.simulation.assembly import Rig, divide_contacts
 from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all
 from cdrj_ros.simulation.load import Load, make_load, resting_start
 from cdrj_ros.simulation.truth import UNSOLVED
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 MOST_TORQUE: Final = 1e4
 """Largest push on a joint [N m], or [N] on a prismatic joint."""

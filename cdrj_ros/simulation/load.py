@@ -14,14 +14,12 @@ from math import floor, log10
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros import _core
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import MotionError, Rig, make_rig
-
-Vector = NDArray[np.float64]
 
 START_POINTS: Final = 2001
 """Number of poses among which the equilibrium at the start is sought."""
@@ -29,7 +27,7 @@ START_POINTS: Final = 2001
 AT_AN_END: Final = 0.01
 """Share of the range within which a reference angle counts as at its end."""
 
-LARGEST_PAYLOAD: Final = 0.3
+USUAL_PAYLOAD: Final = 0.3
 """Payload of the source's prototype [kg]."""
 
 SAG: Final = 0.05
@@ -74,7 +72,7 @@ class Load:
 
 
 def make_load(
-    kind: LoadKind, mass: float = LARGEST_PAYLOAD, damping: float = 0.0, gravity: float = 9.81
+    kind: LoadKind, mass: float = USUAL_PAYLOAD, damping: float = 0.0, gravity: float = 9.81
 ) -> Load:
     """A load of ``KINDS``, with assumed dimensions.
 
@@ -188,7 +186,7 @@ def usual_payload(robot: Robot, joint: int, kind: LoadKind, gravity: float) -> f
     It is rounded down to one digit.
     """
     if robot.joints[joint].lower == robot.joints[joint].upper:
-        return LARGEST_PAYLOAD
+        return USUAL_PAYLOAD
     axis, rig = robot.joints[joint], make_rig(robot, 1)
     motors = np.array([[motor.reference_angle for motor in robot.motors]])
     joints = np.array([other.reference_angle for other in robot.joints])
@@ -201,8 +199,8 @@ def usual_payload(robot: Robot, joint: int, kind: LoadKind, gravity: float) -> f
     below, above = torque(np.array([angle - sag, angle + sag]))
     held = 0.5 * abs(float(above - below))
     heavy = abs(float((full.holding(np.array([angle])) - empty.holding(np.array([angle])))[0]))
-    if not 0.0 < held < LARGEST_PAYLOAD * heavy:
-        return LARGEST_PAYLOAD
+    if not 0.0 < held < USUAL_PAYLOAD * heavy:
+        return USUAL_PAYLOAD
     digit = 10.0 ** floor(log10(held / heavy))
     return float(f"{floor(held / heavy / digit) * digit:.1g}")
 

@@ -12,9 +12,8 @@ from typing import Final, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
-
-Vector = NDArray[np.float64]
 
 BLEND: Final = 0.2
 """Share of a move's duration spent accelerating, and the same share decelerating."""

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages.topics import BROADCAST, TENSION_SENSORS, in_namespace
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import BagWriter, Topics
@@ -24,9 +25,6 @@ from cdrj_ros.simulation.sensors import ReadingTimes, read_cells
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 """Stamp of a simulated recording's start [ns]."""
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 class Recorder:

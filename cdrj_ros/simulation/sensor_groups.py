@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation.sensors import (
@@ -26,9 +26,6 @@ from cdrj_ros.simulation.sensors import (
     counted,
     measured,
 )
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 Kind = Literal["motors", "joints", "all"]
 """Whose readings a message has; all of them, with velocities, under ros2_control."""

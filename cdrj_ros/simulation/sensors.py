@@ -13,10 +13,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.robot.description import Sensor
 
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 Seed = Sequence[int] | np.random.Generator
 
 MOST_JITTER: Final = 0.45

@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros import _core
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation.assembly import (
@@ -33,8 +33,6 @@ from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.follow import Following, follow_joints, pull_together
 from cdrj_ros.simulation.load import Load, balanced_start
 
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 Progress = Callable[[int], None]
 
 UNSOLVED: Final = 1e-4

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import Colour, across
 from cdrj_ros.report.visuals import Mesh, PlacedVisual, mesh_in
@@ -21,9 +22,6 @@ from cdrj_ros.view.picture import (
     extent_of,
     middle_of,
 )
-
-Points = NDArray[np.float64]
-Faces = NDArray[np.uint32]
 
 SIDES: Final = 8
 """Number of flat sides of a tube."""
@@ -123,7 +121,6 @@ OnClick = Callable[[str], None]
 
 Labels = Literal["none", "chosen", "all"]
 
-Vector = NDArray[np.float64]
 
 Bytes = tuple[int, int, int]
 

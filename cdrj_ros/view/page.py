@@ -7,8 +7,8 @@ from time import monotonic
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.text import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.view.drawing import Drawing, Labels
@@ -17,8 +17,6 @@ from cdrj_ros.view.html import paragraphs, table_of
 from cdrj_ros.view.panels import Plots, TimeAxis
 from cdrj_ros.view.picture import Picture, picture_of
 from cdrj_ros.view.server import address_of, open_server
-
-Vector = NDArray[np.float64]
 
 FIELD: Final = 0.6
 """Vertical angle of view [rad]."""

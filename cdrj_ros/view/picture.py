@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import SLACK, UNSURE
@@ -27,9 +28,6 @@ from cdrj_ros.report.scene import (
 )
 from cdrj_ros.report.visuals import PlacedVisual
 from cdrj_ros.view.history import Snapshot, usable
-
-Vector = NDArray[np.float64]
-Points = NDArray[np.float64]
 
 
 def extent_of(model: Model) -> tuple[Vector, Vector]:

@@ -18,6 +18,7 @@ from cdrj_ros.evaluation.channels import Angle, stddev_channels
 from cdrj_ros.evaluation.comparison import values_at
 from cdrj_ros.evaluation.estimating import pieces_of
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.channels import TENSION
 from cdrj_ros.model.prepared import Layout, Model
@@ -25,8 +26,6 @@ from cdrj_ros.recordings import Recording, Series
 from cdrj_ros.view.history import Flags, Snapshot, Table, usable
 from cdrj_ros.view.html import filled
 from cdrj_ros.view.page import Page
-
-Vector = NDArray[np.float64]
 
 MOST: Final = 20_000
 """Maximum number of pictures of a recording; of longer ones every n-th estimate is kept."""
