@@ -54,6 +54,9 @@ TRIAL_STEP: Final = 0.25
 PROOF: Final = 0.05
 """A sensor passes its trial only if the estimate changes by this fraction of its largest value."""
 
+FOLLOWED: Final = 25
+"""Number of latest readings in motion over which a trusted sensor must follow the estimate."""
+
 TRIED: Final = 400
 """Number of latest readings on trial, each taken after some motion, that determine the slope."""
 
@@ -90,7 +93,7 @@ class SensorHealth:
     _in_motion: int = 0
     """Readings on trial while the estimate moved."""
     _trial: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
-    """Readings on trial, and at each of them the estimate without corrections."""
+    """Readings in motion since the trial began or ended, and the uncorrected estimates at them."""
     _uncorrected: deque[float] = field(default_factory=lambda: deque(maxlen=TRIED))
 
     def memory(self) -> dict[str, Any]:
@@ -152,6 +155,7 @@ class SensorHealth:
         self.dropped = self._fault(value, expected, own)
         if not self.dropped and not self.trusted:
             return self._try(value, uncorrected, own)
+        self.dropped = self.dropped or self._strays(value, uncorrected, own)
         if self.dropped or self._squares[-1] > OUTLIER:
             self.refused += 1
             return False
@@ -183,14 +187,10 @@ class SensorHealth:
         """Add a reading on trial; True once the readings follow the motion, (U4)."""
         self.tried += 1
         self.largest = max(self.largest, abs(value))
-        if self._uncorrected and abs(uncorrected - self._uncorrected[-1]) < TRIAL_STEP * own**0.5:
+        found = self._response(value, uncorrected, own, TRIED)
+        if found is None:
             return False
-        self._trial.append(value)
-        self._uncorrected.append(uncorrected)
-        readings, estimates = (np.fromiter(one, float) for one in (self._trial, self._uncorrected))
-        if _to_and_fro(estimates) <= enough(own, float(np.abs(estimates).max())):
-            return False
-        response, error = _slope(estimates, readings, own)
+        response, error = found
         low, high = RESPONSE
         self.trusted = low <= response - CERTAIN * error and response + CERTAIN * error <= high
         self._in_motion += 1
@@ -204,6 +204,32 @@ class SensorHealth:
             self._trial.clear()
             self._uncorrected.clear()
         return self.trusted
+
+    def _strays(self, value: float, uncorrected: float, own: float) -> str:
+        """Why a trusted sensor no longer follows the motion, by its latest readings; or empty."""
+        found = self._response(value, uncorrected, own, FOLLOWED)
+        if found is None or len(self._trial) < FOLLOWED:
+            return ""
+        response, error = found
+        low, high = RESPONSE
+        if low <= response + CERTAIN * error and response - CERTAIN * error <= high:
+            return ""
+        return f"moves {response:.2g} times as far as the estimate over {FOLLOWED} readings"
+
+    def _response(
+        self, value: float, uncorrected: float, own: float, latest: int
+    ) -> tuple[float, float] | None:
+        """Slope of the latest readings over the estimate and its error; None without motion."""
+        if self._uncorrected and abs(uncorrected - self._uncorrected[-1]) < TRIAL_STEP * own**0.5:
+            return None
+        self._trial.append(value)
+        self._uncorrected.append(uncorrected)
+        readings, estimates = (
+            np.fromiter(one, float)[-latest:] for one in (self._trial, self._uncorrected)
+        )
+        if _to_and_fro(estimates) <= enough(own, float(np.abs(estimates).max())):
+            return None
+        return _slope(estimates, readings, own)
 
 
 def enough(own: float, largest: float) -> float:

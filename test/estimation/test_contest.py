@@ -23,6 +23,7 @@ from support.campaign import (
     run,
     sine,
 )
+from support.campaign_draws import course as random_course
 
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.draws import standard
@@ -125,6 +126,26 @@ def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
     lies = {CELL: Lie("drifts", seconds * SECOND, rate)}
     faults = Faults(quarter_rate(), sensors=sensors, lies=lies, cell_ns=SELDOM)
     _assert_law(model, slow, faults)
+
+
+def test_a_trusted_effort_that_no_longer_follows_the_motion_is_dropped(
+    model: Model,
+) -> None:
+    """Noise about a constant, which lower preloads would explain better and better."""
+    course = random_course(model, 17)
+    faults = Faults(sensors=(EFFORT,), lies={EFFORT: Lie("is stuck", 7 * SECOND, -0.043)})
+    dropped: list[str] = []
+
+    def watch(live: LiveEstimator) -> None:
+        assert live.fusion is not None
+        dropped.append(live.fusion.health[EFFORT].dropped)
+
+    outputs = run(model, course, faults, watch=watch)
+    verdict = judge(course, outputs, 0, course.duration_ns)
+    assert "times as far as the estimate" in dropped[0]
+    assert verdict.ratio.size > 0.2 * verdict.judged
+    assert verdict.beyond(5.0) <= 0.001
+    assert judge(course, outputs, 12 * SECOND, course.duration_ns).worst < 3.0
 
 
 @pytest.mark.parametrize(
