@@ -219,7 +219,7 @@ class Conditioner:
 
     def reset(self, keep_turns: bool = False) -> None: ...
     def remembered(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Numbers that outlast a restart, shapes (axes, 9) and (axes,)."""
+        """Numbers that outlast a restart, shapes (axes, 8) and (axes,)."""
 
     def remember(self, rows: NDArray[np.float64], stepped: NDArray[np.float64]) -> None:
         """Restore what ``remembered`` gave, before the first reading."""

@@ -137,14 +137,14 @@ auto by_name(const Conditioner& conditioner, Get get) {
     return found;
 }
 
-constexpr py::ssize_t REMEMBERED = 9;  // numbers of every axis
+constexpr py::ssize_t REMEMBERED = 8;  // numbers of every axis
 
 py::tuple memory(const Conditioner& conditioner) {
     std::vector<double> rows, stepped;
     for (const Conditioner::Memory& one : conditioner.memory()) {
         rows.insert(
             rows.end(),
-            {one.speed, one.acceleration, one.fastest, one.hardest, one.travelled, one.windows,
+            {one.speed, one.acceleration, one.fastest, one.travelled, one.windows,
              one.steps.bend, one.steps.unexplained, one.steps.displaced});
         stepped.push_back(one.steps.stepped ? 1.0 : 0.0);
     }
@@ -163,8 +163,8 @@ void recall(Conditioner& conditioner, const Numbers& rows, const Numbers& steppe
     for (py::ssize_t k = 0; k < axes; ++k) {
         const double* row = rows.data(k, 0);
         memory.push_back(
-            {row[0], row[1], row[2], row[3], row[4], row[5],
-             {row[6], row[7], row[8], stepped.data()[k] != 0.0}});
+            {row[0], row[1], row[2], row[3], row[4],
+             {row[5], row[6], row[7], stepped.data()[k] != 0.0}});
     }
     conditioner.recall(memory);
 }

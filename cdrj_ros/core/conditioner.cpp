@@ -237,7 +237,7 @@ std::vector<Conditioner::Memory> Conditioner::memory() const {
     for (const Channel& channel : channels_) {
         const Motion& m = channel.motion;
         found.push_back({
-            m.speed, m.acceleration, m.fastest, m.hardest, m.travelled, m.windows,
+            m.speed, m.acceleration, m.fastest, m.travelled, m.windows,
             channel.steps.memory,
         });
     }
@@ -252,7 +252,6 @@ void Conditioner::recall(std::span<const Memory> memory) {
         motion.speed = known.speed;
         motion.acceleration = known.acceleration;
         motion.fastest = known.fastest;
-        motion.hardest = known.hardest;
         motion.travelled = known.travelled;
         motion.windows = known.windows;
         channel.motion = motion.elsewhen();

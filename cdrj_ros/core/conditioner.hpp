@@ -32,7 +32,7 @@ public:
 
     /// What outlasts a restart of one axis.
     struct Memory {
-        double speed, acceleration, fastest, hardest, travelled, windows;  // see `Motion`
+        double speed, acceleration, fastest, travelled, windows;  // see `Motion`
         StepMemory steps;
     };
 

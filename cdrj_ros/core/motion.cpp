@@ -50,7 +50,6 @@ void Motion::close(double length, double moved) {
     fastest = std::max(fastest, now);
     double& greatest = moved > 0.0 ? forward : back;
     greatest = std::max(greatest, now);
-    hardest = std::max(hardest, change);
     travelled += certain;
     windows += 1.0;
     span = length;

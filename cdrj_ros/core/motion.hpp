@@ -18,7 +18,6 @@ struct Motion {
     double speed = 0.0;           // V of (C2): rises at once and decays [rad/s]
     double acceleration = 0.0;    // A of (C2) [rad/s^2]
     double fastest = 0.0;         // greatest speed over any window so far [rad/s]
-    double hardest = 0.0;         // greatest acceleration between two windows so far [rad/s^2]
     double travelled = 0.0;       // sum of the displacements of all windows
     double windows = 0.0;         // their number
     double forward = 0.0, back = 0.0;  // greatest speed over a window in either direction [rad/s]

@@ -24,7 +24,7 @@ END_NS = 2**31 * 10**9
 GAP_NS, WINDOW_NS, HORIZON_NS = 10**9, 10**8, 2 * 10**7
 LARGEST, MARGIN = 1e12, 1e-9
 CONFIRMATIONS, WAITING, STRAGGLERS = 5, 20_000, 100
-LASTING = ("speed", "acceleration", "fastest", "hardest", "travelled", "windows")
+LASTING = ("speed", "acceleration", "fastest", "travelled", "windows")
 LASTING_STEPS = ("bend", "unexplained", "displaced")
 
 
@@ -51,7 +51,6 @@ class Motion:
     speed: float = 0.0
     acceleration: float = 0.0
     fastest: float = 0.0
-    hardest: float = 0.0
     travelled: float = 0.0
     windows: float = 0.0
     forward: float = 0.0
@@ -82,7 +81,7 @@ class Motion:
             self.forward = max(self.forward, speed)
         else:
             self.back = max(self.back, speed)
-        self.fastest, self.hardest = max(self.fastest, speed), max(self.hardest, acceleration)
+        self.fastest = max(self.fastest, speed)
         self.travelled, self.windows = self.travelled + certain, self.windows + 1.0
         self.span, self.velocity = span, velocity
 
