@@ -88,7 +88,7 @@ def minimise(
     """Least squares from one start.
 
     Where most of the cost is noise, a tolerance on its change ends a fit too early, so steps are
-    taken while they are a considerable fraction of a standard error, or gain.
+    taken while they gain, and once more if they are a considerable fraction of a standard error.
 
     Args:
         problem: problem whose residuals are minimised.
@@ -106,12 +106,14 @@ def minimise(
     """
     here = np.clip(begin, *limits(problem))
     problem.model(here)  # raises an error that states the reason
+    was_slow = False
     for taken in range(most_steps + 1):
         found = _minimum(problem, here, loss, rough, variance)
         say(f"step {taken + 1}: rms residual {found.rms:.5g}")
         slow = _expected(problem, found, found.step) >= (1.0 - GAIN) * found.cost
-        if taken == most_steps or (slow and found.size.max() <= settled):
+        if taken == most_steps or (slow and (was_slow or found.size.max() <= settled)):
             break
+        was_slow = slow
         better = _lower(problem, found)
         if better is None:
             break
