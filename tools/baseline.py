@@ -20,13 +20,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-import lightgbm
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.linear_model import RidgeCV
-from sklearn.model_selection import GroupKFold
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -104,6 +99,12 @@ def features(angle: Table) -> Table:
 
 def predictions(fitted: Sequence[Run], asked: Sequence[Run]) -> dict[str, list[Table]]:
     """Torques of the runs to compare with, by kind of regression."""
+    from lightgbm import LGBMRegressor
+    from sklearn.linear_model import RidgeCV
+    from sklearn.model_selection import GroupKFold
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
     x = np.vstack([run.features for run in fitted])
     y = np.vstack([run.torque for run in fitted])
     # by loads; a single run is divided in time
@@ -116,7 +117,7 @@ def predictions(fitted: Sequence[Run], asked: Sequence[Run]) -> dict[str, list[T
     linear, rest = np.empty((len(there), len(CHANNELS))), np.empty((len(there), len(CHANNELS)))
     for c in range(len(CHANNELS)):
         linear[:, c] = ridge.fit(x, y[:, c]).predict(there)
-        boosted = lightgbm.LGBMRegressor(**BOOSTED).fit(x, y[:, c] - ridge.predict(x))
+        boosted = LGBMRegressor(**BOOSTED).fit(x, y[:, c] - ridge.predict(x))
         rest[:, c] = boosted.predict(there)
     ends = np.cumsum([len(run.angle) for run in asked])[:-1]
     return {

@@ -173,7 +173,7 @@ def push(seconds=8.0, torque=1.0, threshold=0.5, pushed_s=5.2):
             last_ns = one.stamp_ns
             angle = loop.estimator.sample.joint_angle[0]
             found = observer.update(dt, angle, float(one.joint_effort[0]))
-            if abs(found) > threshold + 2.0 * loop.stddev[-1] and k > 1000:
+            if abs(found) > threshold + 2.0 * one.stddev[-1] and k > 1000:
                 detected = min(detected, (k - begin) * DT)
         torques.append(observer.torque)
     quiet = np.abs(torques[1000 : begin - 1])

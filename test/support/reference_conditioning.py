@@ -221,7 +221,7 @@ class Steps:
         self.alternates = self.share > 0.1 or (self.alternates and self.share >= 0.02)
 
     def offset(self, motion: Motion) -> float:
-        hidden = 0.5 * max(self.unexplained, 2.0 * motion.band)
+        hidden = 0.35 * max(self.unexplained, 2.0 * motion.band)
         value = hypot(hidden, self.displaced)
         return exp(0.22 * ceil(log(value) / 0.22)) if value > 0.0 else 0.0
 
