@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import os
 import pty
@@ -28,9 +29,10 @@ class Output:
         self._thread.start()
 
     def _read(self, stream: int) -> None:
+        decoder = codecs.getincrementaldecoder("utf-8")()  # a character may come in two pieces
         with contextlib.suppress(OSError):  # reading a closed terminal raises an error
             while data := os.read(stream, 65536):
-                self.text += data.decode()
+                self.text += decoder.decode(data)
 
     def finish(self) -> str:
         self._thread.join(PATIENCE_S)
