@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import signal
-from collections.abc import Callable
-from time import time_ns
 from typing import Any
 
 import numpy as np
 import pytest
 from support.estimators import (
     BEGIN,
-    ROBOT,
     SECOND,
     Bench,
     Clock,
@@ -21,16 +16,11 @@ from support.estimators import (
     tensions,
 )
 
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, read_layout
-from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, read_layout
 from cdrj_ros.model.status import STALE
 from cdrj_ros.nodes.silence import StampClock
 
 MS = 1_000_000
-MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
-JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
 
 
 def _late_s(lags_s: list[float], same_clock_s: float = 60.0) -> list[float]:
@@ -112,72 +102,3 @@ def test_where_all_inputs_are_late_alike_the_estimates_are_stale(
         estimator.diagnose()
         assert bench.until(lambda: bool(said))
         assert said[-1].level != said[-1].OK
-
-
-def test_what_waited_while_the_process_was_stopped_is_stale(
-    node: Any, start_node: Any, recorded: Callable[..., Samples]
-) -> None:
-    """SIGSTOP for 1.9 s, as a debugger or a suspended machine does."""
-    import rclpy
-    from cdrj_msgs.msg import CableTensions
-    from sensor_msgs.msg import JointState
-
-    readings = recorded(load_model(ROBOT), 15)
-    heard: dict[int, int] = {}
-
-    def hear(payload: bytes) -> None:
-        found = read_layout(payload, CABLE_TENSIONS.fields)
-        arrays = {
-            name: np.frombuffer(payload, one.dtype, one.count, one.offset)
-            for name, one in found.numbers.items()
-        }
-        stamp = int(arrays["header.stamp.sec"][0]) * SECOND + int(arrays["header.stamp.nanosec"][0])
-        heard.setdefault(stamp, int(np.bitwise_or.reduce(arrays["status"])))
-
-    node.create_subscription(CableTensions, "/stopped/tensions", hear, 2000, raw=True)
-    motors = node.create_publisher(JointState, "/stopped/motor_states", 2000)
-    joints = node.create_publisher(JointState, "/stopped/joint_states", 2000)
-    process = start_node(
-        "estimator", "--ros-args", "-r", "__ns:=/stopped", "-p", f"robot:={ROBOT}",
-        "-p", "timeout:=0.5",
-    )  # fmt: skip
-    sent: list[int] = []
-
-    def send() -> None:
-        """One reading of each axis, stamped now."""
-        sent.append(time_ns())
-        k = len(sent) % readings.stamp_ns.size
-        joints.publish(JOINT.encode(sent[-1], position=readings.joint_angle[k]))
-        motors.publish(MOTOR.encode(sent[-1], position=readings.motor_angle[k]))
-        rclpy.spin_once(node, timeout_sec=0.01)
-
-    def send_until(condition: Callable[[], bool], patience_s: float = 120.0) -> None:
-        begin = time_ns()
-        while not condition():
-            assert time_ns() - begin < patience_s * SECOND
-            send()
-
-    def fresh() -> bool:
-        return any(stamp > since and not flags & STALE for stamp, flags in heard.items())
-
-    since = 0
-    send_until(fresh)
-    for _ in range(5):  # Fast DDS may give a reader up that does not answer for a second
-        os.kill(process.pid, signal.SIGSTOP)
-        try:
-            stopped = time_ns()
-            send_until(lambda begin=stopped: time_ns() - begin > 1_900 * MS)
-        finally:
-            since = time_ns()
-            os.kill(process.pid, signal.SIGCONT)
-        send_until(fresh)
-        # read after the process went on, which is more than the timeout after their stamps
-        waited = [
-            flags
-            for stamp, flags in heard.items()
-            if stopped + SECOND // 5 < stamp < since - SECOND // 2
-        ]
-        if len(waited) > 20:
-            break
-    assert len(waited) > 20
-    assert all(flags & STALE for flags in waited)

@@ -1,7 +1,7 @@
 """Hostile messages: the node keeps running, counts all of them, and its estimates stay correct.
 
-`make test` sends 25 000 messages from a fixed seed to the callbacks of a node in this process, and
-some more over DDS to a node in another process; `make soak` sends CDRJ_HOSTILE messages.
+`make test` sends 25 000 messages from a fixed seed to the callbacks of a node in this process;
+`make soak` sends CDRJ_HOSTILE messages.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -28,15 +27,12 @@ from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
-    ENCAPSULATION,
     JOINT_STATE,
     NODAL_FORCES,
     MessageError,
-    cable_tensions,
 )
 from cdrj_ros.messages.cdr import read_layout as layout_of
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import UNSURE
 
@@ -50,7 +46,6 @@ NAMES = {"motors": "winch", "joints": "elbow"}
 GROWTH_MB = 8.0
 """Most memory that 100 000 messages or more may add [MB]; fewer may add less in proportion."""
 OF_MESSAGES = min(1.0, MESSAGES / 100_000)
-PATIENCE_S = 180.0
 
 
 @lru_cache(maxsize=64)
@@ -169,12 +164,12 @@ def names_in(payload: bytes) -> int:
     return names
 
 
-def own_mb(process: int | str = "self") -> float:
+def own_mb() -> float:
     """Anonymous memory of the process [MB], without libraries and shared memory."""
     gc.collect()
     (line,) = (
         line
-        for line in Path(f"/proc/{process}/status").read_text().splitlines()
+        for line in Path("/proc/self/status").read_text().splitlines()
         if line.startswith("RssAnon:")
     )
     return int(line.split()[1]) * 1024e-6
@@ -347,100 +342,25 @@ def is_tensions(payload: bytes) -> bool:
     return True
 
 
-def as_sent(payload: bytes) -> bytes:
-    """Pad to a multiple of four bytes like the middleware, with at least four bytes of content.
-
-    Fast DDS does not accept a shorter sample and requests it from the sender again and again.
-    """
-    payload = payload.ljust(ENCAPSULATION + 4, b"\0")
-    return payload + bytes(-len(payload) % 4)
-
-
-def test_a_node_survives_hostile_bytes_over_dds_counts_them_and_stays_correct(
-    ros: None, start_node: Any
+def test_whatever_arrives_is_counted_and_after_a_reset_the_estimates_are_right(
+    estimator: Any,
 ) -> None:
-    import rclpy
-    from cdrj_msgs.msg import CableTensions
-    from diagnostic_msgs.msg import DiagnosticArray
-    from rclpy.node import Node
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-    from std_srvs.srv import Trigger
-
-    process = start_node(
-        "estimator", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "tension_sensors:=true",
-        "-p", "timeout:=3600.0",
-    )  # fmt: skip
-    beside = Node("hostile", namespace="cdrj")
-    qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
-    publishers = {
-        "motors": beside.create_publisher(JointState, "motor_states", qos),
-        "joints": beside.create_publisher(JointState, "joint_states", qos),
-        "tensions": beside.create_publisher(CableTensions, "tension_sensors", qos),
-    }
-    answers: list[bytes] = []
-    said: dict[str, str] = {}
-    beside.create_subscription(CableTensions, "tensions", answers.append, qos, raw=True)
-    beside.create_subscription(
-        DiagnosticArray,
-        "/diagnostics",
-        lambda m: said.update({v.key: v.value for v in m.status[0].values}),
-        10,
-    )
-    reset = beside.create_client(Trigger, "estimator/reset")
-
-    def until(condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
-        deadline = monotonic() + patience_s
-        while not condition():
-            assert process.poll() is None
-            if monotonic() > deadline:
-                return False
-            rclpy.spin_once(beside, timeout_sec=0.02)
-        return True
-
-    def counted() -> int:
-        """Number of messages refused as a whole and of readings, from the node's diagnostics."""
-        keys = ["readings accepted", "readings held", "readings for another topic"]
-        keys += [key for key in said if key.startswith("refused: ")]
-        return sum(int(said.get(key, "0")) for key in keys if key != "refused: unknown element")
-
-    assert until(
-        lambda: bool(said) and all(p.get_subscription_count() for p in publishers.values())
-    )
-    assert until(lambda: reset.service_is_ready() and beside.count_publishers("/cdrj/tensions") > 0)
     rng = np.random.default_rng(SEED + 2)
-    due, now, warm = 0, BEGIN, 0.0
-    for burst in range(8):
-        for _ in range(150):
-            now += MILLISECOND
-            for topic, payload in wild(rng, now):
-                padded = as_sent(payload)
-                publishers[topic].publish(padded)
-                due += names_in(padded) or 1
-            padded = as_sent(wild_tensions(rng, now))
-            publishers["tensions"].publish(padded)
-            due += not is_tensions(padded)
-        assert until(lambda: counted() == due), (counted(), due, said)  # noqa: B023
-        if burst == 3:
-            warm = own_mb(process.pid)
-    assert process.poll() is None
-    assert own_mb(process.pid) - warm < GROWTH_MB
-
-    forgotten = reset.call_async(Trigger.Request())
-    assert until(forgotten.done)
-    assert forgotten.result().success
+    traffic, now = Traffic(estimator), BEGIN
+    for _ in range(1200):
+        now += MILLISECOND
+        for topic, payload in wild(rng, now):
+            traffic.send(topic, payload)
+        tensions = wild_tensions(rng, now)
+        estimator.on_tensions(tensions)
+        traffic.whole += not is_tensions(tensions)
+    traffic.assert_counted()
+    estimator.live.reset()
+    estimator.answers.clear()
     later = BEGIN + 10**6 * SECOND
     stamps: dict[str, list[int]] = {"motors": [], "joints": []}
     for k in range(300):
-        stamp = later + k * MILLISECOND
         for topic in ("joints", "motors"):
-            publishers[topic].publish(valid(topic, stamp))
-            stamps[topic].append(stamp)
-    assert until(lambda: bool(answers) and cable_tensions(answers[-1])[0] == stamps["motors"][-1])
-    model = load_model(ROBOT)
-    wanted = offline(model, stamps)
-    got = [cable_tensions(one) for one in answers]
-    after = [(stamp, tension) for stamp, _, tension, _ in got if stamp >= later]
-    assert [stamp for stamp, _ in after] == wanted.stamp_ns.tolist()
-    assert np.array_equal([tension for _, tension in after], wanted.values[:, model.layout.tension])
-    beside.destroy_node()
+            stamps[topic].append(later + k * MILLISECOND)
+            traffic.send(topic, valid(topic, stamps[topic][-1]))
+    assert_same(estimator.live.model, estimator.answers, offline(estimator.live.model, stamps))

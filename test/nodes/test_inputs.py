@@ -261,20 +261,6 @@ def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
     assert joints_heard.reliability == ReliabilityPolicy.RELIABLE
 
 
-def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
-    bench: Bench, log: list[tuple[int, str]]
-) -> None:
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
-    name = "qos_overrides./cdrj/motor_states.subscription.reliability"
-    estimator = bench.estimator(**{name: "reliable"})
-    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
-    assert logged(bench, log, "WARN", "Set it to best_effort")
-    assert estimator.inputs[0].reliability == ReliabilityPolicy.RELIABLE
-
-
 # parameters ------------------------------------------------------------------------------------
 
 

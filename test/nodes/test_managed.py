@@ -97,18 +97,6 @@ def test_shutdown_ends_every_state(
     assert bench.until(lambda: one.ends() == (0, 0))
 
 
-def test_a_transition_that_the_state_does_not_have_is_refused(
-    managed: Callable[..., Managed],
-) -> None:
-    one = managed()
-    assert not one.change("activate")
-    assert not one.change("launch")
-    assert one.state == "unconfigured"
-    assert one.change("configure")
-    assert not one.change("configure")
-    assert one.state == "inactive"
-
-
 def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
     bench: Bench, start_node: Any
 ) -> None:

@@ -208,29 +208,6 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
     assert float(values_of(said[-1])["age [s]"]) > 0.5
 
 
-def test_outputs_are_stale_no_sooner_and_hardly_later_than_the_timeout(bench: Bench) -> None:
-    from cdrj_msgs.msg import CableTensions
-
-    estimator = bench.estimator(use_sim_time=True, timeout=0.5)
-    heard: list[Any] = []
-    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 100)
-    clock = Clock(bench, estimator)
-    assert bench.until(lambda: estimator.outputs.tensions.get_subscription_count() > 0)
-    clock.set(BEGIN)
-    clock.set(BEGIN + 110 * MILLISECOND)  # between two checks of the inputs
-    feed(estimator, 0, 10)
-    assert bench.until(lambda: len(heard) == 10)
-    for ms in range(120, 611, 10):
-        clock.set(BEGIN + ms * MILLISECOND)
-        bench.executor.spin_once(timeout_sec=0.005)
-    assert len(heard) == 10
-    for ms in range(620, 741, 10):
-        clock.set(BEGIN + ms * MILLISECOND)
-        bench.executor.spin_once(timeout_sec=0.005)
-    assert bench.until(lambda: len(heard) > 10)
-    assert all(flags & STALE for flags in heard[-1].status)
-
-
 @pytest.mark.parametrize("service", ["reset", "tare", "set_preload"])
 def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: str) -> None:
     from cdrj_msgs.msg import CableTensions
@@ -349,21 +326,3 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
 
 
 # several nodes ---------------------------------------------------------------------------------
-
-
-def test_the_filter_between_counts_may_change_while_running(bench: Bench) -> None:
-    from rclpy.parameter import Parameter
-
-    estimator, raw = bench.estimator(), bench.estimator("-r", "__ns:=/raw", tracking_bandwidth=0.0)
-    for one in (estimator, raw):
-        feed(one, 0, 200)
-    assert not np.array_equal(tensions(estimator), tensions(raw))  # the robot file's filter is on
-    (result,) = estimator.node.set_parameters([Parameter("tracking_bandwidth", value=0.0)])
-    assert result.successful
-    for one in (estimator, raw):
-        feed(one, 200, 300)
-    (motor, joint), (motor_raw, joint_raw) = (
-        (one.live.sample.motor_angle, one.live.sample.joint_angle) for one in (estimator, raw)
-    )
-    assert np.array_equal(motor, motor_raw)
-    assert np.array_equal(joint, joint_raw)

@@ -139,19 +139,6 @@ def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench: Bench) -> None:
     assert np.array_equal(slow.latest.values, last.values)
 
 
-def test_quality_of_service_may_be_overridden_by_parameters(bench: Bench) -> None:
-    from rclpy.qos import ReliabilityPolicy
-
-    bench.estimator(**{"qos_overrides./cdrj/tensions.publisher.reliability": "best_effort"})
-    for topic, wanted in (
-        ("/cdrj/tensions", ReliabilityPolicy.BEST_EFFORT),
-        ("/cdrj/efforts", ReliabilityPolicy.RELIABLE),
-    ):
-        assert bench.until(lambda: bool(bench.node.get_publishers_info_by_topic(topic)))  # noqa: B023
-        (info,) = bench.node.get_publishers_info_by_topic(topic)
-        assert info.qos_profile.reliability == wanted
-
-
 def published(estimator: Any, interval: int, late: int) -> list[list[int]]:
     """Stamps published after each of 400 motor readings 1 ms apart [ns].
 

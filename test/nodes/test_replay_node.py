@@ -146,21 +146,6 @@ def test_passes_agree_bit_for_bit(
     assert facts["between passes"].startswith("0 at most")
 
 
-def test_a_part_of_a_bag_is_answered_completely(
-    estimator: Any, replay: Any, short_bag: str, tmp_path: Path
-) -> None:
-    figures = tmp_path / "f.json"
-    code, out = replay(
-        short_bag, "--start-offset", "1.25", "--playback-duration", "1", "--json", str(figures)
-    ).finish()
-    assert code == 0, out
-    facts = _facts(figures)
-    assert facts["played"].startswith("1.000 s of ")
-    assert facts["estimates received"] == facts["estimates expected"]
-    # one second of motors at 1 kHz, and of joints at 500 Hz with stamps in between
-    assert 1490 < int(facts["estimates expected"]) <= 1501
-
-
 def test_another_topic_is_played_under_another_name_and_the_clock_follows(
     estimator: Any, replay: Any, short_bag: str, node: Any
 ) -> None:
@@ -270,19 +255,3 @@ def test_invalid_options_of_replay_are_refused_in_one_line(
     errors = capsys.readouterr().err
     assert words in errors
     assert errors.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("offered", "latched"),
-    [
-        ("- history: 1\n  durability: 1\n", True),
-        ("- durability: transient_local\n", True),
-        ("- durability: 2\n", False),
-        ("", False),
-        ("{", False),
-    ],
-)
-def test_a_latched_topic_is_recognised(offered: str, latched: bool) -> None:
-    from cdrj_ros.nodes.replay_node import was_latched
-
-    assert was_latched(offered) is latched

@@ -208,27 +208,6 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(
     assert np.all(np.abs(told - true).mean(axis=0) < 0.05 * true.mean(axis=0))
 
 
-def test_every_kind_of_command_moves_the_motor(bench: Any) -> None:
-    one = bench("drives: {command_timeout: 30}")
-    angle = one.rig.rig
-    one.publish("commands/position", array_of(0.3))
-    assert one.spin_until(lambda: angle.motor_angle[0] == 0.3)
-    one.publish("motor_commands", states(["winch"], position=[0.2]))
-    assert one.spin_until(lambda: angle.motor_angle[0] == 0.2)
-    one.publish("motor_trajectory", trajectory((0.05, 0.1), (0.1, 0.25)))
-    assert one.spin_until(lambda: angle.motor_angle[0] == 0.25)
-    one.publish("commands/velocity", array_of(1.0))
-    assert one.spin_until(lambda: angle.motor_angle[0] > 0.35)
-    one.publish("commands/effort", array_of(1.0))
-    assert one.spin_until(lambda: one.rig.drives.modes == ["effort"])
-    before = angle.motor_angle[0]
-    assert one.spin_until(lambda: angle.motor_angle[0] > before + 0.05)
-    one.publish("motor_trajectory", trajectory())
-    assert one.spin_until(lambda: one.rig.drives.modes == ["position"])
-    assert one.rig.commands.accepted == 6
-    assert one.refused() == 0
-
-
 def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path: Path) -> None:
     from sensor_msgs.msg import JointState
 
