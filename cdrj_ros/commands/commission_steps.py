@@ -14,7 +14,6 @@ from datetime import datetime, timezone
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.identify_uncertainty import (
@@ -43,8 +42,6 @@ from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW, narrowed
 from cdrj_ros.robot.writer import number_of_urdf, with_numbers_in_text, with_section, yaml_number
 
-Vector = NDArray[np.float64]
-
 SWEEP_SAMPLES: Final = 2000
 """Samples of the motion by which a file is judged; 50 a second."""
 
@@ -56,8 +53,6 @@ KNOWN_FROM: Final = 0.25
 
 CELL_NOISE: Final = 0.1
 """Standard deviation of the load cell whose benefit is foretold [N]."""
-
-EPOCH_NS: Final = 1_700_000_000_000_000_000
 
 
 class Judged(NamedTuple):
@@ -266,9 +261,7 @@ def judged(model: Model, known: Uncertainty | None = None) -> Judged:
 
 def _sweep(model: Model) -> Samples:
     motors, joints = sweep(model, SWEEP_SAMPLES)
-    stamps = EPOCH_NS + np.round(
-        np.linspace(0.0, DURATION_S, SWEEP_SAMPLES, endpoint=False) * 1e9
-    ).astype(np.int64)
+    stamps = round(DURATION_S / SWEEP_SAMPLES * 1e9) * np.arange(1, SWEEP_SAMPLES + 1)
     return Samples(stamps, np.ascontiguousarray(motors), np.ascontiguousarray(joints))
 
 

@@ -35,6 +35,7 @@ from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar, progress_text
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
@@ -42,7 +43,7 @@ from cdrj_ros.identification.problem import Pool, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Recording, Topics
-from cdrj_ros.robot.document import Document, parse_document
+from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.writer import moved, with_numbers_in_text, with_section, yaml_number

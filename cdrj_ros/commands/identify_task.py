@@ -14,6 +14,7 @@ from cdrj_ros.evaluation.parallel import check_address
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import (
     Moved,
@@ -35,7 +36,6 @@ from cdrj_ros.identification.unknowns import (
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.document import (
-    Document,
     check_document,
     document_complaints,
     load_schema,

@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.elasticity import Elasticity, elasticities, strain_at, tensions_at
 from cdrj_ros.model.filling import contact_cells
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, segments_of, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 class CableStates(NamedTuple):

@@ -15,10 +15,9 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.encoder_errors import worth_of
 from cdrj_ros.estimation.reading_limits import axes_of
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
-
-Vector = NDArray[np.float64]
 
 Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)

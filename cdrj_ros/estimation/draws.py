@@ -14,20 +14,18 @@ from math import sqrt
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.elasticity import elasticities, strain_at
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare, read_only, segments_of
 from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 Made = TypeVar("Made")
 
 DRAWS: Final = 20

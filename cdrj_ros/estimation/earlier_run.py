@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import State, step
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model
-
-Vector = NDArray[np.float64]
 
 UNWATCHED_NS: Final = 100_000_000
 """After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.reading_limits import half_width
+from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot
-
-Table = NDArray[np.float64]
 
 LEAST_STEP: Final = 4.0
 """Smallest step that is found at any rate, by the greatest error of a reading, (C7)."""

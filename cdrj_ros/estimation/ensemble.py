@@ -27,13 +27,11 @@ from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
 from cdrj_ros.estimation.model_error import offset_gain, unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.model.status import INVALID, UNSURE
 from cdrj_ros.robot.description import Robot, Uncertainty
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 LAST_STAMP: Final = 1
 """Index of the last sample's stamp in the ensemble's progress."""

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.channels import channel_columns
 from cdrj_ros.model.prepared import Layout, Model
-
-Vector = NDArray[np.float64]
 
 NEVER: Final = -1
 """Stamp of a state before its first sample."""

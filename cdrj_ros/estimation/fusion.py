@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.draws import root_mean_square, standard
 from cdrj_ros.estimation.ensemble import Ensemble
@@ -37,9 +36,8 @@ from cdrj_ros.estimation.motor_friction import MotorFriction
 from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model
-
-Vector = NDArray[np.float64]
 
 MODEL_ERROR: Final = 0.01
 """Standard deviation of the model's error, in addition to the sensor's noise, as a fraction of the

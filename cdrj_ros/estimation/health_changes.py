@@ -12,12 +12,9 @@ from math import degrees, inf, radians
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Cable, Motor, Pulley, Robot, Uncertainty, Winch
-
-Vector = NDArray[np.float64]
 
 Kind = Literal["preload", "zero", "friction", "motor friction", "sensor", "broken"]
 

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.health_changes import Change
 from cdrj_ros.estimation.health_window import Reading, Window
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
+from cdrj_ros.foundation.arrays import Table, Vector
 
 PARTS: Final = 16
 """Parts of a cycle, each with one mean per sensor; the model's error counts once per part."""

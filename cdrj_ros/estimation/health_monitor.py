@@ -14,7 +14,6 @@ from math import ceil
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import NEVER
@@ -24,12 +23,10 @@ from cdrj_ros.estimation.health_evaluation import Evaluation, evaluate
 from cdrj_ros.estimation.health_verdict import Report, report
 from cdrj_ros.estimation.health_window import FEWEST, MOST, SHORTEST_NS, Reading, Turns, Window
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 TICK_NS: Final = 50_000_000
 """Time between two samples that the models process [ns]."""

@@ -5,11 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
+from cdrj_ros.foundation.arrays import Vector
 
 TURNED: Final = 0.25
 """A motion has reversed once it has come back by this fraction of its largest swing."""

@@ -19,11 +19,9 @@ from math import inf, sqrt
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.lasting_error import LastingError
-
-Vector = NDArray[np.float64]
+from cdrj_ros.foundation.arrays import Vector
 
 GATE: Final = 9.0
 """A reading fails the gate if its squared innovation exceeds this multiple of its variance."""

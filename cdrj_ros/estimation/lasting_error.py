@@ -18,12 +18,10 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.draws import root_mean_square
+from cdrj_ros.foundation.arrays import Table, Vector
 
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 Draw = Callable[[Sequence[Vector]], Vector]
 """Gives numbers of variance 1 in every member, shape (members,), which are independent of the
 errors of all sensors and of the vectors given."""

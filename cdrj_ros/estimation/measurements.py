@@ -14,10 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot, Winch
-
-Vector = NDArray[np.float64]
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a measurement [ns]."""

@@ -10,13 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Robot, Winch
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 LEAST_ARM: Final = 0.05
 """Moment arms below this fraction of the largest are not used to turn an effort into a tension."""

@@ -12,12 +12,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Robot
-
-Vector = NDArray[np.float64]
 
 FRICTION_SHARE: Final = 0.1
 """Standard deviation of a motor's unknown friction, as a fraction of the torque of its preloads."""

@@ -12,17 +12,14 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.cable_index import CableIndex, CableStates, lengthen
 from cdrj_ros.estimation.draws import root_mean_square, standard
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.innovation_gate import SensorState
 from cdrj_ros.estimation.measurements import Quantity
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model, read_only
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 SLOW_DRIFT: Final = 0.002
 """Random-walk spread of a preload after 1 s with load cells, as a fraction of the preload."""

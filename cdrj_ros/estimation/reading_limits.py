@@ -7,12 +7,10 @@ from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros._core import Axis
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
-
-Vector = NDArray[np.float64]
 
 NOISE_BAND: Final = 3.0
 """Greatest noise of a reading, in standard deviations."""

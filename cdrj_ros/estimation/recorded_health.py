@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import LEAST_NS, TICK_NS, HealthMonitor
 from cdrj_ros.estimation.health_verdict import Level
 from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.prepared import Model
-
-Table = NDArray[np.float64]
 
 ASKED_NS: Final = 1_000_000_000
 """Time between two looks for a broken cable, as in the node [ns]."""

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
-
-Vector = NDArray[np.float64]
+from cdrj_ros.foundation.arrays import Vector
 
 ALL_SEEN: Vector = _core.ALL_SEEN
 """``Sample.unseen`` where every axis was read often enough: all deviations are zero."""

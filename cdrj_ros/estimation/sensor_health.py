@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from cdrj_ros.foundation.arrays import Vector
 
 CHECKED: Final = 50
 """Number of latest readings over which a sensor is checked."""

@@ -33,11 +33,10 @@ from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state,
 from cdrj_ros.estimation.fusion import SensorFusion
 from cdrj_ros.estimation.preloads import START_SHARE, Preloads
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.tolerances import narrowed
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.encoderless import EncoderlessEstimator, Table, efforts_at
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
     Ensemble,
@@ -20,6 +20,7 @@ from cdrj_ros.estimation.estimator import Angles, Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.inputs import in_order
+from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages import topics

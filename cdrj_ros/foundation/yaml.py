@@ -46,6 +46,10 @@ _REAL: Final = re.compile(
 )
 
 
+Document = dict[str, Any]
+"""A mapping of plain containers: the content of a robot file, or of an entry in it."""
+
+
 class YamlError(CdrjError):
     """A text that is not valid YAML or exceeds a limit of this module."""
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.interruption import thread_pool
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.drums import DrumFinding, compare_drums, drums_in_doubt
 from cdrj_ros.identification.nuisance import Nuisance
 from cdrj_ros.identification.observations import (
@@ -44,7 +45,6 @@ from cdrj_ros.identification.starts import many_starts, sought
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.channels import EFFORT
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.reader import build_robot
 
 Vector = NDArray[np.float64]

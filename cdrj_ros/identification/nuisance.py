@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Observations, changes_conditioning
 from cdrj_ros.identification.problem import Problem, residuals_of_one
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range

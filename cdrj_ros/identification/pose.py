@@ -18,11 +18,11 @@ import numpy as np
 
 from cdrj_ros.estimation.whole_recording import angles_of
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import HANDBOOK_REST, SPRING_SCALE

@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.unknowns import Unknown, allowed_values, parse_unknowns
 from cdrj_ros.robot.description import Uncertainty
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import find_number
 
 ALONG: Final = (

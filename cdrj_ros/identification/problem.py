@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import (
     WEIGHTS,
     Observations,
@@ -28,7 +29,6 @@ from cdrj_ros.identification.observations import (
 )
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 

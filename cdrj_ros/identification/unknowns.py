@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.robot.document import Document
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.parameters import Number, find_number, matching_paths, split_outside
 
 Vector = NDArray[np.float64]

@@ -3,58 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.state import ScratchViews
-from cdrj_ros.robot.description import Cable
+from cdrj_ros.robot.description import Cable, Robot
 from cdrj_ros.robot.units import unit_doubts
-
-if TYPE_CHECKING:
-    from cdrj_ros.model.prepared import Model, Shape
-
 
 NAMED_ANGLES: Final = 12
 """Joints whose angles are listed in a message."""
 
 
-def reason(model: Model, angle: Vector, shape: Shape, views: ScratchViews) -> str:
+def reason(robot: Robot, angle: Vector, views: ScratchViews) -> str:
     """Message of one line that names the impossible node or element and the joint angles.
 
     It begins with a doubtful unit, if there is one.
 
     Args:
-        model: the robot.
+        robot: the robot.
         angle: of the joints [rad] or [m].
-        shape: its geometry in this pose.
-        views: the scratch in this pose.
+        views: the scratch in this pose, with its geometry.
     """
-    robot = model.robot
     angles = [f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)]
     more = ", ..." if len(angles) > NAMED_ANGLES else ""
     where = f" at {', '.join(angles[:NAMED_ANGLES])}{more}" if angles else ""
-    found = next(_impossible(model, where, shape, views), f"the geometry is impossible{where}")
+    found = next(_impossible(robot, where, views), f"the geometry is impossible{where}")
     doubt = next(unit_doubts(robot), None)
     begin = f"{doubt.where}: {doubt.text} With it " if doubt else ""
     return f"{begin}{found} ({robot.source})"
 
 
-def _impossible(model: Model, where: str, shape: Shape, views: ScratchViews) -> Iterator[str]:
+def _impossible(robot: Robot, where: str, views: ScratchViews) -> Iterator[str]:
     """Impossible nodes and elements, cable by cable."""
     node = element = pulley = 0
-    for c, cable in enumerate(model.robot.cables):
+    for c, cable in enumerate(robot.cables):
         path, count = f"cables[{c}].nodes", len(cable.nodes)
         if cable.placed:
             yield from _at_nodes(cable, path, where, views.touches[node : node + count])
-        for p, wrap in enumerate(shape.wrap[pulley : pulley + count - 2]):
+        for p, wrap in enumerate(views.wrap[pulley : pulley + count - 2]):
             if not wrap >= 0.0:
                 yield (
                     f"{path}[{p + 1}] ({cable.name}/{p + 2}) is left by its cable{where}: the wrap "
                     f"angle is {wrap:.4g} rad and must not be negative"
                 )
-        for e, length in enumerate(shape.length[element : element + count - 1]):
+        for e, length in enumerate(views.element_length[element : element + count - 1]):
             if not length > 0.0:
                 yield (
                     f"cables[{c}]: element {cable.name}/{e + 1} has the length {length:.4g} m"

@@ -184,7 +184,7 @@ def _at_rest(robot: Robot) -> tuple[Model, Shape]:
     reference = np.array([joint.reference_angle for joint in robot.joints])
     rest, views = placed(model, reference)
     if not rest.possible:
-        raise RobotFileError(reason(model, reference, rest, views))
+        raise RobotFileError(reason(robot, reference, views))
     for c, cable in enumerate(robot.cables):
         if cable.placed:
             _set_references(model, c, views, reference)
@@ -330,7 +330,7 @@ def _check_range(model: Model) -> None:
     for first in range(0, len(angles), RANGE_CHECKS):
         some = angles[first : first + RANGE_CHECKS]
         for angle in some[~_are_possible(model, some)]:
-            raise RobotFileError(reason(model, angle, *placed(model, angle)))
+            raise RobotFileError(reason(model.robot, angle, placed(model, angle)[1]))
 
 
 def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np.bool_]:

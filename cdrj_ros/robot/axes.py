@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.description import Joint, Motor, PassiveTorque, Sensor
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.refusal import Refusal
 
 DEFAULT_BREAKAWAY_ANGLE: Final = 1e-3

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, read_regular
-from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.foundation.yaml import Document, YamlError, load_yaml
 from cdrj_ros.robot.names import with_prefix
 from cdrj_ros.robot.urdf import with_urdf_frames
 
@@ -34,8 +34,6 @@ MAXIMUM_DEPTH: Final = 12
 
 MAXIMUM_BYTES: Final = 1_000_000
 """Largest accepted size of a file [bytes]."""
-
-Document = dict[str, Any]
 
 
 def read_text(path: str | Path, kind: str) -> str:

@@ -10,10 +10,9 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
-
-Document = dict[str, Any]
 
 _PLAIN: Final = re.compile(r"(?i)^(?!(y|n|yes|no|on|off|true|false|null)$)[a-z_][a-z0-9_./-]*$")
 """Texts that YAML takes as they are."""

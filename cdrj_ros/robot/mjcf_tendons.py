@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.yaml import Document
 
 STIFFNESS: Final = 10_000.0
 """Assumed EA of a tendon without stiffness [N]."""
@@ -33,8 +34,6 @@ NEARLY: Final = 1.1
 
 FARTHEST_M: Final = 1e6
 """Maximum coordinate or size that is read [m]."""
-
-Document = dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Final
 
-Document = dict[str, Any]
+from cdrj_ros.foundation.yaml import Document
 
 _KINDS: Final = ("motors.", "joints.", "effort/")
 """Beginnings of paths of numbers of motors and joints, and of channels of their efforts."""

@@ -22,9 +22,10 @@ from math import isnan, nan, pi
 from typing import Any, Final
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Anchor, Friction, PassiveTorque, Pulley, Sensor
-from cdrj_ros.robot.document import LARGEST, Document, schema
+from cdrj_ros.robot.document import LARGEST, schema
 
 Keys = tuple[str | int, ...]
 

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.names import prefixed, renamed
 from cdrj_ros.robot.visuals import urdf_visuals
 
@@ -28,8 +29,6 @@ DESCRIPTION: Final = "robot_description"
 """Name that stands for the URDF that robot_state_publisher publishes."""
 
 _description: ContextVar[Callable[[], str] | None] = ContextVar("robot_description", default=None)
-
-Document = dict[str, Any]
 
 
 @contextmanager

@@ -14,16 +14,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, pi
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.imported import flow
 from cdrj_ros.robot.urdf import ROOT, UrdfJoint, joints_of, urdf_element
-
-Document = dict[str, Any]
 
 FASTER: Final = 2.0
 """Largest speed that a reading may have, in units of the limit of commands."""

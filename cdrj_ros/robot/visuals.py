@@ -6,19 +6,19 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from math import asin, atan2
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Final, Literal, get_args
 from xml.etree import ElementTree as Xml
 
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Matrix
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space import Matrix3, Vector3, rpy_rotation
 
 if TYPE_CHECKING:
     from cdrj_ros.robot.urdf import UrdfJoint
 
-Document = dict[str, Any]
 
 VisualShape = Literal["box", "cylinder", "sphere", "mesh"]
 SHAPES: Final[tuple[VisualShape, ...]] = get_args(VisualShape)

@@ -17,8 +17,8 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.yaml import yaml_nodes
-from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, Document, parse_document
+from cdrj_ros.foundation.yaml import Document, yaml_nodes
+from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, parse_document
 from cdrj_ros.robot.names import prefixed
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.reader import load_document

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.loading import installed_path
 from cdrj_ros.robot.document import (
-    Document,
     check_document,
     load_schema,
     read_text,

@@ -11,6 +11,7 @@ import pytest
 from support.made_up import recording
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
@@ -20,7 +21,6 @@ from cdrj_ros.identification.unknowns import (
     with_bounds,
     with_priors,
 )
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import load_document
 

@@ -11,13 +11,13 @@ from support.made_up import recording
 
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.priors import fitted_along, known_before
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.residual_statistics import model_error
 from cdrj_ros.identification.unknowns import parse_unknowns, without_priors
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.tolerances import (

@@ -11,13 +11,13 @@ import pytest
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import Observations, Recorded, observe, samples_of
 from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
 from cdrj_ros.identification.solver import STEP, difference_points, jacobian
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.reader import build_robot, load_document
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.made_up import recording
 
+from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.problem import Settings
@@ -18,7 +19,6 @@ from cdrj_ros.identification.residual_statistics import (
     residual_variance,
 )
 from cdrj_ros.identification.unknowns import parse_unknowns
-from cdrj_ros.robot.document import Document
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.tolerances import (
