@@ -18,7 +18,6 @@ from cdrj_ros.robot.reader import load_robot, parse_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
-PROTOTYPE = (ROBOTS / "prototype.yaml").read_text("utf-8")
 
 PLAIN = """\
 name: plain
@@ -99,11 +98,6 @@ def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(
     assert f"m: a slip of its encoder {words}" in capsys.readouterr().out
 
 
-def test_json_alone_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    assert check_robot.main(["finger", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["robot"] == "finger"
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -121,17 +115,6 @@ def test_a_wrong_command_line_is_one_line_and_exit_code_2(
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
     assert all(word in error for word in words), error
-
-
-def test_a_wrong_file_is_one_line_that_names_the_key(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    robot = tmp_path / "robot.yaml"
-    robot.write_text(PROTOTYPE.replace("mu_c: 0.15", "mu_c: -0.15"))
-    assert check_robot.main([str(robot)]) == 2
-    error = capsys.readouterr().err.strip()
-    assert error.startswith("check_robot: friction.mu_c must be at least 0, got -0.15")
-    assert "\n" not in error
 
 
 def test_the_worst_tension_of_the_hoist_is_that_of_the_textbook() -> None:
@@ -208,30 +191,6 @@ def test_every_suspicious_value_is_reported(old: str, new: str, where: str, word
     assert all("\n" not in one.text for one in suspicions)
 
 
-def turned(slope: float, words: str = "") -> list[Suspicion]:
-    """Suspicions of a moving end of ``PLAIN``, where the wrap of a/2 changes by ``slope`` rad."""
-    wrap = f"wrap_angle: {{joint: q, offset: 1.5, slope: {slope}}}{words}}}"
-    return [one for one in found(PLAIN.replace("wrap_angle: 1.5}", wrap, 1))
-            if "moving_end" in one.text]  # fmt: skip
-
-
-@pytest.mark.parametrize("word", ["before", "after", "both"])
-def test_a_moving_end_that_is_stated_is_not_suspicious(word: str) -> None:
-    (one,) = turned(0.5)
-    assert (one.where, one.grave) == ("a/2", True)
-    assert "changes by 28.6°" in one.text
-    assert "±5 mm" in one.text
-    assert turned(0.5, f", moving_end: {word}") == []
-
-
-def test_a_moving_end_does_not_matter_without_friction() -> None:
-    wrap = "wrap_angle: {joint: q, offset: 1.5, slope: 0.5}}"
-    for law in ("law: none", "rho: 0, bearing_friction: 0"):
-        text = PLAIN.replace("mu_c: 0.1, rho: 0.2, bearing_friction: 0.005", f"mu_c: 0.1, {law}")
-        assert not any("moving_end" in one.text
-                       for one in found(text.replace("wrap_angle: 1.5}", wrap)))  # fmt: skip
-
-
 def test_a_load_that_only_a_pushing_cable_would_balance_is_reported() -> None:
     one = find_suspicions(
         inspect_robot(prepare(load_robot(ROBOTS / "hoist.yaml")), {"load": -50.0})
@@ -259,35 +218,6 @@ def test_a_dead_point_of_all_cables_is_reported() -> None:
     assert loose.where == "q"
     assert "at q = 0.0°" in loose.text
     assert loose.grave
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--json", "{robot}"], "would overwrite the input robot.yaml"),
-        (["--json", "{same}/no/file.json"], "there is no folder"),
-    ],
-)
-def test_an_impossible_output_is_refused_before_the_inspection(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-    options: list[str], words: str,
-) -> None:  # fmt: skip
-    monkeypatch.setattr(check_robot, "inspect_robot", lambda *_: pytest.fail("inspected before"))
-    robot = tmp_path / "robot.yaml"
-    robot.write_text(PLAIN)
-    given = [option.format(robot=robot, same=tmp_path / "same") for option in options]
-    assert check_robot.main([str(robot), *given]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
-    assert robot.read_text() == PLAIN
-
-
-def test_an_unknown_argument_is_escaped_on_the_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        check_robot.main(["hoist", "--red\x1b[31m"])
-    assert "unrecognized arguments: --red\\x1b[31m" in capsys.readouterr().err
 
 
 def test_a_stiffening_cable_is_inspected_with_its_own_law(

@@ -71,26 +71,6 @@ def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) ->
         np.testing.assert_array_equal(there.stamp_ns[:count], here.stamp_ns[:count])
 
 
-def test_forces_are_written_as_vectors_with_noise_in_every_component(tmp_path: Path) -> None:
-    run(tmp_path / "planar")
-    planar = read_recording(tmp_path / "planar", force_vectors=True)
-    spatial = ("--duration", "1", *rig(tmp_path, "references: {noise: 0.05}"))
-    assert main([str(tmp_path / "spatial"), "--robot", "wrist", *spatial]) == 0
-    for name, robot in (
-        ("planar", planar),
-        ("spatial", read_recording(tmp_path / "spatial", force_vectors=True)),
-    ):
-        vectors = {n: s for n, s in robot.references.items() if n.startswith("force_vector/")}
-        assert len(vectors) == sum(n.startswith("nodal_force/") for n in robot.references)
-        for channel, series in vectors.items():
-            magnitude = robot.references[channel.replace("force_vector", "nodal_force")].value
-            np.testing.assert_allclose(np.linalg.norm(series.value, axis=1), magnitude, rtol=1e-12)
-            still = np.diff(series.value[:50], axis=0).std(axis=0)  # rests for a second
-            moving = 3 if name == "spatial" else 2
-            assert np.all(still[:moving] > 0.01)
-            assert not series.value[:, moving:].any()
-
-
 @pytest.mark.parametrize("motion", ["sine", "ramps", "dwell", "random"])
 @pytest.mark.parametrize("mode", ["balance", "follow", "forward"])
 def test_every_motion_works_in_every_mode(tmp_path: Path, motion: str, mode: str) -> None:
@@ -194,54 +174,6 @@ def test_a_mistake_is_explained_in_one_line(
     assert words in refused(capsys, tmp_path / "bag", *options)
 
 
-TWO_JOINTS = """
-name: two
-motors: [{name: m1}, {name: m2}]
-joints:
-  - {name: a, range_deg: [-40, 40], scale: -2.0, offset: 0.5}
-  - {name: b, range_deg: [-40, 40], clock_offset: 0.25}
-friction: {mu_c: 0.1}
-cables:
-  - name: one
-    axial_stiffness: 5000
-    preload: 20
-    nodes:
-      - {type: winch, motor: m1, radius_mm: 10, winding: 1}
-      - {type: pulley, radius_mm: 10, wrap_angle_deg: 90}
-      - {type: anchor}
-    spans: [0.2, [{joint: a, offset_mm: 200, slope_mm: 10}, {joint: b, slope_mm: 8}]]
-  - name: two
-    axial_stiffness: 5000
-    preload: 20
-    nodes:
-      - {type: winch, motor: m2, radius_mm: 10, winding: 1}
-      - {type: pulley, radius_mm: 10, wrap_angle_deg: 90}
-      - {type: anchor}
-    spans: [0.2, [{joint: a, offset_mm: 200, slope_mm: -10}, {joint: b, slope_mm: -8}]]
-"""
-
-
-def test_several_joints_follow_their_own_motions(tmp_path: Path) -> None:
-    robot = tmp_path / "two.yaml"
-    robot.write_text(TWO_JOINTS)
-    code = main(
-        [
-            str(tmp_path / "bag"), "--robot", str(robot), "--joint", "a", "--joint", "b",
-            "--amplitude", "30deg,15deg", "--frequency", "0.5,0.7", "--duration", "4",
-        ]
-    )  # fmt: skip
-    assert code == 0
-    recording = read_recording(tmp_path / "bag", Topics())
-    assert set(recording.motors) == {"m1", "m2"}
-    a, b = recording.joints["a"], recording.joints["b"]
-    angle = -2.0 * a.value + 0.5  # conversion by scale and offset of the robot file
-    assert np.abs(angle).max() == pytest.approx(np.radians(30.0), rel=0.01)
-    assert np.abs(b.value).max() == pytest.approx(np.radians(15.0), rel=0.01)
-    assert a.stamp_ns[0] - b.stamp_ns[0] == 250_000_000
-    effort = recording.references["effort/a"].value
-    assert np.ptp(effort) > 0.01
-
-
 NAMES = sorted(path.stem for path in Path(ROBOT).parent.glob("*.yaml"))
 
 
@@ -296,24 +228,3 @@ def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
     moving = late > 2.5
     expected = np.interp(late[moving] - 1.5, source, first.value)  # 1 s rest, half the blend
     assert np.abs(second.value[moving] - expected).max() < 2e-3
-
-
-def test_positions_of_a_prismatic_joint_are_printed_in_metres(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
-    assert main([*command, "--amplitude", "20deg"]) == 2
-    assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
-    assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
-    error = capsys.readouterr().err
-    assert " m, t = " in error
-    assert "= 0.5 rad" not in error
-
-
-def test_a_given_amplitude_is_never_reduced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = [str(tmp_path / "bag"), "--robot", "davinci_jaw", "--duration", "8", "--cells", "1"]
-    assert main([*command, "--amplitude", "28deg"]) == 2
-    assert "element b/5 has no tension" in capsys.readouterr().err
-    assert not (tmp_path / "bag").exists()

@@ -13,7 +13,6 @@ import pytest
 
 import cdrj_ros as cdrj
 from cdrj_ros.commands import validate
-from cdrj_ros.evaluation import validation
 from cdrj_ros.evaluation.channels import estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
@@ -139,41 +138,6 @@ def test_limits_decide_the_exit_code_and_violations_are_listed(
 @pytest.fixture(scope="module")
 def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
-
-
-def test_no_output_may_name_an_input(
-    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    limits, robot = tmp_path / "limits.yaml", tmp_path / "robot.yaml"
-    limits.write_text("channels: {tension/upper/8: {rmse: {max: 1}}}")
-    robot.write_bytes(ROBOT.read_bytes())
-    (file,) = second.glob("*.mcap")
-    inputs = {path: path.read_bytes() for path in (limits, robot, file)}
-    for path in inputs:
-        for option in ("--json", "--html"):
-            arguments = [second, "--robot", robot, "--limits", limits, option, path]
-            assert validate.main([str(argument) for argument in arguments]) == 2
-            one_line(capsys, [f"{option} {path} would overwrite the input"])
-    arguments = [second, "--robot", robot, "--write-bag", second / "new"]
-    assert validate.main([str(argument) for argument in arguments]) == 2
-    one_line(capsys, ["--write-bag", "would overwrite the input second"])
-    assert {path: path.read_bytes() for path in inputs} == inputs
-
-
-def test_a_bag_without_references_is_refused_before_any_bag_is_read(
-    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    bare = tmp_path / "bare"
-    with BagWriter(bare) as bag:
-        bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
-
-    def never(*_: object) -> Recording:
-        raise AssertionError("read")
-
-    monkeypatch.setattr(validation, "read_inputs", never)
-    assert run(tmp_path, second, bare)[0] == 2
-    one_line(capsys, [f"{bare} holds no references", "--reference"])
 
 
 def moved(short: Path, out: Path, **topics: str) -> Path:
@@ -316,26 +280,6 @@ def test_invalid_options_are_refused_in_one_line(
 ) -> None:
     assert run(tmp_path, short, *arguments)[0] == 2
     one_line(capsys, words)
-
-
-def _inputs(path: Path, **arrays: Any) -> Path:
-    stamps = np.arange(1, 101) * 10_000_000
-    with BagWriter(path) as bag:
-        bag.write_joint_states("/cdrj/motor_states", stamps, ["winch"], **arrays)
-        bag.write_joint_states("/cdrj/joint_states", stamps, ["elbow"], np.zeros((100, 1)))
-        bag.write_tensions("/reference/tensions", stamps, ["upper/1"], np.ones((100, 1)))
-    return path
-
-
-def test_bags_without_angles_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path, _inputs(tmp_path / "bag", velocity=np.zeros((100, 1))))[0] == 2
-    one_line(capsys, ["/cdrj/motor_states has no motor angles", "100 malformed messages"])
-    with BagWriter(tmp_path / "empty"):
-        pass
-    assert run(tmp_path, tmp_path / "empty")[0] == 2
-    one_line(capsys, ["has no topic /cdrj/motor_states, but none"])
 
 
 def test_every_bag_may_have_its_own_preloads(

@@ -13,9 +13,6 @@ from cdrj_ros.evaluation.comparison import (
     summed_up,
     unknown_references,
 )
-from cdrj_ros.evaluation.metrics import mean_over_channels, pooled_errors
-from cdrj_ros.report.figures import hysteresis
-from cdrj_ros.report.table import table_groups
 
 EPOCH_NS = 1_722_000_000_123_456_789
 NAME = "tension/upper/8"
@@ -147,28 +144,6 @@ def test_names_need_a_known_prefix() -> None:
     for name in ("tension", "tension/", "torque/a", ""):
         with pytest.raises(ValueError, match="channel name must be one of tension/"):
             unit_of(name)
-
-
-def test_effort_and_position_of_a_prismatic_joint_have_their_own_units() -> None:
-    stamps = np.arange(3)
-    slide, turn = (
-        Angle(name, stamps, 0.1 * stamps, unit) for name, unit in (("x", "m"), ("j", "rad"))
-    )
-    names = ("effort/x", "angle/x", "effort/j", "tension/c/1", "effort/motor")
-    values = {name: np.array([1.0, 2.0, 4.0]) for name in names}
-    found = compare(
-        stamps, values, {name: (stamps, value + 0.01) for name, value in values.items()},
-        angle={name: turn if name.endswith("/j") else slide for name in names}, max_gap_ns=5,
-    )  # fmt: skip
-    units = {channel.name: channel.unit for channel in found}
-    assert units == dict(zip(names, ("N", "m", "N·m", "N", "N·m"), strict=True))
-    assert {channel.angle_unit for channel in found if channel.name != "effort/j"} == {"m"}
-    errors = pooled_errors([summed_up("bag", 1.0, found, ())])
-    efforts = [errors[name] for name in names if name.startswith("effort")]
-    assert mean_over_channels(efforts).unit == "N or N·m"
-    (title,) = (group.title for group in table_groups(errors) if group.quantity == "effort")
-    assert title == "Effort [N or N·m]"
-    assert "[mm]" in hysteresis(found[0], slice(None)).axes[0].get_xlabel()
 
 
 def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.motor_alone import without_encoder
 
-from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless
+from cdrj_ros.evaluation.inputs import read_encoderless
 from cdrj_ros.evaluation.validation import BagTask, compare_bag
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings import Topics
@@ -27,15 +27,6 @@ def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
     assert np.sqrt(np.mean((angle.estimate - angle.reference) ** 2)) < 5e-3
     assert np.ptp(angle.reference) > 0.5
     assert angle.stddev is not None
-
-
-def test_samples_hold_only_joints_with_encoders() -> None:
-    model = without_encoder("prototype", "elbow")
-    recording = read_encoderless(BAG, Topics(), model.robot)
-    assert "elbow" not in recording.joints
-    assert set(recording.motor_efforts) == {"winch"}
-    (segment,) = condition_recording(model, recording).segments
-    assert segment.joint_angle.shape == (segment.stamp_ns.size, 0)
 
 
 def test_a_bag_without_efforts_is_refused() -> None:

@@ -98,14 +98,6 @@ run_interruptibly("failing", lambda: lambda: run_command("failing", body, []))
     assert ended(program) == (2, "", "failing: \n")
 
 
-def test_an_interrupt_after_the_end_of_a_command_changes_nothing() -> None:
-    program = """
-atexit.register(interrupt)
-run_interruptibly("late", lambda: lambda: 0)
-"""
-    assert ended(program) == (0, "", "")
-
-
 @pytest.mark.parametrize(("chosen", "threads"), [({}, 1), ({BLAS_THREADS: "2"}, 2)])
 def test_numpy_calculates_in_one_thread_unless_the_user_chose_more(
     chosen: dict[str, str], threads: int

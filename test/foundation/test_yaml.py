@@ -12,7 +12,6 @@ from textwrap import dedent
 from typing import Any
 
 import pytest
-import yaml
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -213,10 +212,3 @@ def test_any_sequence_of_signs_has_one_value(parts: tuple[str, ...]) -> None:
     rng = Random(1)
     texts = ["".join(rng.choice(parts) for _ in range(rng.randrange(1, 12))) for _ in range(5000)]
     assert sum(map(is_alike, texts)) > 150
-
-
-def test_it_is_the_same_without_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = FILES[0].read_text("utf-8")
-    expected = load_yaml(text, "a.yaml")
-    monkeypatch.setattr("cdrj_ros.foundation.yaml._LOADER", yaml.SafeLoader)
-    assert load_yaml(text, "a.yaml") == expected

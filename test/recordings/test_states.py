@@ -5,7 +5,6 @@ import pytest
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
@@ -47,25 +46,6 @@ def test_compressed_chunks_or_none_indexed_or_not(make, tmp_path, compression, i
     )
     expected = () if indexed or not chunked else ("a.mcap has no index; read from start to end",)
     assert check_whole(path) == expected
-
-
-@pytest.mark.parametrize("mode", list(CompressionMode))
-def test_every_compression_mode_of_rosbag2(make, tmp_path, mode):
-    folder = tmp_path / "bag"
-    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    if mode != CompressionMode.NONE:
-        writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        channel = writer.add_connection(
-            make.topic, "sensor_msgs/msg/JointState", typestore=make.store
-        )
-        for _, log_ns, payload in make.swing(COUNT):
-            writer.write(channel, log_ns, payload)
-    assert check_whole(folder) == ()
-    (folder / "metadata.yaml").unlink()
-    assert check_whole(folder) == ("no metadata.yaml",)
-    (file,) = folder.iterdir()
-    assert check_whole(file) == ()
 
 
 def split_bag(make, folder, parts, metadata=True):
@@ -135,17 +115,6 @@ def test_files_that_are_not_bags_are_refused_by_name(tmp_path, content, word):
     assert "\n" not in str(caught.value)
 
 
-def test_folders_that_are_not_bags_are_refused_by_name(tmp_path):
-    with pytest.raises(BagError, match=r"holds no \.mcap file"):
-        read_recording(tmp_path)
-    (tmp_path / "bag_0.db3").touch()
-    for path in (tmp_path, tmp_path / "bag_0.db3"):
-        with pytest.raises(
-            BagError, match=r"bag_0\.db3 is empty, expected a bag stored as sqlite3"
-        ):
-            read_recording(path)
-
-
 def check_prefix(path, whole):
     """Check that a truncated bag gives the beginning of the complete one; returns its length."""
     read, refusal = attempt(lambda: read_recording(path, ONE_TOPIC))
@@ -179,26 +148,6 @@ def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression
     if compression == CompressionType.NONE:
         for percent in range(10, 80):
             assert counts[percent] >= 500 * (percent - 8) / 100
-
-
-@pytest.mark.parametrize("chunked", [True, False])
-def test_a_cut_file_that_was_compressed_whole_gives_what_decompresses(make, tmp_path, chunked):
-    import zstandard
-
-    rng = np.random.default_rng(6)
-    messages = [
-        (make.topic, i, make.joint_state(i + 1, ["m"], [value]))
-        for i, value in enumerate(rng.normal(size=12_000))
-    ]
-    plain = make.mcap(tmp_path / "a.mcap", messages, chunked=chunked)
-    whole = read_recording(plain, ONE_TOPIC).motors["m"].value
-    packed = zstandard.compress(plain.read_bytes())
-    path = tmp_path / "b.mcap.zstd"
-    path.write_bytes(packed[: len(packed) // 2])
-    read = read_recording(path, ONE_TOPIC)
-    n = read.motors["m"].value.size
-    assert 3_000 < n < 9_000
-    np.testing.assert_array_equal(read.motors["m"].value, whole[:n])
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import Channel
-from cdrj_ros.evaluation.reversals import envelope, turning_points
-from cdrj_ros.report.figures import COLOURS, around_largest_error, hysteresis, over_time
+from cdrj_ros.evaluation.reversals import envelope
+from cdrj_ros.report.figures import COLOURS, hysteresis, over_time
 
 TIME = 0.01 * np.arange(60)
 CHANNEL = Channel(
@@ -43,16 +43,6 @@ def test_estimate_recording_and_error_are_drawn_over_time_and_angle(part: slice)
     assert_line(axes, "estimate", np.degrees(CHANNEL.angle[part]), estimate)
 
 
-def test_vectors_are_drawn_by_component_with_the_length_of_their_difference_below() -> None:
-    force = np.stack([20.0 + TIME, -5.0 - TIME, np.full(60, 2.0)], axis=1)
-    estimate = force + [3.0, 0.0, -4.0] * TIME[:, None]
-    vectors = replace(CHANNEL, name="force_vector/a/2", reference=force, estimate=estimate)
-    series, errors = over_time(vectors, 0).axes
-    assert_line(series, "truth", TIME, *force.T)
-    assert_line(series, "estimate", TIME, *estimate.T)
-    assert_line(errors, "error", TIME, 5.0 * TIME)
-
-
 def test_a_missing_stretch_breaks_the_line_and_a_missing_sample_does_not() -> None:
     for missing, broken in ((slice(20, 40), 1), (slice(20, 21), 0)):
         kept = np.delete(np.arange(60), missing)
@@ -77,30 +67,3 @@ def test_the_envelope_keeps_the_peaks_of_every_bucket_in_few_points(n: int) -> N
     both = envelope(320, one, two)
     for series in (one, two):
         assert {int(series.argmax()), int(series.argmin())} <= set(both.tolist())
-
-
-def test_turning_points_are_the_reversals_and_not_the_noise() -> None:
-    time = np.arange(60_000) * 1e-3
-    angle = 0.7 * np.sin(2 * np.pi * 0.1 * time)
-    noisy = angle + np.random.default_rng(0).uniform(-0.01, 0.01, len(time))
-    expected = 2500 + 5000 * np.arange(12)
-    np.testing.assert_allclose(turning_points(angle), expected, atol=20)
-    np.testing.assert_allclose(turning_points(noisy), expected, atol=400)
-    for still in (time, np.zeros(100), np.full(100, np.nan)):
-        assert len(turning_points(still)) == 0
-    angle[:3000] = np.nan
-    np.testing.assert_allclose(turning_points(angle), expected[1:], atol=20)
-
-
-def test_the_enlarged_part_holds_the_largest_error_and_the_reversals_beside_it() -> None:
-    n, angle = 60_000, np.sin(np.arange(60_000) * 2 * np.pi / 10_000)
-    stamps = np.arange(n, dtype=np.int64) * 1_000_000
-    for worst in (2600, 21_000, 33_333, 57_000):
-        error = np.zeros(n)
-        error[worst] = -1.0
-        channel = Channel("tension/a/8", "N", stamps, error, np.zeros(n), angle, "q")
-        part = around_largest_error(channel)
-        assert part.start <= worst < part.stop
-        assert part.stop - part.start == pytest.approx(15_000, abs=50)
-        still = replace(channel, angle=np.full(n, np.nan))
-        assert around_largest_error(still) == slice(0, n)

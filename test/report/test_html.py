@@ -193,19 +193,3 @@ def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., s
     )
     assert ">force_vector/a/2 <" in written(BagComparison("a", 0.0, (vectors,)))
     assert written(BagComparison("a", 0.0, ())).count("<svg") == 1
-
-
-def test_limits_friction_and_the_robot_file_are_on_the_page(
-    tmp_path: Path, comparison: BagComparison, inspection: Inspection
-) -> None:
-    friction = (PulleyFriction("upper/2", 1.0, 2.0, 0.1234, 0.5),)
-    bag = replace(comparison, channels=comparison.channels[:1], friction=friction)
-    outside = Outside("bags/<one>", "tension/upper/8", "rmse", 0.2, 0.1, least=False)
-    write_report(
-        tmp_path / "r.html", errors_of([bag]), title="t", versions={}, inspection=inspection,
-        limit_check=LimitCheck("limits.yaml", 3, (outside,)),
-    )  # fmt: skip
-    text = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert text.index("1 of 3 figures is outside the limits of limits.yaml.") < text.index("<h2>")
-    for shown in ("bags/&lt;one&gt;", "12.34 %", "axial_stiffness"):
-        assert shown in text

@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.model.status import INVALID, OK, SLACK, STALE, UNSURE
 from cdrj_ros.report.live_table import Line, Section, View, live_table, plain_line
 
 NAN = float("nan")
@@ -52,13 +52,6 @@ def test_invalid_values_and_those_that_are_not_finite_are_not_drawn(value: float
     assert "largest a/2 1.00 N" in plain_line(View("t", (Section("element", lines),)))
 
 
-def test_statuses_have_their_colours_and_the_most_severe_is_first() -> None:
-    lines = (Line("a/1", 1.0, None, UNSURE | OVERLOAD), Line("a/2", 1.0, None, OK))
-    table = "\n".join(drawn(View("t", (Section("element", lines),)), colour=True))
-    assert re.search(r"\x1b\[1;31mOVERLOAD\x1b\[0m +\x1b\[33mUNSURE", table)
-    assert "\x1b[32mOK" in table
-
-
 def test_an_unknown_flag_is_not_taken_for_ok() -> None:
     table = drawn(View("t", (Section("element", (Line("a/1", 1.0, None, 64),)),)))
     assert "FLAG 64" in row(table, "a/1")
@@ -71,12 +64,3 @@ def test_escapes_in_names_and_notes_reach_no_terminal() -> None:
     assert "\x1b" not in "\n".join(drawn(view))
     assert "[red]evil[/red]" in "\n".join(drawn(view))
     assert not re.search(r"[\x00-\x1f]", plain_line(view))
-
-
-def test_the_line_for_pipes_has_rate_age_largest_value_and_statuses() -> None:
-    assert plain_line(VIEW) == (
-        "/cdrj/tensions, prototype, 998 Hz, age 0.004 s, largest upper/1 40.00 +-3.00 N, "
-        "1 INVALID 1 STALE 1 SLACK 1 UNSURE 1 OK"
-    )
-    waiting = View("/cdrj/tensions", notes=("no publisher", "two\nlines"))
-    assert plain_line(waiting) == "/cdrj/tensions; no publisher; two\\nlines"

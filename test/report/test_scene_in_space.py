@@ -46,21 +46,3 @@ def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         corners = np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))
         assert corners.max() < 0.2
-
-
-def test_a_cable_ends_on_its_sector_where_it_arrives() -> None:
-    text = ROBOT.replace(
-        "position: [0.1, -0.1, 0], frame: arm}",
-        "radius: 0.02, position: [0.1, -0.1, 0], frame: arm, axis: [0, 0, 1], turn: cw}",
-    )
-    model = prepare(parse_robot(text))
-    scene = scene_of(model, np.zeros(1))
-    before, end = scene.elements[5][[0, -1]]
-    centre = np.array([0.4, -0.1, 0.0])
-    assert np.linalg.norm((end - centre)[:2]) == pytest.approx(0.02)
-    # clockwise: the moment of the cable's direction about the centre is negative
-    assert np.cross(end - centre, end - before)[2] < 0.0
-    assert [body.shape for body in scene.bodies] == [
-        "point", "point", "cylinder", "sphere", "disc", "sphere", "disc",
-    ]  # fmt: skip
-    assert scene.bodies[6].centre == pytest.approx(centre)

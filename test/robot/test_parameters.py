@@ -6,10 +6,8 @@ import re
 from dataclasses import fields
 from math import pi
 from pathlib import Path
-from typing import get_args
 
 import pytest
-from ruamel.yaml import YAML
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.robot.description import (
@@ -18,10 +16,8 @@ from cdrj_ros.robot.description import (
     Friction,
     Pulley,
     Sensor,
-    StribeckForm,
 )
 from cdrj_ros.robot.document import parse_document, schema
-from cdrj_ros.robot.laws import FRICTION_LAWS
 from cdrj_ros.robot.parameters import (
     allowed_range,
     find_number,
@@ -30,8 +26,7 @@ from cdrj_ros.robot.parameters import (
     with_numbers,
 )
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.robot.space import FrameMotion
-from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
+from cdrj_ros.robot.writer import with_numbers_in_text, with_section
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
@@ -172,23 +167,6 @@ def test_a_change_of_a_number_with_an_alias_is_refused() -> None:
         with_numbers_in_text(text, {"cables.lower.preload": 20.0}, "x")
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (1e-6, "1.0e-06"),
-        (0.1114, "0.1114"),
-        (6283.185307, "6283.185"),
-        (2.0, "2"),
-        (1e9, "1.0e+09"),
-    ],
-)
-def test_numbers_are_written_in_a_form_that_every_yaml_reader_accepts(
-    value: float, text: str
-) -> None:
-    assert yaml_number(value) == text
-    assert YAML(typ="safe", pure=True).load(text) == pytest.approx(value, rel=1e-6)
-
-
 def test_a_section_is_put_at_the_end_in_place_of_the_old_one() -> None:
     once = with_section(
         TEXT, "uncertainty", "uncertainty:\n  parameters: [friction.rho]\n  stddev: [1]"
@@ -225,14 +203,6 @@ def test_the_defaults_of_the_schema_are_those_of_the_classes(kind: str) -> None:
             assert float(told[1]) == defaults[key], key
             checked += 1
     assert checked or kind == "anchor"
-
-
-def test_laws_and_forms_are_the_same_in_schema_and_types() -> None:
-    friction = schema()["$defs"]["friction"]["properties"]
-    assert friction["law"]["enum"] == tuple(FRICTION_LAWS)
-    assert friction["stribeck"]["enum"] == get_args(StribeckForm)
-    motions = schema()["$defs"]["frame"]["properties"]["motion"]["enum"]
-    assert tuple(word for word in motions if word != "continuous") == get_args(FrameMotion)
 
 
 @pytest.mark.parametrize(

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.published import JOINT, MOTOR, NAMES, PLAIN, PUBLISHED, efforts, of_all, positions
+from support.published import JOINT, MOTOR, NAMES, PLAIN, PUBLISHED, efforts, of_all
 
-from cdrj_ros.commands.check_robot_text import mapping
-from cdrj_ros.estimation.reading_limits import efforts_of
-from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.unknowns import parse_unknowns
@@ -21,7 +17,6 @@ from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import find_number, matching_paths
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section
-from cdrj_ros.view.history import joint_angles, joint_axes
 
 STAMPS = 1_000_000_000 + 2_000_000 * np.arange(400)
 TIME = (STAMPS - STAMPS[0]) * 1e-9
@@ -33,21 +28,6 @@ TORQUE = 0.2 * np.cos(4.0 * TIME)
 def models() -> tuple[Model, Model]:
     plain, published = (prepare(parse_robot(text, "robot")) for text in (PLAIN, PUBLISHED))
     return plain, published
-
-
-def test_the_live_estimate_is_that_of_angles_and_torques(models: tuple[Model, Model]) -> None:
-    plain, published = (LiveEstimator(model, Options()) for model in models)
-    for k, stamp in enumerate(STAMPS.tolist()):
-        angles = [ANGLE["winch"][k], ANGLE["elbow"][k]]
-        ours = plain.conditioner.feed_both(stamp, ("winch", "elbow"), angles)
-        theirs = published.conditioner.feed_both(stamp, NAMES, positions(*angles))
-        assert len(ours) == len(theirs)
-        for one, other in zip(ours, theirs, strict=True):
-            np.testing.assert_allclose(one.motor_angle, other.motor_angle, atol=1e-9)
-            np.testing.assert_allclose(one.joint_angle, other.joint_angle, atol=1e-9)
-    torques = efforts_of(models[1].robot, NAMES, np.array(efforts(TORQUE[0])))
-    np.testing.assert_allclose(torques, [7.0, 7.0, 7.0, 7.0, TORQUE[0]])
-    assert efforts_of(models[1].robot, NAMES, np.zeros(2)).size == 0
 
 
 def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
@@ -70,22 +50,6 @@ def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
     for angle, name in ((segment.motor_angle, "winch"), (segment.joint_angle, "elbow")):
         expected = np.interp(segment.stamp_ns, STAMPS, ANGLE[name])
         np.testing.assert_allclose(angle[inside, 0], expected[inside], atol=2e-4)  # half a count
-
-
-def test_a_picture_shows_the_same_angle(models: tuple[Model, Model]) -> None:
-    message = SimpleNamespace(
-        name=NAMES, position=positions(ANGLE["winch"][30], ANGLE["elbow"][30])
-    )
-    axes = joint_axes(models[1].robot)
-    assert joint_angles(message, axes, np.zeros(1)) == pytest.approx(ANGLE["elbow"][30])
-
-
-def test_check_robot_shows_what_published_numbers_mean(models: tuple[Model, Model]) -> None:
-    assert list(mapping(models[0].robot)) == []
-    motor, joint = mapping(models[1].robot)
-    assert motor.startswith(f"arm1_{MOTOR}: angle [rad] = -3.06796e-05 * published +0.3, ")
-    assert motor.endswith(", effort [N m] = 2.7 * published")
-    assert joint == f"arm1_{JOINT}: angle [rad] = 6.28319 * published -0.1"
 
 
 def test_numbers_are_found_and_written_under_any_name() -> None:

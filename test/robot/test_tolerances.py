@@ -15,11 +15,8 @@ from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.robot.tolerances import (
-    DRAG,
-    SPRING_SCALE,
     SPRING_SCALE_NOW,
     ZERO_BY_EYE,
-    default_tolerances,
     narrowed,
 )
 from cdrj_ros.robot.writer import with_section
@@ -76,14 +73,6 @@ def test_every_number_has_a_standard_deviation_or_a_reason_for_none(name: str) -
         assert path in uncertain or not (EXACT | ELSEWHERE).isdisjoint(path.split(".")), path
     assert all(stddev > 0.0 for stddev in uncertain.values())
     assert all(find_number(dict(robot.document), path) for path in uncertain)
-
-
-def test_a_fresh_file_has_the_documented_tolerances() -> None:
-    known = stddevs(parse_robot(FRESH))
-    assert known["joints.elbow.reference_angle"] == ZERO_BY_EYE
-    assert known["cables.upper.preload"] == pytest.approx(SPRING_SCALE * 36.85)
-    assert known["cables.upper.nodes.2.bearing_torque"] == pytest.approx(DRAG * 36.85 * 0.011)
-    assert known["friction.mu_s"] / known["friction.mu_c"] == pytest.approx(0.20 / 0.15)
 
 
 def test_numbers_with_one_cause_deviate_together() -> None:
@@ -151,11 +140,3 @@ def test_a_measurement_never_widens_what_the_file_states() -> None:
     robot = load_robot(ROBOTS / "prototype.yaml")
     known = narrowed(robot, {"cables.upper.preload": 36.0})
     assert stddevs(replace(robot, uncertainty=known))["cables.upper.preload"] == pytest.approx(0.4)
-
-
-def test_every_tolerance_says_what_it_is_and_how_to_reduce_it() -> None:
-    for name in ("prototype", "finger", "hoist", "parallel"):
-        for one in default_tolerances(dict(load_robot(ROBOTS / f"{name}.yaml").document)):
-            assert one.what
-            assert one.measure
-            assert one.factor

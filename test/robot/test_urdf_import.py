@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from cdrj_ros.commands import import_robot
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.reader import load_robot
 
 STATE = '<state_interface name="position"/><state_interface name="velocity"/>'
 COMMAND = '<command_interface name="effort"/>'
@@ -91,12 +90,6 @@ def test_names_gears_and_limits_are_those_of_the_urdf(
     assert "claw is not in ros2_control: it stands at 0" in said
     assert "el-bow has no limits: a range of one turn is assumed" in said
     assert "is begun; add its cables" in said
-
-
-def test_the_file_is_refused_until_it_has_a_cable(tmp_path: Path) -> None:
-    text = begun(tmp_path)
-    with pytest.raises(RobotFileError, match="cables needs at least 1 entries, got 0"):
-        parse_robot(text, str(tmp_path / "arm.yaml"))
 
 
 def test_transmissions_alone_name_the_motors(tmp_path: Path) -> None:

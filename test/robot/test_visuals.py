@@ -11,7 +11,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.report.scene import scene_of
 from cdrj_ros.report.visuals import mesh_in
@@ -73,17 +72,6 @@ def test_the_shapes_of_a_urdf_move_with_its_links(model: Model) -> None:
         yaw = Rotation.from_rotvec([0, 0, np.pi / 2])
         tip = at + link.apply(np.array([0.2, 0.0, 0.0]) + yaw.apply([0, 0.02, 0]))  # half of 0.04
         assert np.linalg.norm(part.points - tip, axis=1).min() < 1e-7
-
-
-def test_shapes_replace_the_links_and_are_drawn_in_a_report(model: Model) -> None:
-    from cdrj_ros.report.drawing import LINK, draw_robot
-
-    assert scene_of(model, np.zeros(1)).links == ()
-    figure = draw_robot(inspect_robot(model))
-    assert {len(axes.patches) for axes in figure.axes} == {3 * 3}, "also at the ends of the range"
-    assert figure.axes[0].patches[0].get_facecolor()[:3] == pytest.approx(
-        tuple(int(LINK[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    )
 
 
 def test_a_robot_file_may_have_shapes_of_its_own(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
-from cdrj_ros.view.drawing import Drawing, dashed_tube, tube
-from cdrj_ros.view.history import History, Snapshot, choices, columns_of, indices_of, nothing_known
+from cdrj_ros.view.drawing import Drawing
+from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known
 from cdrj_ros.view.html import table_of
 from cdrj_ros.view.picture import (
     PALE,
@@ -20,7 +20,6 @@ from cdrj_ros.view.picture import (
     STICKING,
     THIN,
     UNKNOWN,
-    dashes_of,
     extent_of,
     picture_of,
 )
@@ -70,23 +69,6 @@ def test_a_pulley_is_coloured_by_slip_and_an_unknown_force_has_no_arrow(
     ends = {picture.bodies[one.body].body.name: one.end for one in picture.arrows}
     assert np.isnan(ends[model.layout.pulleys[1]]).all()
     assert np.isfinite(ends[model.layout.pulleys[0]]).all()
-
-
-def test_every_vertex_of_a_tube_has_the_distance_of_its_radius_from_the_path() -> None:
-    angle = np.linspace(0.0, np.pi, 40)
-    arc = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)])
-    vertices, faces = tube(arc, 0.01)
-    around = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 1.0, vertices[:, 2])
-    np.testing.assert_allclose(around, 0.01, rtol=0.1)  # the arc is resampled
-    assert faces.max() == len(vertices) - 1
-
-
-def test_dashes_have_gaps() -> None:
-    ends = dashes_of(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 23.0]]))
-    vertices, faces = dashed_tube(ends, 0.1)
-    corners = vertices[faces][:, :, 2]
-    np.testing.assert_allclose(corners.max(axis=1) - corners.min(axis=1), 1.0, atol=1e-9)
-    assert len(faces) == len(ends) // 2 * 16
 
 
 def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(
@@ -151,16 +133,3 @@ def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
     # the middle of the bone, 19.89 mm from the joint, moves on a circle by 0.8 rad
     assert np.linalg.norm(end - start) == pytest.approx(scale * 2 * 0.01989 * np.sin(0.4))
     assert proximal.any()
-
-
-def test_every_element_and_pulley_can_be_plotted_with_its_neighbour(model: Model) -> None:
-    layout = model.layout
-    for chosen in choices(layout):
-        element, pulley = indices_of(layout, chosen)
-        assert chosen.partition(" ")[2] in (
-            layout.elements[element], None if pulley is None else layout.pulleys[pulley],
-        )  # fmt: skip
-        if pulley is not None:
-            assert element - layout.element_before[pulley] in (0, 1)
-            cables = {layout.elements[element].split("/")[0], layout.pulleys[pulley].split("/")[0]}
-            assert len(cables) == 1

@@ -11,12 +11,9 @@ import pytest
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings import Series, Topics
-from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.view import recorded
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
@@ -44,28 +41,6 @@ def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
     assert last.stamp_ns == film.table.stamp_ns[-1]
     assert film.at(-1.0).stamp_ns == film.table.stamp_ns[0]
     np.testing.assert_array_equal(last.tension, film.table.tension[-1])
-
-
-def test_a_film_shows_the_angles_with_their_correction(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = (ROBOTS / "prototype.yaml").read_text("utf-8")
-    joint = "  - name: elbow\n"
-    tracking = "tracking_bandwidth: 12", "tracking: adaptive"
-    assert all(text.count(key) == 1 for key in (joint, *tracking))
-    for key in tracking:
-        text = text.replace(key, "")
-    correction = "    correction: {angle_deg: [-30, 0, 30], value_deg: [1, 0, -0.5]}\n"
-    model = prepare(parse_robot(text.replace(joint, joint + correction)))
-    recording = read_inputs(str(SAMPLE), Topics(), model)
-    conditioned = condition_recording(model, recording)
-    monkeypatch.setattr(recorded, "MOST", 1000)
-    film = recorded.recorded_estimates(model, recording, conditioned)
-    readings = recording.joints["elbow"]
-    at = np.searchsorted(readings.stamp_ns, film.table.stamp_ns)
-    known = readings.stamp_ns[at] == film.table.stamp_ns
-    assert known.sum() > 100
-    angle = np.degrees(readings.value[at][known])
-    shift = np.where(angle < 0.0, -np.clip(angle, -30, 0) / 30.0, -np.clip(angle, 0, 30) / 60.0)
-    np.testing.assert_allclose(np.degrees(film.angle[known, 0]), angle + shift, atol=1e-9)
 
 
 def test_a_reference_is_unknown_outside_and_in_gaps() -> None:

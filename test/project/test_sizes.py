@@ -1,0 +1,25 @@
+"""A function fits a screen, or its docstring says why it does not."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCREEN = 60
+"""Lines, docstring and all."""
+REASON = "longer than a screen because"
+FILES = sorted(
+    path for folder in ("cdrj_ros", "bench", "tools") for path in (ROOT / folder).rglob("*.py")
+)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_function_is_short_or_its_docstring_gives_the_reason(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            lines = (node.end_lineno or 0) - node.lineno + 1
+            reason = REASON in " ".join((ast.get_docstring(node) or "").lower().split())
+            assert lines <= SCREEN or reason, f"{node.name}, line {node.lineno}: {lines} lines"
