@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -164,8 +164,8 @@ def _write_answers(model: Model, folder: Path) -> None:
     )
     _, estimate = step(model, initial_state(model), reference)
     encoder = EstimateEncoder(model.layout, uncertain=True)
-    stddev = np.zeros(stddev_columns(model.layout).size)
-    for name, message in encoder.encode(estimate, stddev)._asdict().items():
+    estimate = replace(estimate, stddev=np.zeros(stddev_columns(model.layout).size))
+    for name, message in encoder.encode(estimate)._asdict().items():
         (folder / name).write_bytes(message)
 
 
