@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, pi
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
@@ -90,11 +90,11 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
     if not measured:
         remarks.append("all moving joints are driven: list those that cables move under joints")
     remarks.append("the cables are not in a URDF: add them")
-    links = [ROOT, *(one.child for one in joints if one.name)]
+    example = _example_cable(motors, measured, joints, control)
     place = os.path.relpath(path.resolve(), Path(out).resolve().parent)
     name = re.sub(r"\W", "_", root.get("name", ""), flags=re.ASCII)
     name = name if name[:1].isalpha() else f"robot_{name}"
-    write_text(out, _text(name, motors, measured, links, place, remarks))
+    write_text(out, _text(name, motors, measured, example, place, remarks))
     return tuple(remarks)
 
 
@@ -174,17 +174,49 @@ def _joint(joint: UrdfJoint, speeds: dict[str, float]) -> Document:
     return entry
 
 
+class Example(NamedTuple):
+    """What the commented cable of the file shows."""
+
+    links: list[str]
+    """Links that may carry nodes: the root and those that measured joints move."""
+    nodes: list[Document]
+
+
+def _example_cable(
+    motors: Sequence[Document],
+    measured: Sequence[Document],
+    joints: Sequence[UrdfJoint],
+    control: Control,
+) -> Example:
+    """From a drum where the URDF has the motor's shaft, to the link of the last measured joint."""
+    named = {one.name: one for one in joints if one.name}
+    root = next((one.child for one in joints if not one.name), ROOT)
+    motor = motors[0]["name"] if motors else "MOTOR"
+    behind = {one.actuator: one.joint for one in control.transmissions}
+    winch: Document = {"type": "winch", "motor": motor, "winding": 1, "radius_mm": 15}
+    shaft = named.get(motor) or named.get(behind.get(motor, ""))
+    if shaft is None or any(shaft.rpy):  # a turned shaft: its axis is not that of the parent
+        winch |= {"frame": root, "position_mm": [0, 0, 0], "axis": [0, 0, 1], "turn": "cw"}
+    else:
+        place = [round(1e3 * value, 6) for value in shaft.origin]
+        winch |= {"frame": shaft.parent, "position_mm": place, "axis": shaft.axis, "turn": "cw"}
+    driven = {entry["name"] for entry in motors} | {one.joint for one in control.transmissions}
+    links = [root, *(one.child for one in joints if one.name and one.name not in driven)]
+    last = named[measured[-1]["name"]].child if measured else links[-1]
+    anchor: Document = {"type": "anchor", "frame": last, "position_mm": [50, 50, 50]}
+    return Example(links, [winch, anchor])
+
+
 def _text(
     name: str,
     motors: Sequence[Document],
     joints: Sequence[Document],
-    links: Sequence[str],
+    example: Example,
     place: str,
     remarks: Sequence[str],
 ) -> str:
     """Text of the robot file, whose cables are an example in comments."""
-    more = ", ..." if len(links) > MOST_LINKS else ""
-    motor = motors[0]["name"] if motors else "MOTOR"
+    more = ", ..." if len(example.links) > MOST_LINKS else ""
 
     def lines() -> Iterator[str]:
         yield f"# Begun from {printable(Path(place).name)} by import_robot: names, gears, limits."
@@ -199,14 +231,11 @@ def _text(
         yield "\nfriction: {mu_c: 0.15}          # assumed"
         yield "\ncables: []"
         yield "# One entry for each, in place of [], with nodes on the links"
-        yield f"# {printable(', '.join(links[:MOST_LINKS]))}{more}:"
+        yield f"# {printable(', '.join(example.links[:MOST_LINKS]))}{more}:"
         yield "#  - name: cable_1"
         yield "#    axial_stiffness: 60000     # EA [N]"
         yield "#    preload: 20                # tension at rest in the reference pose [N]"
         yield "#    nodes:"
-        winch = {"type": "winch", "motor": motor, "winding": 1, "radius_mm": 15}
-        at = {"position_mm": [0, 0, 0], "axis": [0, 0, 1], "turn": "cw"}
-        yield f"#      - {flow({**winch, **at})}"
-        yield f"#      - {flow({'type': 'anchor', 'frame': links[-1], 'position_mm': [50, 20, 0]})}"
+        yield from (f"#      - {flow(node)}" for node in example.nodes)
 
     return "\n".join(lines()) + "\n"

@@ -23,7 +23,15 @@ def link(name: str, parent: str, joint: str, kind: str, limit: str = "") -> str:
 
 
 URDF = f"""<robot name="2-joint arm"><link name="base_link"/>
-{link("drum", "base_link", "winch/1", "continuous", '<limit effort="2" velocity="30"/>')}
+{
+    link(
+        "drum",
+        "base_link",
+        "winch/1",
+        "continuous",
+        '<origin xyz="-0.03 0 0.02"/><limit effort="2" velocity="30"/>',
+    )
+}
 {
     link(
         "upper",
@@ -76,6 +84,8 @@ def test_names_gears_and_limits_are_those_of_the_urdf(
     robot: Robot = load_robot(tmp_path / "arm.yaml")
     assert robot.name == "robot_2_joint_arm"
     assert robot.base_link == "base_link"
+    assert "base_link, position_mm: [-30.0, 0.0, 20.0], axis: [0.0, 0.0, 1.0]" in text
+    assert "# base_link, upper, lower, gripper:" in text
     first, second = robot.motors
     assert (first.name, first.sensor.scale, first.effort_scale) == ("winch/1", 1.0, 1.0)
     assert first.max_speed == 60.0
