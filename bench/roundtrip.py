@@ -28,8 +28,7 @@ from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.estimate_encoder import EstimateEncoder
-from cdrj_ros.messages.templates import Template
+from cdrj_ros.messages.templates import EstimateEncoder, Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 

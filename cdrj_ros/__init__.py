@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cdrj_ros.inspection.checks import Inspection
     from cdrj_ros.inspection.ranges import inspect_robot
     from cdrj_ros.model.prepared import Layout, Model, Shape, shape_at
-    from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, STALE, UNSURE
+    from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, STALE, UNSURE
     from cdrj_ros.recordings import Recording, Series, Topics, read_recording
     from cdrj_ros.robot.description import Robot
     from cdrj_ros.robot.imported import import_mjcf
@@ -101,7 +101,7 @@ _HOMES: Final = {
     "inspection.checks": ("Inspection",),
     "inspection.ranges": ("inspect_robot",),
     "model.prepared": ("Layout", "Model", "Shape", "shape_at"),
-    "model.status": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE"),
+    "model.state": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE"),
     "recordings": ("Recording", "Series", "Topics", "read_recording"),
     "robot.description": ("Robot",),
     "robot.imported": ("import_mjcf",),

@@ -640,7 +640,7 @@ class Robot:
         arc: NDArray[np.float64],
         track: NDArray[np.float64],
     ) -> int:
-        """Geometry along a motion, see ``cdrj_ros.model.along``; all shapes begin with the poses.
+        """Geometry along a motion, see ``Course``; all shapes begin with the poses.
 
         Returns:
             The first impossible pose, or their number.

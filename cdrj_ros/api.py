@@ -17,9 +17,8 @@ from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.estimation.estimator import Estimate, Estimates
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.foundation.arrays import Stamps
+from cdrj_ros.foundation.arrays import Series, Stamps
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 

@@ -15,7 +15,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown, view_is_installed
+from cdrj_ros.nodes.entry import PACKAGE, refuse_unknown, view_is_installed
 
 ESTIMATOR = Path(__file__).with_name("estimator.launch.py")
 YES = ("true", "True")

@@ -17,7 +17,7 @@ from launch_ros.event_handlers import OnStateTransition
 from launch_ros.events.lifecycle import ChangeState
 from lifecycle_msgs.msg import Transition
 
-from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown
+from cdrj_ros.nodes.entry import PACKAGE, refuse_unknown
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 YES = ("true", "True")

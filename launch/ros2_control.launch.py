@@ -14,7 +14,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown
+from cdrj_ros.nodes.entry import PACKAGE, refuse_unknown
 
 CDRJ = Path(__file__).with_name("cdrj.launch.py")
 TOPIC = "/joint_states"

@@ -13,7 +13,7 @@ from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 
-from cdrj_ros.nodes.launching import PACKAGE, refuse_unknown
+from cdrj_ros.nodes.entry import PACKAGE, refuse_unknown
 
 PASSED_ON = ("preload", "limits", "json", "html")
 """Arguments that are options of validate by the same name."""

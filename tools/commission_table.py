@@ -29,8 +29,8 @@ from cdrj_ros.commands import commission_steps as steps  # noqa: E402
 from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
 from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
 from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
+from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.foundation.errors import RobotFileError  # noqa: E402
-from cdrj_ros.foundation.series import Series  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.robot.description import Robot  # noqa: E402

@@ -33,7 +33,7 @@ from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.estimation.samples import Samples  # noqa: E402
 from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
-from cdrj_ros.foundation.series import Series  # noqa: E402
+from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
 from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402

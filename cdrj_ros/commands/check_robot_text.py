@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from cdrj_ros.estimation.encoder_errors import slips
-from cdrj_ros.foundation.text import counted, fixed
+from cdrj_ros.foundation.output import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.shares import Cause, Shares
 from cdrj_ros.model.prepared import Model

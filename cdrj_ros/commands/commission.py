@@ -30,8 +30,8 @@ from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_text
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.model.channels import EFFORT, TENSION
 from cdrj_ros.model.loading import robot_path
+from cdrj_ros.model.prepared import EFFORT, TENSION
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.writer import moved, with_section
 

@@ -26,8 +26,8 @@ from cdrj_ros.estimation.changes import RestWatch, preloads_of, reference_at
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, mark_recording, preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.observations import Recorded, samples_of
@@ -35,8 +35,7 @@ from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Progress, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.inspection.shares import DURATION_S, sweep, tension_effects
-from cdrj_ros.model.channels import EFFORT, TENSION, channel_columns
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import EFFORT, TENSION, Model, channel_columns, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW, narrowed

@@ -32,9 +32,8 @@ from cdrj_ros.evaluation.inputs import TAKEN, read_inputs, require_references
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.output import printable, say
 from cdrj_ros.foundation.progress import progress_bar, progress_text
-from cdrj_ros.foundation.text import printable
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded

@@ -11,10 +11,9 @@ from typing import Final
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
-from cdrj_ros.foundation.text import counted, printable
-from cdrj_ros.robot.imported import import_mjcf
+from cdrj_ros.foundation.output import counted, printable
+from cdrj_ros.robot.imported import import_mjcf, import_urdf
 from cdrj_ros.robot.reader import load_robot
-from cdrj_ros.robot.urdf_import import import_urdf
 
 DESCRIPTION: Final = (
     "Turn the spatial tendons of a MuJoCo model into the cables of a robot file. Its stiffness, "

@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, NoReturn
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.output import lasting_output
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import lasting_output, printable
 
 DONE: Final = 0
 OUTSIDE_LIMITS: Final = 1

@@ -30,7 +30,7 @@ from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
-from cdrj_ros.model.status import INVALID, UNSURE
+from cdrj_ros.model.state import INVALID, UNSURE
 from cdrj_ros.robot.description import Robot, Uncertainty
 
 LAST_STAMP: Final = 1

@@ -1,6 +1,7 @@
 """The estimator: ``step(model, state, sample) -> (state, estimate)``.
 
 The node, the offline validation, the identification and the benchmark all call these functions.
+A run may continue from the end of an earlier one.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.channels import channel_columns
-from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.prepared import Layout, Model, channel_columns
 
 NEVER: Final = -1
 """Stamp of a state before its first sample."""
@@ -271,3 +272,47 @@ def run(
     values = state.values.copy()
     model.core.run(values, samples.motor_angle, samples.joint_angle, dt, estimates, slipping)
     return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout)
+
+
+UNWATCHED_NS: Final = 100_000_000
+"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """The last state of a run, and the angles there."""
+
+    state: State
+    motor_angle: Vector | None = None
+    """[rad], shape (motors,); None where unknown."""
+    joint_angle: Vector | None = None
+    """[rad], shape (joints,); None where unknown."""
+    uncorrected: Vector | None = None
+    """Values of the state without corrections by other sensors; None: those of the state."""
+
+    def has_moved(self, sample: Sample) -> bool:
+        """Whether the robot has moved along an unknown path until the first sample of this run."""
+        moved = 0.0
+        for before, now in (
+            (self.motor_angle, sample.motor_angle),
+            (self.joint_angle, sample.joint_angle),
+        ):
+            if before is not None and before.shape == now.shape and now.size:
+                moved = max(moved, float(np.max(np.abs(now - before))))
+        return moved > _core.MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
+
+    def pose_change(self, model: Model, sample: Sample) -> Vector:
+        """What the difference of the poses is worth in the tensions [N], shape (elements,).
+
+        The robot may have moved meanwhile, or an encoder may have slipped.  0 where the angles of
+        the earlier run are unknown.
+        """
+        motor, joint = self.motor_angle, self.joint_angle
+        if motor is None or joint is None:
+            return np.zeros(len(model.layout.elements))
+        before = State(min(self.state.stamp_ns, sample.stamp_ns - 1_000_000), self.state.values)
+        then, now = (
+            step(model, before, one)[1].tension
+            for one in (sample._replace(motor_angle=motor, joint_angle=joint), sample)
+        )
+        return np.asarray(now - then)

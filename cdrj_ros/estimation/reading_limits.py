@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import hypot, sqrt
 from typing import Final
 
@@ -89,3 +89,21 @@ def axis_of(axis: Motor | Joint, tracking: float | None = None, worth: float = 0
         worth=worth,
         start=axis.reference_angle,
     )
+
+
+REFUSALS: Final[Mapping[str, str]] = {
+    "malformed": "message refused whole: not as many positions as names, or not decodable",
+    "empty": "message without a name",
+    "unstamped": "message with a stamp that is not after zero",
+    "unknown_name": "name that the robot file does not have",
+    "not_finite": "NaN or infinite position",
+    "repeated": "stamp equal to the last one accepted",
+    "late": "stamp before the last one accepted, or before the clock's zero",
+    "future": "stamp too far ahead and not confirmed by later readings, or never valid",
+    "out_of_range": "joint angle outside its range",
+    "implausible": "further from the last reading than max_speed allows, or than any angle",
+}
+"""Causes for which a reading is refused, and their meaning."""
+
+WHOLE: Final = ("malformed", "empty", "unstamped")
+"""Causes for which a message is refused whole and counted once, however many names it has."""

@@ -16,8 +16,7 @@ from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import LEAST_NS, TICK_NS, HealthMonitor
 from cdrj_ros.estimation.health_verdict import Level
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.arrays import Table
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.model.prepared import Model
 
 ASKED_NS: Final = 1_000_000_000

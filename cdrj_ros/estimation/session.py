@@ -20,7 +20,6 @@ from cdrj_ros.estimation.changes import (
     with_other_numbers,
 )
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode, samples_of
-from cdrj_ros.estimation.earlier_run import EarlierRun
 from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
@@ -29,7 +28,7 @@ from cdrj_ros.estimation.ensemble import (
     mark_unsure,
     preload_of_elements,
 )
-from cdrj_ros.estimation.estimator import NEVER, Estimate, State, initial_state, step
+from cdrj_ros.estimation.estimator import NEVER, EarlierRun, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import SensorFusion
 from cdrj_ros.estimation.preloads import START_SHARE, Preloads
 from cdrj_ros.estimation.samples import Sample

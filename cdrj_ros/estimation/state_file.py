@@ -16,12 +16,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.earlier_run import EarlierRun
-from cdrj_ros.estimation.estimator import State
+from cdrj_ros.estimation.estimator import EarlierRun, State
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.files import write_bytes
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 
 HEADER: Final = b"cdrj_ros state 7\n"

@@ -13,7 +13,7 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.reading_limits import axes_of
 from cdrj_ros.estimation.samples import ALL_SEEN_OVER_TIME, NO_DOUBTS, Samples
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.description import Robot
 
 PIECE: Final = 65_536

@@ -30,8 +30,7 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     read_layout,
 )
-from cdrj_ros.model.channels import channel_columns
-from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.prepared import Layout, Model, channel_columns
 
 STALLED_S: Final = 10.0
 """Time without an answer after which estimates in flight are given up [s].

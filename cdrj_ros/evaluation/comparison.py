@@ -15,8 +15,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, quantity_of, unit_of
-from cdrj_ros.evaluation.pulley_friction import PulleyFriction
+from cdrj_ros.evaluation.channels import (
+    Angle,
+    BagComparison,
+    Channel,
+    PulleyFriction,
+    quantity_of,
+    unit_of,
+)
 from cdrj_ros.evaluation.reversals import within
 from cdrj_ros.foundation.arrays import Floats, Stamps
 

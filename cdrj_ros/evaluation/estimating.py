@@ -20,9 +20,8 @@ from cdrj_ros.estimation.estimator import Angles, Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.inputs import in_order
-from cdrj_ros.foundation.arrays import Table
+from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.interruption import thread_pool
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.prepared import Model

@@ -11,7 +11,7 @@ from typing import Final
 from cdrj_ros.evaluation.channels import QUANTITIES, quantity_of
 from cdrj_ros.evaluation.metrics import FIGURES, ChannelError, Errors, mean_over_channels
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.robot.document import check_document, read_text, yaml_mapping
 
 LIMITED: Final = ("n", *FIGURES)

@@ -20,6 +20,7 @@ from cdrj_ros.evaluation.channels import (
     ANGLE,
     BagComparison,
     Channel,
+    FrictionSums,
     estimate_channels,
     plot_angles,
     stddev_channels,
@@ -45,13 +46,11 @@ from cdrj_ros.evaluation.inputs import (
     require_axes,
     with_estimated_joints,
 )
-from cdrj_ros.evaluation.pulley_friction import FrictionSums
 from cdrj_ros.evaluation.reversals import reversal_zones
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
-from cdrj_ros.model.channels import EFFORT, TENSION
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import EFFORT, TENSION, Model
 from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
 
 MAX_GAP_NS: Final = 100_000_000

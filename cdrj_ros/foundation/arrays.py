@@ -1,6 +1,8 @@
-"""Types of arrays, named after what their rows are."""
+"""Types of arrays, named after what their rows are, and the time series of one channel."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,3 +27,16 @@ Faces = NDArray[np.uint32]
 
 Stamps = NDArray[np.int64]
 """Times [ns], shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Readings of one channel in order of arrival; values are as received, including NaN."""
+
+    stamp_ns: NDArray[np.int64]
+    """Time of measurement [ns], shape (n,): in a recording the header stamps, or the log times if
+    all header stamps of the topic are zero."""
+    log_ns: NDArray[np.int64]
+    """Time of arrival [ns], shape (n,), never decreasing: in a recording the log times."""
+    value: NDArray[np.float64]
+    """Shape (n,); of a channel of vectors (n, components)."""

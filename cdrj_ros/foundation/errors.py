@@ -1,8 +1,12 @@
-"""Exceptions of this package.  Library code raises them; only commands exit."""
+"""Exceptions of this package, raised by library code; only commands exit."""
 
 from __future__ import annotations
 
-from cdrj_ros.foundation.text import printable
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from cdrj_ros.foundation.output import printable
 
 
 class CdrjError(Exception):
@@ -32,3 +36,25 @@ class BagError(CdrjError):
 
 class UsageError(CdrjError):
     """A command line or call with invalid arguments."""
+
+
+LONGEST_TEXT: Final = 400
+"""Largest length of an error text, which may quote the file."""
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Creates the errors of one robot file."""
+
+    source: str
+    """The file's name."""
+
+    def __call__(self, path: str, text: str) -> RobotFileError:
+        """Create the error of a key; ``text`` says what was given and what is allowed."""
+        text = text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
+        return RobotFileError(f"{path} {text} ({self.source})")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Format names for a message."""
+    return ", ".join(sorted(names)) or "(none)"

@@ -1,4 +1,4 @@
-"""Output whose failure does not affect a command, with control characters escaped."""
+"""Text for users, with untrusted text escaped, and output whose failure does not end a command."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import os
 import sys
 from collections.abc import Iterator
 from typing import Any, TextIO, cast
-
-from cdrj_ros.foundation.text import printable
 
 
 def say(text: object = "", *, file: TextIO | None = None, flush: bool = False) -> None:
@@ -96,3 +94,29 @@ def lasting_output(name: str) -> Iterator[None]:
                     file=sys.stderr,
                 )
             err.flush()
+
+
+def printable(text: object) -> str:
+    """The text with every control, format or unpaired surrogate character escaped.
+
+    Names, keys and paths may come from untrusted files.  An ANSI escape in one of them must not
+    reach a terminal, and a line break must not split a one-line message.
+    """
+    text = str(text)
+    if text.isprintable():
+        return text
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+        for character in text
+    )
+
+
+def counted(number: int, noun: str) -> str:
+    """``1 motor``, ``2 motors``."""
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def fixed(value: float, decimals: int) -> str:
+    """The number with a fixed number of decimals; zero after rounding has no sign."""
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text

@@ -15,7 +15,7 @@ from typing import Any, Final
 import yaml
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 
 MAXIMUM_CHARACTERS: Final = 1_000_000
 """Maximum length of a text."""

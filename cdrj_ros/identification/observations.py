@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.series import Series
-from cdrj_ros.model.channels import EFFORT, channel_columns
-from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.prepared import EFFORT, Layout, Model, channel_columns
 from cdrj_ros.robot.description import Robot
 
 Vector = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import degrees
 
 from cdrj_ros.foundation.arrays import Matrix
-from cdrj_ros.foundation.text import fixed
+from cdrj_ros.foundation.output import fixed
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
 

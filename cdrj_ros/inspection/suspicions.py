@@ -10,8 +10,8 @@ from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion
 from cdrj_ros.inspection.contact_suspicions import contact_suspicions
 from cdrj_ros.inspection.observability import determined_joints
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
+from cdrj_ros.model.impossible import unit_doubts
 from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
-from cdrj_ros.robot.units import unit_doubts
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""

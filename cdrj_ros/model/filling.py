@@ -20,11 +20,11 @@ from cdrj_ros.model.packing import (
     Numbers,
     Plan,
     Sizes,
+    code_of,
     empty_robot,
     number_views,
     plan_views,
 )
-from cdrj_ros.model.records import code_of
 from cdrj_ros.robot.description import (
     TABLE_INTERVALS,
     Cable,

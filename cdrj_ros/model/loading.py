@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import build_robot, load_document
 

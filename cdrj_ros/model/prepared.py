@@ -1,4 +1,4 @@
-"""A robot prepared for the compiled core: two flat arrays and the layout of the results."""
+"""A robot prepared for the compiled core: two flat arrays, layout and names of the results."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Layout:
     tension: slice
     """[N]."""
     status: slice
-    """Bit flags, see ``cdrj_ros.model.status``."""
+    """Bit flags, see ``cdrj_ros.model.state``."""
     force_x: slice
     """[N], of the cable on the pulley."""
     force_y: slice
@@ -353,3 +353,24 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
         possible[k] = model.core.shape(motor_angle, joint_angles[k], scratch)
         length[k], wrap[k] = found.element_length, found.wrap
     return possible & np.all(length > 0.0, axis=1) & np.all(wrap >= 0.0, axis=1)
+
+
+TENSION: Final = "tension"
+"""``tension/cable/element`` [N]."""
+NODAL_FORCE: Final = "nodal_force"
+"""``nodal_force/cable/node``, the magnitude [N]."""
+EFFORT: Final = "effort"
+"""``effort/motor`` or ``effort/joint`` [N m], [N] for a prismatic joint."""
+
+
+def channel_columns(layout: Layout) -> dict[str, int]:
+    """Columns of tensions, nodal forces, motor and joint efforts in an estimate, by channel."""
+    named: dict[str, int] = {}
+    for prefix, names, where in (
+        (TENSION, layout.elements, layout.tension),
+        (NODAL_FORCE, layout.pulleys, layout.magnitude),
+        (EFFORT, layout.motors, layout.motor_effort),
+        (EFFORT, layout.joints, layout.joint_effort),
+    ):
+        named |= {f"{prefix}/{name}": where.start + k for k, name in enumerate(names)}
+    return named

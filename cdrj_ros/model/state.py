@@ -1,7 +1,7 @@
 """Named views of state, estimate and scratch, which one sample reads and writes.
 
 ``advance`` writes one vector: the new state, the estimate, then its scratch.  Only this file
-defines their layout.
+defines their layout, and the flags of a status.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.packing import Sizes
-from cdrj_ros.model.records import RECORDS, Part, Rows, part, size_of, views
+from cdrj_ros.model.packing import RECORDS, Part, Rows, Sizes, part, size_of, views
+
+OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
+"""Bit flags of an element's status; cdrj_msgs/CableTensions defines the same values."""
 
 
 class StateViews(NamedTuple):
@@ -56,7 +58,7 @@ class EstimateViews(NamedTuple):
     tension: Vector
     """[N], shape (elements,)."""
     status: Vector
-    """Bit flags, see ``cdrj_ros.model.status``, shape (elements,)."""
+    """Bit flags, see ``cdrj_ros.model.state``, shape (elements,)."""
     force_x: Vector
     """Force of the cable on every pulley [N], shape (pulleys,)."""
     force_y: Vector

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.foundation.text import counted
+from cdrj_ros.foundation.output import counted
 from cdrj_ros.nodes.parameters import apply_changes, in_force, meant, settings
 from cdrj_ros.nodes.spinning import starting
 

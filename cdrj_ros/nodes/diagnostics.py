@@ -15,8 +15,8 @@ from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.health_verdict import unsure_elements
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.text import printable
-from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK, UNSURE
+from cdrj_ros.foundation.output import printable
+from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.robot.tolerances import narrowed
 
 WINDOW: Final = 4096

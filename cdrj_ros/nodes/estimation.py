@@ -22,9 +22,9 @@ from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.reading_limits import efforts_of
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
-from cdrj_ros.foundation.text import counted
+from cdrj_ros.foundation.output import counted
 from cdrj_ros.messages.cdr import MessageError, cable_tensions
-from cdrj_ros.messages.estimate_encoder import marked_stale
+from cdrj_ros.messages.templates import marked_stale
 from cdrj_ros.messages.topics import (
     DIAGNOSTICS,
     FEW,

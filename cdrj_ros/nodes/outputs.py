@@ -14,8 +14,7 @@ from sensor_msgs.msg import JointState
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.estimate_encoder import EstimateEncoder, marked_stale
-from cdrj_ros.messages.templates import Template
+from cdrj_ros.messages.templates import EstimateEncoder, Template, marked_stale
 from cdrj_ros.messages.topics import (
     EFFORTS,
     JOINT_ANGLES,
@@ -25,7 +24,7 @@ from cdrj_ros.messages.topics import (
     WRENCHES,
 )
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import STALE
+from cdrj_ros.model.state import STALE
 from cdrj_ros.nodes.qos import default_profile
 
 LOOK_S: Final = 0.2

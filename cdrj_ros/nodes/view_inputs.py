@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros.messages import topics
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import STALE
+from cdrj_ros.model.state import STALE
 from cdrj_ros.view.history import (
     Snapshot,
     joint_angles,

@@ -1,6 +1,6 @@
 """Reading, writing and playback of recordings; no other room opens one."""
 
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import (
     RawMessage,

@@ -16,8 +16,16 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings.batch import LEAD, Batch, Channel, Stretch, open_regular
-from cdrj_ros.recordings.bounds import DEFINITION_BYTES, MESSAGE_BYTES, Unpacked
+from cdrj_ros.recordings.batch import (
+    DEFINITION_BYTES,
+    LEAD,
+    MESSAGE_BYTES,
+    Batch,
+    Channel,
+    Stretch,
+    Unpacked,
+    open_regular,
+)
 from cdrj_ros.recordings.definitions import long_name
 
 MAGIC: Final = b"SQLite format 3\0"

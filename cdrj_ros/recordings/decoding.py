@@ -15,12 +15,20 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.series import Series
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
-from cdrj_ros.recordings.batch import LEAD, Batch, Int64s, Octets, column, pick
-from cdrj_ros.recordings.bounds import MESSAGE_BYTES, Unpacked
+from cdrj_ros.recordings.batch import (
+    LEAD,
+    MESSAGE_BYTES,
+    Batch,
+    Int64s,
+    Octets,
+    Unpacked,
+    column,
+    pick,
+)
 
 Float64s = npt.NDArray[np.float64]
 

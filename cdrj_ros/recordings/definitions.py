@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
-from cdrj_ros.recordings.bounds import (
+from cdrj_ros.recordings.batch import (
     ARRAY_VALUES,
     DEFINITION_BYTES,
     DEFINITION_DEPTH,

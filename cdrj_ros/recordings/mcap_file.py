@@ -31,8 +31,19 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings.batch import Batch, Channel, Int64s, Stretch, column, open_regular, pick
-from cdrj_ros.recordings.bounds import CHUNK_BYTES, DEFINITION_BYTES, UNPACKED_FILE, Unpacked
+from cdrj_ros.recordings.batch import (
+    CHUNK_BYTES,
+    DEFINITION_BYTES,
+    UNPACKED_FILE,
+    Batch,
+    Channel,
+    Int64s,
+    Stretch,
+    Unpacked,
+    column,
+    open_regular,
+    pick,
+)
 from cdrj_ros.recordings.decoding import ZSTD_MAGIC
 from cdrj_ros.recordings.definitions import long_name
 

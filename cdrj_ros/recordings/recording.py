@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.messages.cdr import (
     FORCE_COMPONENTS,
     FORCE_VECTOR,
@@ -28,8 +28,7 @@ from cdrj_ros.messages.topics import (
     TENSIONS,
     in_namespace,
 )
-from cdrj_ros.recordings.batch import Batch, Channel, require_cdr
-from cdrj_ros.recordings.bounds import LARGEST_REFERENCE
+from cdrj_ros.recordings.batch import LARGEST_REFERENCE, Batch, Channel, require_cdr
 from cdrj_ros.recordings.decoding import BulkDecoder, series_by_name
 from cdrj_ros.recordings.definitions import message_type
 from cdrj_ros.recordings.source import BagFile, Source, open_source

@@ -14,10 +14,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
-from cdrj_ros.recordings.batch import Channel, open_regular, require_cdr
-from cdrj_ros.recordings.bounds import METADATA_BYTES
+from cdrj_ros.recordings.batch import METADATA_BYTES, Channel, open_regular, require_cdr
 from cdrj_ros.recordings.db3_file import Db3File
 from cdrj_ros.recordings.decoding import plain
 from cdrj_ros.recordings.mcap_file import McapFile

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 
 from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.files import replacing
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import LONG_SPAN, Scene, by_cable, inner_size, outlines, scene_of

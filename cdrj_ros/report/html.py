@@ -18,6 +18,7 @@ from cdrj_ros.evaluation.channels import (
     QUANTITIES,
     BagComparison,
     Channel,
+    PulleyFriction,
     quantity_of,
 )
 from cdrj_ros.evaluation.limits import LimitCheck
@@ -30,13 +31,12 @@ from cdrj_ros.evaluation.metrics import (
     Errors,
     mean_over_channels,
 )
-from cdrj_ros.evaluation.pulley_friction import PulleyFriction
 from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.inspection.checks import Inspection
-from cdrj_ros.model.channels import EFFORT, NODAL_FORCE, TENSION
+from cdrj_ros.model.prepared import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,
     OUTSIDE_HEADINGS,

@@ -13,8 +13,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from cdrj_ros.foundation.text import printable
-from cdrj_ros.model.status import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.foundation.output import printable
+from cdrj_ros.model.state import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
 
 STATUS: Final = (
     (INVALID, "INVALID", "bold red"),

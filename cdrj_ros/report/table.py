@@ -14,8 +14,7 @@ from cdrj_ros.evaluation.channels import QUANTITIES, BagComparison, quantity_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import ChannelError, mean_over_channels
-from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.text import counted, printable
+from cdrj_ros.foundation.output import counted, printable, say
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.foundation.errors import Refusal
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.description import Joint, Motor, PassiveTorque, Sensor
-from cdrj_ros.robot.refusal import Refusal
 
 DEFAULT_BREAKAWAY_ANGLE: Final = 1e-3
 """Default angle over which the friction of an axis builds up [rad]."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import Any
 
+from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import given
 from cdrj_ros.robot.description import (
@@ -21,7 +22,6 @@ from cdrj_ros.robot.description import (
     Winch,
 )
 from cdrj_ros.robot.profiles import ProfileReader
-from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space_reader import ONLY_IN_SPACE, PlaceReader, has_bearing
 
 

@@ -22,7 +22,7 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.robot.mjcf_tendons import Branch, Imported, convert
 
 LARGEST_XML: Final = 20_000_000

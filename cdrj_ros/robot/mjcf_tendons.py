@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
 
 STIFFNESS: Final = 10_000.0

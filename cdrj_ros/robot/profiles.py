@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.errors import Refusal, RobotFileError, listed
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Profile
 from cdrj_ros.robot.document import term_complaints
-from cdrj_ros.robot.refusal import Refusal, listed
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator

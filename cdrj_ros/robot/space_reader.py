@@ -8,8 +8,8 @@ from math import cos, hypot, sin, sqrt
 from types import MappingProxyType
 from typing import Any, Final
 
+from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space import (
     GUIDES,
     IDENTITY,

@@ -12,8 +12,8 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Matrix
+from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.refusal import Refusal, listed
 from cdrj_ros.robot.space import Matrix3, Vector3, rpy_rotation
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 
 Mode = Literal["position", "velocity", "effort"]
 """Commanded quantity: an angle [rad], a speed [rad/s] or a torque [N m]."""

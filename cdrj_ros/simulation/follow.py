@@ -16,9 +16,9 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
+from cdrj_ros.simulation.assembly import course
 from cdrj_ros.simulation.drives import Program
 from cdrj_ros.simulation.faults import drums_of
 from cdrj_ros.simulation.load import AT_AN_END

@@ -16,7 +16,7 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Rig, divide_contacts
 from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all

@@ -14,7 +14,7 @@ from cdrj_ros._core import Axis
 from cdrj_ros.estimation.reading_limits import axes_of
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Layout, Model
-from cdrj_ros.model.status import INVALID, STALE
+from cdrj_ros.model.state import INVALID, STALE
 from cdrj_ros.robot.description import Robot
 
 Flags = NDArray[np.uint8]
@@ -35,7 +35,7 @@ class Snapshot:
     reference: Vector
     """Measured or true tension [N], shape (elements,)."""
     status: Flags
-    """Flags of ``cdrj_ros.model.status``, shape (elements,)."""
+    """Flags of ``cdrj_ros.model.state``, shape (elements,)."""
     force: NDArray[np.float64]
     """Of the cable on every pulley [N], shape (pulleys, 3)."""
     friction: Vector

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from markupsafe import Markup, escape
 
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.state import INVALID
 from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
 from cdrj_ros.report.scene import Colour
 from cdrj_ros.view.history import Snapshot

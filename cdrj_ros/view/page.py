@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.view.drawing import Drawing, Labels
 from cdrj_ros.view.history import History, Snapshot, Table, choices, nothing_known

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.report.live_table import SIGMAS
 from cdrj_ros.view.history import Curves
 from cdrj_ros.view.html import filled, paragraphs

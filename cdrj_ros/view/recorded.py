@@ -20,8 +20,7 @@ from cdrj_ros.evaluation.estimating import pieces_of
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.model.channels import TENSION
-from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.prepared import TENSION, Layout, Model
 from cdrj_ros.recordings import Recording, Series
 from cdrj_ros.view.history import Flags, Snapshot, Table, usable
 from cdrj_ros.view.html import filled

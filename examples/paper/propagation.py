@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.along import Course, course
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
 from cdrj_ros.model.filling import stribeck_of
 from cdrj_ros.model.packing import number_views, plan_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot
+from cdrj_ros.simulation.assembly import Course, course
 from examples.paper.friction_chain import (
     CableMotion,
     Readings,

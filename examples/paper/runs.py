@@ -20,10 +20,9 @@ from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.channels import FRICTION, Angle, Channel
 from cdrj_ros.evaluation.comparison import compare
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.series import Series
-from cdrj_ros.model.channels import NODAL_FORCE, TENSION
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import NODAL_FORCE, TENSION, prepare
 from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot
 from cdrj_ros.robot.laws import Law
 from cdrj_ros.simulation.assembly import Truth

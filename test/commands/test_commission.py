@@ -15,7 +15,7 @@ from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.estimating import estimate
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import BagWriter, Topics

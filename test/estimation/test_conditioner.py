@@ -13,7 +13,7 @@ from support.reference_conditioning import Reference
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.conditioner import HORIZON_NS, Conditioner
-from cdrj_ros.estimation.refusals import REFUSALS
+from cdrj_ros.estimation.reading_limits import REFUSALS
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.robot.description import Robot
 

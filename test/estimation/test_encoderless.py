@@ -25,12 +25,12 @@ from cdrj_ros.estimation.encoderless import (
     efforts_at,
 )
 from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.inspection.observability import determined_joints
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.reader import build_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

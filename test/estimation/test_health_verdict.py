@@ -16,7 +16,7 @@ from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import INVALID, OK, SLACK, UNSURE
+from cdrj_ros.model.state import INVALID, OK, SLACK, UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 UPPER, LOWER = slice(0, 8), slice(8, 16)

@@ -15,7 +15,7 @@ from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.recorded_health import RecordedHealth
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Topics

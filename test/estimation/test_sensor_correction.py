@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 

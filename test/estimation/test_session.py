@@ -18,7 +18,7 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import UNSURE
+from cdrj_ros.model.state import UNSURE
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")

@@ -14,7 +14,7 @@ from support.wound import robot_of
 from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = robot_of("""

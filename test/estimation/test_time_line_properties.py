@@ -14,11 +14,10 @@ from support.wound import robot_of
 
 from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS, RANGE_MARGIN, WAITING
 from cdrj_ros.estimation.conditioner import MODES, Conditioner, Mode
-from cdrj_ros.estimation.reading_limits import axes_of
-from cdrj_ros.estimation.refusals import WHOLE
+from cdrj_ros.estimation.reading_limits import WHOLE, axes_of
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 
 PLAIN = """
 name: plain

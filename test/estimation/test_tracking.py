@@ -12,8 +12,8 @@ from cdrj_ros._core import TrackingFilter
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.reading_limits import axes_of, half_width
 from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.robot.description import Sensor
 
 COUNT = 2 * np.pi / 16_384

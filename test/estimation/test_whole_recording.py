@@ -17,7 +17,7 @@ from cdrj_ros.estimation import whole_recording
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
 from cdrj_ros.robot.document import schema
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.evaluation.pulley_friction import FrictionSums
+from cdrj_ros.evaluation.channels import FrictionSums
 from cdrj_ros.model.loading import load_model
 
 ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"

@@ -23,7 +23,7 @@ from cdrj_ros.evaluation.validation import (
     Validation,
 )
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import UNSURE
+from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings import Series, Topics, read_recording
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ import pytest
 
 from cdrj_ros.estimation.ensemble import mark_recording
 from cdrj_ros.foundation.interruption import BLAS_THREADS
-from cdrj_ros.model.status import UNSURE
+from cdrj_ros.model.state import UNSURE
 
 PATIENCE_S = 30.0
 PRELUDE = """

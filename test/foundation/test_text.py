@@ -1,4 +1,4 @@
-from cdrj_ros.foundation.text import printable
+from cdrj_ros.foundation.output import printable
 
 
 def test_control_characters_surrogates_and_line_breaks_are_escaped() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.made_up import recording
 
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.foundation.series import Series
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import (

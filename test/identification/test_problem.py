@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import Observations, Recorded, observe, samples_of

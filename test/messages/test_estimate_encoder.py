@@ -10,8 +10,7 @@ import pytest
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
-from cdrj_ros.messages.estimate_encoder import FORCES, Encoded, EstimateEncoder
-from cdrj_ros.messages.templates import Template
+from cdrj_ros.messages.templates import FORCES, Encoded, EstimateEncoder, Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Layout
 

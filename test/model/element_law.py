@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.along import Course, course
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.simulation.assembly import Course, course
 
 STEP = 1e-6
 """Half of the interval of a central difference [rad] or [m]."""

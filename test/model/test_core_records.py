@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.model import records
-from cdrj_ros.model.records import RECORDS
+from cdrj_ros.model import packing
+from cdrj_ros.model.packing import RECORDS
 
-CORE = Path(records.__file__).parents[1] / "core"
+CORE = Path(packing.__file__).parents[1] / "core"
 WORDS = {"Vector3": 3, "Matrix3": 9, "std::array<double, CAPACITY>": 64}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Drum
-from cdrj_ros.model.records import RECORDS
+from cdrj_ros.model.packing import RECORDS
 
 RADIUS, STIFFNESS = 0.015, 6283.0
 CAPACITY = RECORDS["Drum"]["angle"].shape[0]

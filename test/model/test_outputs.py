@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.model.status import INVALID, OVERLOAD, SLACK
+from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK
 from cdrj_ros.robot.reader import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "config" / "robots"

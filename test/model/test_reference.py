@@ -31,15 +31,14 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.model import along
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
-from cdrj_ros.model.state import state_views
-from cdrj_ros.model.status import OK, SLACK
+from cdrj_ros.model.state import OK, SLACK, state_views
 from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
 from cdrj_ros.robot.laws import FRICTION_LAWS, Law
 from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation import assembly
 
 Vector = NDArray[np.float64]
 
@@ -123,7 +122,7 @@ def shipped(file: str) -> tuple[Robot, Course]:
 def course(robot: Robot) -> Course:
     model = prepare(robot, check_range=False)
     motor, joint = motion(robot, model)
-    tracks = along.course(model, joint).track
+    tracks = assembly.course(model, joint).track
     poses = [geometry(robot, model, *both) for both in zip(joint, motor, tracks, strict=True)]
     for k, (one, other) in enumerate(pairwise(poses)):
         if not robot.planar:

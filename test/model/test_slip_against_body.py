@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.model.state import state_views
-from cdrj_ros.model.status import OK
+from cdrj_ros.model.state import OK, state_views
 from cdrj_ros.robot.description import Node, Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
 

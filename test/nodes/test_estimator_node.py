@@ -15,9 +15,9 @@ from support.remote import Remote
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, read_layout
-from cdrj_ros.messages.estimate_encoder import FORCES
+from cdrj_ros.messages.templates import FORCES
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import UNSURE
+from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings import Topics, read_messages
 
 ROOT = Path(__file__).parents[2]

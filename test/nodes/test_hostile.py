@@ -22,9 +22,9 @@ import pytest
 from support.estimators import Bench
 
 from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
-from cdrj_ros.estimation.refusals import WHOLE
+from cdrj_ros.estimation.reading_limits import WHOLE
 from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     JOINT_STATE,
@@ -34,7 +34,7 @@ from cdrj_ros.messages.cdr import (
 from cdrj_ros.messages.cdr import read_layout as layout_of
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import UNSURE
+from cdrj_ros.model.state import UNSURE
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "25000"))

@@ -27,7 +27,7 @@ from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import OK, UNSURE
+from cdrj_ros.model.state import OK, UNSURE
 
 ROOT = Path(__file__).parents[2]
 

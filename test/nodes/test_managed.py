@@ -21,7 +21,7 @@ from support.estimators import (
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import STALE
+from cdrj_ros.model.state import STALE
 
 OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev", "tension_states")
 

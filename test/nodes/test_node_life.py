@@ -25,7 +25,7 @@ from support.estimators import (
 
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.model.state import OVERLOAD, SLACK, STALE, UNSURE
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +266,7 @@ KEYS = {
 
 
 def test_diagnostics_describe_every_problem(bench: Bench) -> None:
-    from cdrj_ros.estimation.refusals import REFUSALS
+    from cdrj_ros.estimation.reading_limits import REFUSALS
     from cdrj_ros.nodes.diagnostics import Health, status_of
 
     estimator = bench.estimator(tension_sensors=True)

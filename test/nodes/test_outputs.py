@@ -20,7 +20,7 @@ from support.estimators import (
 )
 
 from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
-from cdrj_ros.messages.estimate_encoder import marked_stale
+from cdrj_ros.messages.templates import marked_stale
 from cdrj_ros.model.loading import load_model
 
 PLACED = str(Path(__file__).parents[2] / "config" / "robots" / "prototype_positions.yaml")

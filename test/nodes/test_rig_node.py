@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.model.status import SLACK
+from cdrj_ros.model.state import SLACK
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0

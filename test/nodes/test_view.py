@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from support.browser import addresses, chromium
 
-from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.state import INVALID
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
 
 PATIENCE_S = 60.0

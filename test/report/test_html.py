@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
-from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel
+from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
 from cdrj_ros.evaluation.comparison import compare, summed_up
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import errors_of
-from cdrj_ros.evaluation.pulley_friction import PulleyFriction
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare

@@ -21,7 +21,7 @@ from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.status import INVALID
+from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_section
 

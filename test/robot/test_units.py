@@ -10,10 +10,10 @@ import pytest
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
+from cdrj_ros.model.impossible import unit_doubts
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.robot.units import unit_doubts
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "robot_file.md").read_text("utf-8")

@@ -83,7 +83,7 @@ def test_the_pull_at_the_winch_is_that_of_the_textbook(
 def test_a_rope_without_load_is_slack_and_has_no_tension(models: dict[str, Model]) -> None:
     from cdrj_ros.estimation.estimator import initial_state, step
     from cdrj_ros.estimation.samples import Sample
-    from cdrj_ros.model.status import SLACK
+    from cdrj_ros.model.state import SLACK
 
     model = models["hoist"]
     payed_out = Sample(1, np.array([-0.1]), np.array([0.0]))

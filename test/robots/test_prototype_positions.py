@@ -11,11 +11,11 @@ import pytest
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.model.along import course
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.description import Node, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.simulation.assembly import course
 
 ROOT = Path(__file__).parents[2]
 ROBOTS = ROOT / "config" / "robots"

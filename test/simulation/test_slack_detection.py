@@ -10,9 +10,9 @@ import pytest
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.series import Series
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.status import SLACK
+from cdrj_ros.model.state import SLACK
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import Motion, dwell, ramps, random, sine
 from cdrj_ros.simulation.sensors import (

@@ -9,7 +9,7 @@ import pytest
 
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.status import INVALID, SLACK, STALE, UNSURE
+from cdrj_ros.model.state import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing
 from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known

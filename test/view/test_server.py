@@ -88,7 +88,7 @@ def test_the_server_refuses_pages_of_others_and_foreign_names(server: Any) -> No
 def test_viser_itself_listens_where_no_page_can_find_it(server: Any) -> None:
     import viser
 
-    from cdrj_ros.view.proxy import secret_address
+    from cdrj_ros.view.server import secret_address
 
     secret, port = server.get_host(), viser.ViserServer.get_port(server)
     assert ip_address(secret) in ip_network("127.0.0.0/8")
