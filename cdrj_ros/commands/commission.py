@@ -29,6 +29,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_text
+from cdrj_ros.identification.fit import lacking
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.model.prepared import EFFORT, TENSION
@@ -105,8 +106,8 @@ def _body(argv: Sequence[str]) -> int:
             continue
         now = take(now, given)
         steps.append(Step(name, judged(now.model)))
-        for sentence in now.found.findings[:1] if now.found else ():
-            say(f"note: {sentence}")
+        for sentence in lacking(now.found.unexplained) if now.found else ():
+            say(f"note: {sentence}{SUSPECTED if arguments.preload else ''}")
         _show(steps[-1])
         _write(arguments, now, steps)
     _write(arguments, now, steps)
@@ -115,6 +116,9 @@ def _body(argv: Sequence[str]) -> int:
             say(f"{name[2:]}: {written}")
     return DONE
 
+
+SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the tare?"
+"""Where the residual of a fit is large although preloads were measured."""
 
 Taken = Callable[[Commissioned, str], Commissioned]
 

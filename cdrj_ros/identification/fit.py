@@ -180,7 +180,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         last.values(coordinates),
         np.where(known.silent, _stddev_before(rounds, known.stddev), known.stddev),
         known.correlation,
-        (*_lacking(left), *known.findings, *unsettled, *starts, *_sentence(drums)),
+        (*lacking(left), *known.findings, *unsettled, *starts, *_sentence(drums)),
         channels,
         sample_count(last),
         residuals.size,
@@ -197,8 +197,8 @@ LACKING: Final = 3.0
 """A residual that is this many times the noise of its sensor is reported."""
 
 
-def _lacking(left: Mapping[str, Unexplained]) -> tuple[str, ...]:
-    """A message about the reference that is furthest from what its sensor's noise explains."""
+def lacking(left: Mapping[str, Unexplained]) -> tuple[str, ...]:
+    """At most one message: the reference that is furthest from its sensor's noise."""
     name, worst = max(left.items(), key=lambda item: item[1].rms / item[1].noise)
     if worst.rms < LACKING * worst.noise:
         return ()

@@ -119,6 +119,19 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Pat
     assert inside > 0.95
 
 
+def test_a_scale_that_was_read_in_another_pose_is_suspected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None), "utf-8")
+    stamps, truth, readings = moved(1)
+    bag = write(tmp_path / "motion", stamps, readings, truth.motor_effort)
+    given = ["--preload", "upper=65,lower=12", "--motion", bag]
+    out = str(tmp_path / "out.yaml")
+    assert commission.main(["--robot", str(robot), "--out", out, "--yes", *given]) == 0
+    assert "the spring scale's reading belong to the pose of the tare?" in capsys.readouterr().out
+
+
 def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
     """The truth is a solver of its own, with contact cells fixed to the bodies."""
     scene, off = robots.skew_cylinders(18.0, 50), np.radians(1.2)
