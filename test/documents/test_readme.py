@@ -1,6 +1,5 @@
 """The examples in the README must run as printed and give the stated errors."""
 
-import json
 import os
 import re
 import subprocess
@@ -11,7 +10,6 @@ import pytest
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).parents[2]
@@ -78,18 +76,3 @@ def test_every_other_command_runs_as_pasted(tmp_path: Path) -> None:
     assert "command not found" not in ended.stderr
     for made in ("my_bag/metadata.yaml", "report.html", "identified.yaml"):
         assert (tmp_path / made).stat().st_size > 0
-
-
-def test_the_demonstration_measures_what_the_offline_path_computes() -> None:
-    """docs/demo.json must match the current code; node and offline results agree."""
-    from cdrj_ros.evaluation.metrics import pooled_errors
-    from cdrj_ros.evaluation.validation import validate_bag
-    from cdrj_ros.model.loading import load_model
-
-    kept = json.loads((ROOT / "docs" / "demo.json").read_text())
-    model = load_model(str(ROOT / kept["robot"]))
-    errors = pooled_errors([validate_bag(model, str(ROOT / kept["bag"]), Topics())])
-    assert set(errors) == set(kept["channels"])
-    for name, error in errors.items():
-        measured = kept["channels"][name]["mean_relative_error"]
-        assert error.mean_relative_error == pytest.approx(measured, rel=1e-9), "run make figures"

@@ -7,10 +7,8 @@ import re
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pytest
 
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
@@ -44,71 +42,6 @@ def test_the_first_example_is_a_robot_without_suspicious_values() -> None:
     # a cable that bends the joint has a positive arm
     assert flexor.moment_arm[0].low == pytest.approx(0.040)
     assert extensor.moment_arm[0].high == pytest.approx(-0.040)
-
-
-def test_the_spans_of_the_second_example_can_be_read() -> None:
-    text = f"""
-name: shown
-motors: [{{name: m}}]
-joints: [{{name: elbow, range_deg: [-40, 40]}}, {{name: wrist, range_deg: [-60, 60]}}]
-cables:
-  - name: c
-    axial_stiffness: 5000
-    preload: 20
-    nodes:
-      - {{type: winch, motor: m, winding: 1, radius_mm: 10}}
-      - {{type: pulley, radius_mm: 5, wrap_angle_deg: 90}}
-      - {{type: pulley, radius_mm: 5, wrap_angle_deg: 90}}
-      - {{type: anchor}}
-{"".join(f"    {line}" for line in SPANS.splitlines(keepends=True))}"""
-    model = prepare(parse_robot(text))
-    pose = {"elbow": 0.5, "wrist": np.pi / 3}
-    from cdrj_ros.model.prepared import shape_at
-
-    length = shape_at(model, np.array(list(pose.values()))).length
-    arc = 0.005 * np.pi / 4
-    np.testing.assert_allclose(
-        length, [0.2 + arc, 0.08 - 0.06 * np.sin(0.5) + 2 * arc, 0.055 + arc], atol=1e-6
-    )
-
-
-def test_the_example_of_a_moving_end_is_a_pulley_whose_arc_grows_there() -> None:
-    text = f"""
-name: shown
-motors: [{{name: m}}]
-joints: [{{name: elbow, range_deg: [-39, 39]}}]
-cables:
-  - name: c
-    axial_stiffness: 5000
-    preload: 20
-    nodes:
-      - {{type: winch, motor: m, winding: 1, radius_mm: 10}}
-      {ENDS.strip()}
-      - {{type: anchor}}
-    spans: [0.1, 0.1]
-"""
-    (pulley,) = parse_robot(text).cables[0].pulleys
-    assert pulley.moving_end == "after"
-    np.testing.assert_allclose(np.degrees(pulley.wrap[0].value[[0, -1]]), [1.0, 79.0], atol=0.01)
-
-
-MISTAKES = re.findall(
-    r"^\| `(.+?)` → `(.+?)` \| `(.+?)` \|$",
-    TEXT[TEXT.index("<!-- mistakes") : TEXT.index("<!-- end of mistakes")],
-    re.MULTILINE,
-)
-
-
-@pytest.mark.parametrize(("given", "changed", "answer"), MISTAKES, ids=lambda text: text[:30])
-def test_the_error_for_a_mistake_is_the_one_in_the_document(
-    given: str, changed: str, answer: str
-) -> None:
-    assert given in FIRST
-    with pytest.raises(RobotFileError) as error:
-        prepare(parse_robot(FIRST.replace(given, changed, 1), "one_joint.yaml"))
-    message = str(error.value)
-    assert message.startswith(answer), message
-    assert message.endswith("(one_joint.yaml)")
 
 
 def test_the_example_in_space_is_a_valid_robot() -> None:

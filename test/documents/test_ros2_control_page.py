@@ -10,27 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cdrj_ros.robot.reader import parse_robot
-
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "ros2_control.md").read_text("utf-8")
-CABLE = """
-name: arm
-cables:
-  - name: c
-    axial_stiffness: 1e4
-    preload: 10
-    nodes: [{type: winch, motor: winch, winding: 1, radius_mm: 15}, {type: anchor}]
-    spans: [0.1]
-"""
-
-
-def test_the_robot_file_of_the_page_names_what_is_published() -> None:
-    (example,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
-    robot = parse_robot(example + CABLE)
-    assert [motor.name for motor in robot.motors] == ["arm1_winch"]
-    assert [joint.name for joint in robot.joints] == ["arm1_left/elbow"]
-    assert robot.motors[0].effort_scale == 2.7
 
 
 def test_the_program_in_c_plus_plus_compiles(tmp_path: Path) -> None:

@@ -6,12 +6,10 @@ import re
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.page_lines import ROOT, blocks, calls, loaded_tool, shown_files, write_files
 
-import cdrj_ros as cdrj
 from cdrj_ros.commands import check_robot, import_robot
 
 PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
@@ -80,33 +78,3 @@ def test_the_command_of_the_page_on_robot_files_runs(
             run_line(words)
     assert "one_joint: " in capsys.readouterr().out
     assert (tmp_path / "one_joint.png").stat().st_size > 10_000
-
-
-def test_the_tensions_of_the_page_are_those_of_its_steps(tmp_path: Path) -> None:
-    """Tension and standard deviation of the first element after every step of the table."""
-    rows = re.findall(r"^\| (.+?) \| ([\d.]+) ± ([\d.]+) \| (.+?) \|$", PAGE, re.MULTILINE)
-    steps = [row[0].partition(":")[0].strip("`") for row in rows]
-    assert steps == ["the start", "tare", "set_preload", "0.1 rad of the motor"]
-    write_files(FILES, tmp_path)
-    estimator = cdrj.Estimator(tmp_path / "gripper.yaml")
-    stamp_ns = 10**9
-
-    def at_rest(motor: float) -> Any:
-        nonlocal stamp_ns
-        stamp_ns += 3 * 10**9  # while the publisher is stopped and started
-        last = None
-        for _ in range(100):
-            stamp_ns += 10_000_000
-            last = estimator.update(stamp_ns, motors=[motor], joints=[0.0, 0.0]) or last
-        return last
-
-    found = [at_rest(0.0)]
-    estimator.tare()
-    found.append(at_rest(0.0))
-    estimator.set_preload({"flexor": 5.0})
-    found += [at_rest(0.0), at_rest(0.1)]
-    for one, (step, tension, stddev, status) in zip(found, rows, strict=True):
-        assert one.tension[0] == pytest.approx(float(tension), rel=0.01), step
-        assert one.tension_stddev[0] == pytest.approx(float(stddev), rel=0.2), step
-        assert str(int(one.status[0])) in re.findall(r"\d", status), step
-    assert "`UNSURE`" in rows[0][3]

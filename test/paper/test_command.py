@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -70,25 +66,6 @@ def test_earlier_results_are_replaced_only_with_force(
         paper.main(["--out", str(tmp_path), "--force"])
 
 
-def test_out_is_required(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        paper.main([])
-    assert left.value.code == 2
-    assert "--out" in capsys.readouterr().err
-
-
-def test_a_file_in_the_place_of_the_folder_is_refused_before_anything_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    there = tmp_path / "there"
-    there.write_text("kept")
-    assert paper.main(["--out", str(there)]) == 2
-    _one_line(capsys, "--out must be a folder", "there is a file")
-    assert there.read_text() == "kept"
-    assert paper.main(["--out", str(there / "below")]) == 2
-    _one_line(capsys, "cannot be created")
-
-
 def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]) -> None:
     with np.printoptions():
         equations.main()
@@ -108,19 +85,3 @@ def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]
     cable = load_robot(ROOT / "config" / "robots" / "prototype.yaml").cables[0]
     (true,) = {node.friction.rho for node in cable.nodes if isinstance(node, Pulley)}
     assert abs(float(found) - true) < 0.01
-
-
-def test_an_interrupt_does_not_wait_for_the_rig(tmp_path: Path) -> None:
-    """The rig runs in a pool of threads, in the core, which cannot be interrupted."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "examples.paper", "--out", str(tmp_path)],
-        cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    ) as process:  # fmt: skip
-        tasks = Path(f"/proc/{process.pid}/task")
-        deadline = time.monotonic() + 60.0
-        while len(list(tasks.iterdir())) <= 2:  # those of the pool, besides the main thread
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30.0)
-    assert (process.returncode, errors.count("paper: interrupted\n")) == (130, 1)

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.simulation.load import make_load
 from examples.paper.joint import RollingLoad
 
 LOAD = RollingLoad(joint_mass=0.23, load_mass=0.31, rolling_radius=0.043, load_distance=0.152)
-PRINTED = replace(LOAD, form="published")
 ANGLES = np.linspace(-0.7, 0.7, 29)
 GENERATOR = np.random.default_rng(3)
 SPEEDS, ACCELERATIONS = GENERATOR.normal(size=(2, ANGLES.size)) * [[3.0], [20.0]]
@@ -64,36 +60,3 @@ def test_energies_and_torque_are_those_of_lagrange(symbolic: Callable[..., np.nd
     np.testing.assert_allclose(
         LOAD.torque(ANGLES, SPEEDS, ACCELERATIONS), torque, rtol=1e-11, atol=1e-13
     )
-
-
-@pytest.mark.parametrize("load", [LOAD, PRINTED], ids=lambda load: load.form)
-def test_forward_dynamics_undo_inverse_dynamics(load: RollingLoad) -> None:
-    torque = load.torque(ANGLES, SPEEDS, ACCELERATIONS)
-    np.testing.assert_allclose(load.acceleration(ANGLES, SPEEDS, torque), ACCELERATIONS, rtol=1e-12)
-
-
-def test_the_printed_dynamics_differ_by_the_loads_two_terms() -> None:
-    r, d, m = LOAD.rolling_radius, LOAD.load_distance, LOAD.load_mass
-    heavier = PRINTED.inertia(ANGLES) - LOAD.inertia(ANGLES)
-    np.testing.assert_allclose(heavier, m * d * (d - 4 * r * np.cos(ANGLES)), atol=1e-15)
-    centrifugal = PRINTED.centrifugal_torque(ANGLES, SPEEDS)
-    np.testing.assert_allclose(centrifugal, 0.5 * LOAD.centrifugal_torque(ANGLES, SPEEDS))
-    np.testing.assert_array_equal(PRINTED.weight_torque(ANGLES), LOAD.weight_torque(ANGLES))
-    alone = replace(LOAD, load_mass=0.0)
-    np.testing.assert_array_equal(
-        alone.torque(ANGLES, SPEEDS, ACCELERATIONS),
-        replace(alone, form="published").torque(ANGLES, SPEEDS, ACCELERATIONS),
-    )
-
-
-def test_an_unknown_form_is_refused() -> None:
-    with pytest.raises(UsageError, match="form must be one of corrected, published"):
-        RollingLoad(form="printed")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="rolling_radius must be positive, got -1"):
-        RollingLoad(rolling_radius=-1.0)
-
-
-def test_the_corrected_equations_are_those_of_the_simulated_load() -> None:
-    own = make_load("rolling", 0.7).torque(ANGLES, SPEEDS, ACCELERATIONS)
-    load = RollingLoad(load_mass=0.7)
-    np.testing.assert_allclose(own, load.torque(ANGLES, SPEEDS, ACCELERATIONS), rtol=1e-12)

@@ -3,7 +3,7 @@ where it may be stuck."""
 
 from __future__ import annotations
 
-from math import exp, pi
+from math import pi
 from pathlib import Path as File
 
 import numpy as np
@@ -11,10 +11,9 @@ import pytest
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.reader import load_robot
 from examples.paper.propagation import (
     KnownTension,
     Path,
@@ -115,99 +114,3 @@ def test_the_truth_lies_within_the_bounds_whichever_pulleys_are_stuck(
     known = true[:, result.elements.index(element)]
     assert np.all(width[stuck] >= 0.1 * known[stuck]), "a stuck cable leaves much open"
     assert np.all(width[(result.sliding != 0).all(axis=1)] < 1e-9)
-
-
-def test_no_pulley_counts_as_sliding_while_the_joint_rests(prototype: Robot) -> None:
-    model = prepare(prototype)
-    rest = np.zeros(400)
-    motor = 0.1 * np.sin(np.linspace(0.0, 20.0, 400))  # only the winch moves, undetected
-    at_rest = model, *estimated(model, motor, rest)
-    result = from_element(at_rest, "upper/8")
-    assert not result.sliding[:, :6].any()
-    true = tensions(at_rest)[:, :8]
-    assert np.all((true >= result.lower - 1e-6) & (true <= result.upper + 1e-6))
-
-
-SIDES = """
-name: sides
-motors: [{name: m}, {name: k}]
-joints: [{name: q, range: [-1, 1]}]
-friction: {law: euler, mu_c: 0.2}
-cables:
-  - name: c
-    axial_stiffness: 1.0e+9
-    preload: 30
-    nodes: [%s]
-    spans: [0.5, 0.3, %s]
-"""
-PULLEYS = (
-    "{type: pulley, radius: 0.01, wrap_angle: 1.5}, {type: pulley, radius: 0.01, wrap_angle: 2}"
-)
-WINCH, OTHER = (f"{{type: winch, motor: {m}, winding: 1, radius: 0.015}}" for m in "mk")
-STRAND = "{joint: q, offset: 0.4, slope: 0.1}"
-
-
-@pytest.mark.parametrize(
-    ("ends", "strand", "joint", "motor", "expected"),
-    [
-        # the strand behind the pulleys grows: cable runs towards the last node, which pulls
-        ((WINCH, "{type: anchor}"), STRAND, 0.5, 0.0, 1),
-        ((WINCH, "{type: anchor}"), STRAND, -0.5, 0.0, -1),
-        # held at the first node, no cable passes the pulleys: the winch at the end supplies it
-        (("{type: anchor}", OTHER), STRAND, 0.5, 0.0, 0),
-        # a winch at either end: the cable that the last one draws in comes over the pulleys
-        ((WINCH, OTHER), "0.4", 0.0, 2.0, 1),
-        ((WINCH, OTHER), "0.4", 0.0, -2.0, -1),
-        ((WINCH, OTHER), STRAND, -0.3, 2.0 + 0.3 * 0.1 / 0.015, 1),
-    ],
-)
-def test_slip_directions_follow_from_the_lengths_behind_the_pulleys(
-    ends: tuple[str, str], strand: str, joint: float, motor: float, expected: int
-) -> None:
-    text = SIDES % (f"{ends[0]}, {PULLEYS}, {ends[1]}", strand)
-    text = text.replace("motors: [{name: m}, {name: k}]", _motors(ends))
-    model = prepare(parse_robot(text))
-    stamps = EPOCH_NS + np.arange(500) * STEP_NS
-    share = np.linspace(0.0, 1.0, 500)[:, None]
-    motors = np.zeros((500, len(model.layout.motors)))
-    motors[:, -1:] = motor * share
-    path = path_of(model, stamps, joint * share, motors)
-    result = propagate(model, path, [KnownTension("c/2", np.full(500, 10.0), 0.1)])
-    middle = slice(100, 400)
-    assert np.all(result.sliding[middle] == expected)
-    if expected == 0:
-        return
-    eta = exp(-0.2 * 1.5), exp(-0.2 * 2.0)
-    first = 10.0 * eta[0] ** expected
-    last = 10.0 * eta[1] ** -expected
-    np.testing.assert_allclose(result.tension[middle, 0], first, rtol=1e-6)
-    np.testing.assert_allclose(result.tension[middle, 2], last, rtol=1e-6)
-
-
-def _motors(ends: tuple[str, str]) -> str:
-    names = [name for name in "mk" if f"motor: {name}" in "".join(ends)]
-    return "motors: [" + ", ".join(f"{{name: {name}}}" for name in names) + "]"
-
-
-def test_what_cannot_be_propagated_is_refused(swept: Run) -> None:
-    model, path = swept[0], path_through(swept)
-    good = tensions(swept)[:, 7]
-    cases: list[tuple[list[KnownTension], str]] = [
-        ([], "propagation needs at least one tension sensor"),
-        (
-            [KnownTension("upper/9", good, 0.1)],
-            "there is no element upper/9; the robot has upper/1",
-        ),
-        ([KnownTension("upper/8", good[:-1], 0.1)], "has 5999 readings for 6000 samples"),
-        ([KnownTension("upper/8", good, 0.0)], "stddev of upper/8 must be positive"),
-        (
-            [KnownTension("upper/8", good, 0.1), KnownTension("lower/8", good, 0.1)],
-            "lower/8 and upper/8 are not in one cable",
-        ),
-    ]
-    for known, message in cases:
-        with pytest.raises(UsageError, match=message):
-            propagate(model, path, known)
-    two_winches = prepare(parse_robot(SIDES % (f"{WINCH}, {PULLEYS}, {OTHER}", "0.4")))
-    with pytest.raises(UsageError, match="two winches: its motor angles are needed"):
-        path_of(two_winches, np.arange(2), np.zeros((2, 1)))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import element_tension
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import Elasticity
 from examples.paper.stiffness import (
     Stiffness,
@@ -103,27 +102,3 @@ def test_a_rotation_turns_the_forces_and_gives_none() -> None:
     # without the geometric part a rotation causes no force at all
     still = chain.matrix(chain.transmission, geometric=False)
     np.testing.assert_allclose(still.node_by_node @ turned.ravel(), 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"position": np.zeros((3, 4))}, r"shape \(n, 2\) or \(n, 3\), got \(3, 4\)"),
-        ({"position": np.zeros((3, 3))}, "neighbouring nodes coincide"),
-        ({"tension": np.ones(3)}, r"tension must have the shape \(2,\), got \(3,\)"),
-        ({"tension": np.array([1.0, -1.0])}, "tension must not be negative"),
-        ({"transmission": np.array([1.2])}, r"transmission must be in \(0, 1\]"),
-        ({"direction": np.array([0.5])}, r"direction must be \+1 or -1"),
-    ],
-)
-def test_what_no_cable_can_be_is_refused(changed: dict[str, np.ndarray], message: str) -> None:
-    given = {
-        "position": np.eye(3),
-        "tension": np.ones(2),
-        "by_length": np.ones(2),
-        "transmission": np.ones(1),
-        "direction": np.ones(1),
-    }
-    stiffness_matrix(**given)
-    with pytest.raises(UsageError, match=message):
-        stiffness_matrix(**(given | changed))

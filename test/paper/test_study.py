@@ -7,16 +7,11 @@ from pathlib import Path
 import pytest
 
 from cdrj_ros.robot.reader import load_robot
-from examples.paper import figures
 from examples.paper import study as study_module
-from examples.paper.runs import CABLES, Motion
+from examples.paper.runs import Motion
 from examples.paper.study import (
-    CHOICES,
-    LUGRE,
-    STEADY,
     Result,
     Study,
-    change_of,
     errors_of,
     features,
     first_cycle,
@@ -62,28 +57,6 @@ def test_forces_draw_an_m_in_the_upper_cable_and_a_w_in_the_lower(study: Study, 
         assert seen_by(result, NODE_3.format("lower"))["humps"] == 2
 
 
-def test_loops_run_in_the_direction_that_friction_implies(study: Study) -> None:
-    for result in study.results:
-        for pattern in (WINCH, NODE_3):
-            # towards the winch the upper cable pulls while the joint rises, the lower one yields
-            assert of_rig(result, pattern.format("upper"))["loop_area"] > 1.0
-            assert of_rig(result, pattern.format("lower"))["loop_area"] < -1.0
-        # beyond the joint the opposite holds
-        assert of_rig(result, LAST.format("upper"))["loop_area"] < -0.1
-        assert of_rig(result, LAST.format("lower"))["loop_area"] > 0.1
-
-
-def test_hysteresis_shrinks_from_winch_to_anchor(study: Study) -> None:
-    for result in study.results:
-        for cable in CABLES:
-            widths = [
-                of_rig(result, pattern.format(cable))["relative_hysteresis"]
-                for pattern in (WINCH, NODE_3, LAST)
-            ]
-            assert widths == sorted(widths, reverse=True)
-        assert of_rig(result, LAST.format("upper"))["relative_hysteresis"] < 0.05
-
-
 def test_errors_are_of_the_sources_size_with_its_rho_and_a_tenth_with_the_right_one(
     study: Study,
 ) -> None:
@@ -98,20 +71,6 @@ def test_errors_are_of_the_sources_size_with_its_rho_and_a_tenth_with_the_right_
             assert errors_of(result.identified, pattern).mean_relative_error < limit  # type: ignore[operator]
 
 
-def test_every_choice_of_the_source_moves_the_estimate_and_lugre_drifts(study: Study) -> None:
-    for result in study.results:
-        for choice in CHOICES:
-            mean, largest = change_of(result, choice, LAST)
-            assert 0.0 < mean < largest
-        ours = errors_of(result.identified, LAST).mean_abs_error
-        lugre, steady = (errors_of(result.choices[c], LAST).mean_abs_error for c in (LUGRE, STEADY))
-        assert ours is not None
-        assert lugre is not None
-        assert steady is not None
-        assert ours < steady < lugre
-        assert lugre > 3.0 * ours
-
-
 def test_the_numbers_of_figures_json_are_those_of_the_curves(study: Study) -> None:
     told = study_module.numbers(study)
     low = told["experiments"]["first"]["channels"]["nodal_force/upper/3"]
@@ -121,15 +80,3 @@ def test_the_numbers_of_figures_json_are_those_of_the_curves(study: Study) -> No
 
 
 # Its tables and figures: here, because the study takes some seconds ------------------------------
-
-
-def test_figures_are_drawn_as_png_and_pdf(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = "fig09_rho"
-    monkeypatch.setattr(figures, "DRAWINGS", {name: figures.DRAWINGS[name]})
-    drawn = list(figures.figure_files(study, tmp_path))
-    assert drawn == [(tmp_path / f"{name}.png", tmp_path / f"{name}.pdf")]
-    assert drawn[0][0].read_bytes().startswith(b"\x89PNG")
-    assert drawn[0][1].read_bytes().startswith(b"%PDF")
-    assert sorted(tmp_path.iterdir()) == sorted(drawn[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import re
 import subprocess
 import sys
@@ -49,12 +48,6 @@ def room_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def door_of(room: str) -> Path:
-    """Where a room is described; the compiled one is described with its types."""
-    single = {"core": PACKAGE / "_core.pyi", "api": PACKAGE / "api.py"}
-    return single.get(room, PACKAGE / room / "__init__.py")
-
-
 def imported(path: Path) -> set[str]:
     names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -75,35 +68,6 @@ def test_every_room_is_listed_and_no_module_is_outside_a_room() -> None:
         and not (path.is_dir() and not any(path.glob("*.py")) and path.name != "core")
     }
     assert found == set(ROOMS)
-
-
-@pytest.mark.parametrize("room", sorted(ROOMS))
-def test_the_docstring_of_a_room_is_its_description_in_the_list(room: str) -> None:
-    door = ast.get_docstring(ast.parse(door_of(room).read_text()))
-    assert door is not None
-    assert " ".join(door.split("\n\n")[0].split()) == ROOMS[room][0]
-
-
-def test_the_allowed_imports_have_no_cycle() -> None:
-    above = {room: may_import(room) - {room} for room in ROOMS}
-    while above:
-        ground = {room for room, below in above.items() if not below & set(above)}
-        assert ground, f"a cycle among {sorted(above)}"
-        above = {room: below for room, below in above.items() if room not in ground}
-
-
-def test_the_forms_between_a_bag_and_its_report_are_five() -> None:
-    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("takes five forms:")[1]
-    forms = re.findall(r"^\| `([\w.]+)\.(\w+)` \|", table, re.MULTILINE)
-    assert len(forms) == 5
-    for module, name in forms:
-        assert isinstance(getattr(importlib.import_module(f"cdrj_ros.{module}"), name), type)
-
-
-def test_the_folders_of_tests_are_rooms() -> None:
-    others = {"documents", "paper", "project", "robots", "truth"}
-    folders = {path.parent.name for path in (ROOT / "test").glob("*/test_*.py")}
-    assert folders - others <= set(ROOMS)
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))

@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.commands import identify
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Topics
-from cdrj_ros.robot.parameters import number_at
-from cdrj_ros.robot.reader import load_document, load_robot
+from cdrj_ros.robot.reader import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "config" / "robots" / "davinci_jaw.yaml"
@@ -73,41 +71,3 @@ def test_the_standard_deviation_covers_runs_that_were_not_fitted(
             inside.append(float(np.mean(error <= 2.0 * channel.stddev)))
         assert 0.90 <= np.mean(inside) <= 0.985, (name, inside)
         assert min(inside) >= 0.80, (name, inside)
-
-
-@recordings
-def test_identify_returns_to_the_values_of_the_file(tmp_path: Path) -> None:
-    """A fit to two runs from values 10 % off recovers the best-determined numbers."""
-    bags = [str(RECORDINGS / "train" / f"Tool_4_Maryland_L_4_{run}") for run in ("02", "28")]
-    out = tmp_path / "again.yaml"
-    document, _ = load_document(ROBOT)
-    stiffness = number_at(document, "cables.b.axial_stiffness")
-    assert identify.main(
-        [*bags, "--robot", str(ROBOT), "--quick", "--out", str(out), "--fit",
-         "cables.b.axial_stiffness,joints.jaw.reference_angle",
-         "--start", f"cables.b.axial_stiffness={1.1 * stiffness}"]
-    ) == 0  # fmt: skip
-    again, _ = load_document(out)
-    assert number_at(again, "cables.b.axial_stiffness") == pytest.approx(stiffness, rel=0.05)
-
-
-@recordings
-def test_a_file_of_one_pose_gives_one_of_another_by_two_of_its_runs(tmp_path: Path) -> None:
-    """Judged on the two runs that were not fitted; zeroing alone leaves 12 and 6 mN m."""
-    runs = [
-        str(RECORDINGS / "other_wrist_pose" / f"Tool_4_Maryland_L_Pitch_3_00{k}") for k in range(4)
-    ]
-    out = tmp_path / "posed.yaml"
-    command = [runs[0], runs[3], "--from", str(ROBOT), "--quick", "--out", str(out)]
-    assert identify.main(command) == 0
-    posed = prepare(load_robot(out))
-    judged = [validate_bag(posed, run, Topics(), spread=True) for run in runs[1:3]]
-    errors = pooled_errors(judged)
-    for name, most in (("effort/spindle", 0.010), ("effort/jaw", 0.0055)):
-        assert errors[name].rmse is not None
-        assert errors[name].rmse < most
-    for one in judged:
-        for channel in one.channels:
-            assert channel.stddev is not None
-            error = np.abs(channel.estimate - channel.reference)
-            assert np.mean(error <= 2.0 * channel.stddev) >= 0.85, (one.path, channel.name)

@@ -15,7 +15,6 @@ from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.description import Node, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.simulation.assembly import course
 
 ROOT = Path(__file__).parents[2]
 ROBOTS = ROOT / "config" / "robots"
@@ -41,19 +40,6 @@ def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model: Model)
         for cable, passed in ((0, share), (1, 1.0 - share)):
             expected = [one if one is not None else 0.6 + 77.9 * passed for one in TABLE_ONE]
             np.testing.assert_allclose(wraps[cable], expected, atol=0.05)
-
-
-def test_the_end_of_the_arc_that_moves_is_the_one_towards_the_link(model: Model) -> None:
-    tables = load_robot(ROBOTS / "prototype.yaml")
-    for placed, given in zip(model.robot.cables, tables.cables, strict=True):
-        five, six, seven = (node.place.frame for node in placed.nodes[4:7] if node.place)
-        assert (five, six, seven) == ("base", "base", "link")
-        turning = {
-            p: pulley.moving_end
-            for p, pulley in enumerate(given.pulleys, start=2)
-            if any(profile.joint for profile in pulley.wrap)
-        }
-        assert turning == {6: "after"}
 
 
 def test_the_strands_across_the_joint_are_those_of_equation_two(model: Model) -> None:
@@ -126,18 +112,3 @@ def test_tensions_on_a_recording_agree_with_the_file_in_tables() -> None:
     difference = np.abs(here - tensions(as_it_is))
     assert difference.mean() < 0.45
     assert (difference / here).mean() < 0.015
-
-
-def test_arcs_behind_the_joint_travel_on_their_pulleys_and_the_one_before_it_grows(
-    model: Model,
-) -> None:
-    angle = np.linspace(-LIMIT, LIMIT, 81)
-    found = course(model, angle[:, None])
-    travelled = (found.track - found.track[0]) / PULLEY_SIX
-    turned = angle - angle[0]
-    # The strands turn by the joint's angle; pulley 6 rests, the link with pulley 7 turns by twice
-    # that, and pulley 8 rests.
-    expected = np.zeros((angle.size, 14))
-    expected[:, [4, 5, 6]] = turned[:, None] * [0.5, -1.0, 1.0]
-    expected[:, [11, 12, 13]] = turned[:, None] * [-0.5, 1.0, -1.0]
-    np.testing.assert_allclose(travelled, expected, atol=1e-6)

@@ -11,7 +11,7 @@ import pytest
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import Model, placed, prepare, segments_of, shape_at
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -89,57 +89,6 @@ def test_cells_give_the_lumped_pulleys_tensions_element_by_element(truth: Truth)
     assert np.ptp(truth.tension, axis=0).min() > 1.0
     assert (error / truth.tension).mean(axis=0).max() < 1e-3
     assert error.max() < 1.0
-
-
-@pytest.mark.parametrize(
-    "path", sorted(PROTOTYPE.parent.glob("*.yaml")), ids=lambda path: path.stem
-)
-def test_every_robot_of_the_package_keeps_its_lengths_when_divided(path: Path) -> None:
-    robot = load_robot(path)
-    whole, fine = prepare(robot), prepare(divide_contacts(robot, 8))
-    rng = np.random.default_rng(1)
-    for _ in range(5):
-        pose = np.array([rng.uniform(joint.lower, joint.upper) for joint in robot.joints])
-        told, (found, views) = shape_at(whole, pose), placed(fine, pose)
-        np.testing.assert_array_equal(found.length, told.length)
-        np.testing.assert_array_equal(found.lever_arm, told.lever_arm)
-        element = 0
-        for c, cable in enumerate(robot.cables):
-            parts = found.segment[segments_of(fine, c)]
-            count = len(cable.nodes) - 1
-            total = told.length[element : element + count].sum()
-            total -= views.laid[2 * c : 2 * c + 2].sum()  # lies on the ends
-            assert parts.size > count
-            assert parts.sum() == pytest.approx(total, rel=1e-13)
-            element += count
-
-
-def test_a_sheath_is_divided_and_an_eyelet_is_not() -> None:
-    robot = parse_robot("""
-        name: guided
-        motors: [{name: m}]
-        joints: []
-        friction: {law: euler, mu_c: 0.2}
-        cables:
-          - name: c
-            axial_stiffness: 5000
-            preload: 20
-            nodes:
-              - {type: winch, motor: m, winding: 1, radius: 0.02, position: [0, 0, 0]}
-              - {type: sheath, position: [0.1, 0.02, 0], exit: [0.3, 0.02, 0], length: 0.4,
-                 bend_deg: 90}
-              - {type: eyelet, position: [0.5, 0.02, 0]}
-              - {type: anchor, position: [0.5, 0.3, 0]}
-        """)
-    fine = prepare(divide_contacts(robot, 5))
-    assert [pulley.cells for pulley in fine.robot.cables[0].pulleys] == [5, 1]
-    length = shape_at(fine, np.empty(0)).segment
-    np.testing.assert_allclose(length[1:5], 0.4 / 5, rtol=1e-12)
-    assert length.sum() == pytest.approx(shape_at(prepare(robot), np.empty(0)).length.sum())
-    # pulled far enough at the winch, the whole sheath and the eyelet slide: one capstan in all
-    tension = wound(fine, np.linspace(0.0, 0.5, 4001)).values[-1, fine.layout.tension]
-    assert tension[1] / tension[0] == pytest.approx(exp(-0.2 * pi / 2), rel=1e-6)
-    assert tension[2] / tension[0] == pytest.approx(exp(-0.2 * pi), rel=1e-3)
 
 
 def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:

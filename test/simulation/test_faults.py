@@ -85,17 +85,6 @@ def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots
     assert lost_at_once == pytest.approx(cable.axial_stiffness * amount / material, rel=0.02)
 
 
-def test_the_motor_of_a_balanced_rig_compensates_a_snap(robots: Robots) -> None:
-    sound, broken = _balanced(robots), _balanced(robots, Fault("snap", AT, cable="upper"))
-    settled = TIME > AT + 0.5
-    assert np.abs(broken.imbalance[settled]).max() < 1e-3
-    then = (TIME > AT + 0.05) & (TIME < AT + 0.3)
-    turned = broken.motor_angle[then, 0] - sound.motor_angle[then, 0]
-    assert turned.min() > 0.05, "it winds in the released cable"
-    assert any("unbalanced by up to" in note for note in broken.notes)
-    assert not sound.notes
-
-
 def test_slack_without_a_fault_is_refused_with_its_place(robots: Robots) -> None:
     robot = robots.prototype()
     weak = replace(robot, cables=tuple(replace(c, preload=2.0) for c in robot.cables))

@@ -11,7 +11,7 @@ import pytest
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import course, divide_contacts
+from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.follow import follow_joints, pull_together
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import differences, sine
@@ -68,19 +68,6 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
     truth = simulate(coupled, TIME, joints, cells=2)
     assert [note for note in truth.notes if "no motor compensates" in note]
     assert np.ptp(truth.tension[:, 0]) > 1.0
-
-
-def test_forces_of_cables_without_positions_lie_along_and_across_their_bisector(
-    robots: Robots,
-) -> None:
-    robot = robots.prototype()
-    joints = _moving(robot)
-    truth = simulate(robot, TIME, joints, cells=4)
-    before, wrap = prepare(robot).layout.element_before, course(prepare(robot), joints).wrap
-    first, last = truth.tension[:, before], truth.tension[:, before + 1]
-    np.testing.assert_allclose(truth.force[..., 0], (last + first) * np.sin(0.5 * wrap))
-    np.testing.assert_allclose(truth.force[..., 1], (last - first) * np.cos(0.5 * wrap), atol=1e-12)
-    assert not truth.force[..., 2].any()
 
 
 def test_several_motors_balance_one_joint_together(robots: Robots) -> None:

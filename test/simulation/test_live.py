@@ -13,14 +13,11 @@ from support.energy import energy
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
-from cdrj_ros.simulation.faults import Fault
-from cdrj_ros.simulation.follow import Demonstration, follow_joints, program_of
+from cdrj_ros.simulation.follow import Demonstration, program_of
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
 from cdrj_ros.simulation.load import Load, make_load
-from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
 RATE = 1000.0
@@ -69,46 +66,6 @@ class Run:
 
 def run_of(robot: Robot, load: Load = LOAD, **limits: float) -> Run:
     return Run(live(robot, load), Drives(drive_limits(robot, RATE, **limits)))
-
-
-def assert_same_digits(found: list[np.ndarray], truth: Truth) -> None:
-    for column, wanted in zip(
-        found,
-        (truth.tension, truth.joint_angle, truth.motor_angle, truth.motor_effort,
-         truth.joint_effort),
-        strict=True,
-    ):  # fmt: skip
-        np.testing.assert_array_equal(column, wanted)
-
-
-def test_the_same_motor_angles_give_the_bits_of_the_whole_simulation(robots: Robots) -> None:
-    robot = robots.prototype()
-    motors = follow_joints(prepare(robot), sine(0.5, 0.5)(TIME).angle[:, None]).motor_angle
-    truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=8)
-    run = Run(live(robot, cells=8), Drives(drive_limits(robot, RATE)))
-    for k in range(1, TIME.size):
-        run.tell("position", motors[k, 0]).step()
-    assert np.ptp(truth.joint_angle) > 0.5
-    assert_same_digits(run.truth(), truth)
-
-
-def test_commanded_faults_give_the_bits_of_planned_faults(robots: Robots) -> None:
-    robot = robots.prototype()
-    motors = follow_joints(prepare(robot), sine(0.4, 0.5)(TIME).angle[:, None]).motor_angle
-    planned = (Fault("snap", 0.6, 5e-4, "lower"), Fault("slip", 0.4, cable="upper"))
-    truth = simulate(robot, TIME, motor_angle=motors, load=LOAD, cells=2, faults=planned)
-    commanded = run_of(robot)
-    for k in range(1, TIME.size):
-        if k == 401:
-            commanded.rig.break_cable("slip", "upper")
-        if k == 601:
-            commanded.rig.break_cable("snap", "lower", 5e-4)
-        commanded.tell("position", motors[k, 0]).step()
-    assert_same_digits(commanded.truth(), truth)
-    by_themselves = Run(live(robot, cells=2, faults=planned), Drives(drive_limits(robot, RATE)))
-    for k in range(1, TIME.size):
-        by_themselves.tell("position", motors[k, 0]).step()
-    assert_same_digits(by_themselves.truth(), truth)
 
 
 @pytest.mark.parametrize(

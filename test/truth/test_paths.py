@@ -40,18 +40,6 @@ def test_a_cable_over_a_sphere_takes_the_great_circle() -> None:
     assert path.length[0] == pytest.approx(np.sqrt(sizes**2 - r**2).sum() + r * wrap, rel=1e-12)
 
 
-def test_a_belt_crosses_between_two_pulleys_along_their_inner_tangent() -> None:
-    nodes = (
-        Node("anchor", (-0.3, 0.05)),
-        Node("pulley", (0.0, 0.0), radius=0.05, turn=-1),
-        Node("pulley", (0.4, 0.0), radius=0.03, turn=1),
-        Node("anchor", (0.7, -0.03)),
-    )
-    path = find_path(nodes, BASE)
-    assert path.span[0, 1] == pytest.approx(np.sqrt(0.4**2 - 0.08**2), rel=1e-12)
-    assert path.wrap[0] == pytest.approx(2 * [np.arcsin(0.08 / 0.4)], rel=1e-9)
-
-
 @pytest.mark.parametrize("kind", ["sphere", "cylinder"])
 def test_the_surface_passes_under_a_path_that_stands_still(kind: str) -> None:
     r, turned, shifted = 0.03, np.linspace(0.0, 0.5, 51), np.linspace(0.0, 0.02, 51)
@@ -96,12 +84,6 @@ def test_a_path_lengthens_only_by_the_motion_of_the_bodies_at_the_ends_of_its_sp
         np.testing.assert_allclose(
             change[inner], opened[inner], atol=1e-3 * np.abs(opened).max(), err_msg=line.name
         )
-
-
-def test_the_sphere_of_the_scene_is_left_and_met_again() -> None:
-    touching = robots.sphere(20.0, 50).paths[0].touching[:, 0]
-    assert np.count_nonzero(np.diff(touching.astype(int)) == 1) >= 2
-    assert np.count_nonzero(np.diff(touching.astype(int)) == -1) >= 2
 
 
 def test_the_truth_imports_nothing_of_what_it_tests() -> None:

@@ -12,14 +12,6 @@ from truth import robots
 from truth.scenes import Scene, waves
 
 
-@pytest.mark.parametrize("shape", ["plane", "helix", "sphere", "swivel"])
-def test_nothing_slides_where_the_end_follows_the_involute(shape: str) -> None:
-    scene = robots.involute(shape, seconds=10.0)
-    tension = scene.truth().tension
-    assert np.degrees(np.ptp(scene.paths[0].last[:, 0]) / 0.02) > 59.0
-    np.testing.assert_allclose(tension, 50.0, rtol=1e-8)
-
-
 def periodic(scene: Scene, mu: float) -> Scene:
     """Two cycles of 4 s, and one coefficient of friction everywhere."""
     time = np.arange(1601) / 200.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -32,38 +30,6 @@ def test_where_all_slips_the_tensions_have_the_ratio_of_the_capstan(sign: float)
     cable = Cable(EA, 50.0, (Contact(0.2, CELL),))
     last = pulled(cable, sign * np.linspace(0.0, 0.001, 50))[-1].tension(cable)
     assert last[0] / last[1] == pytest.approx(np.exp(sign * 0.2 * 2.0), rel=1e-9)
-
-
-def test_bristles_that_hold_take_up_a_pull_as_distributed_springs_do() -> None:
-    # EA u'' = k u on the arc, with k = sigma / arc; the spans at both ends are springs
-    cable = Cable(EA, 1.0, (Contact(2.0, CELL, stiffness=1e6),))
-    pull, arc, wrap = 2e-7, RADIUS * 2.0, 2.0
-    last = pulled(cable, np.array([0.0, pull]))[-1].tension(cable)
-    p = np.sqrt(1e6 / arc / EA)
-    up, down = np.exp(p * arc), np.exp(-p * arc)
-    ends = np.array([[p - 1 / 0.2, -p - 1 / 0.2], [(p + 1 / 0.3) * up, (1 / 0.3 - p) * down]])
-    a, b = np.linalg.solve(ends, [pull / 0.2, 0.0])
-    assert wrap == pytest.approx(arc / RADIUS)
-    assert last[0] - 1.0 == pytest.approx(EA * p * (a - b), rel=2e-3)
-    assert last[1] - 1.0 == pytest.approx(EA * p * (a * up - b * down), rel=2e-3)
-
-
-def test_friction_takes_the_work_that_the_drum_puts_in() -> None:
-    cable = Cable(EA, 50.0, (Contact(0.2, CELL),))
-    wound = 0.001 * np.sin(np.linspace(0.0, 4.0 * np.pi, 2001))
-    states = pulled(cable, wound)[1000:]  # from the second cycle on, the loop is closed
-    work = taken = 0.0
-    for one, two in pairwise(states):
-        strain = 0.5 * (one.strain + two.strain)
-        # the drum moves cable by the length that it has there
-        laid = np.diff([one.course.wound[0], two.course.wound[0]])[0]
-        work += 0.5 * (one.tension(cable) + two.tension(cable))[0] * laid
-        assert one.cells[0] is not None
-        assert two.cells[0] is not None
-        held = 0.5 * (one.cells[0].friction + two.cells[0].friction)
-        taken += np.sum(held * two.slip * (1.0 + 0.5 * (strain[1:] + strain[:-1])))
-    assert work > 0.0
-    assert taken == pytest.approx(work, rel=1e-3)
 
 
 def test_cable_that_is_laid_and_lifted_on_a_rough_body_keeps_its_strain_meanwhile() -> None:
