@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 ALL_SEEN: Final[NDArray[np.float64]]
 """What samples without deviations have as ``unseen``; shape (0, 0)."""
 NONE_CHANGED: Final[NDArray[np.float64]]
-"""What samples have as ``offset`` where it is that of the sample before; shape (0,)."""
+"""What samples have as ``offset`` where it is that of the sample before; shape (0, 0)."""
 END_OF_TIME_NS: Final[int]
 """The stamp of a header, whose seconds have 32 bits with a sign, is below this [ns]."""
 MAX_GAP_NS: Final[int]
@@ -306,7 +306,7 @@ class Recording:
             One piece of samples, and a further one after every jump of the clock: whether the clock
             went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
             shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
-            shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, axes); rows
+            shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 2, axes); rows
             that are doubtful.
         """
 
@@ -379,6 +379,7 @@ class Ensemble:
         reading_error: NDArray[np.float64],
         unseen_share: NDArray[np.float64],
         offset_gain: NDArray[np.float64],
+        length_share: NDArray[np.float64],
         span: NDArray[np.float64],
         index: NDArray[np.int64],
         element: NDArray[np.int64],
@@ -395,6 +396,7 @@ class Ensemble:
             reading_error: rows used in turn [rad], shape (rows, axes).
             unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
             offset_gain: change per offset of an axis (U12), shape (quantities, axes).
+            length_share: of every element in the length of its cable, shape (elements,).
             span: range of all axes [rad], shape (2, axes).
             index: of every quantity with a standard deviation in the estimate.
             element: an element of that quantity's cable; -1 for efforts.
@@ -513,7 +515,11 @@ class Ensemble:
 
     @property
     def offset(self) -> NDArray[np.float64]:
-        """Standard deviations of the axes' offsets (U12) [rad], shape (axes,)."""
+        """Standard deviations of the axes' lasting errors (U12), (U13) [rad], shape (2 axes,)."""
+
+    @property
+    def swing(self) -> NDArray[np.float64]:
+        """Lowest and highest mean tension of every cable so far [N], (U13), shape (2 cables,)."""
 
     @property
     def intervals(self) -> NDArray[np.int64]:

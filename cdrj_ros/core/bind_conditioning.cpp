@@ -62,28 +62,24 @@ std::vector<double> numbers_of(const py::sequence& positions) {
     return numbers;
 }
 
-/// `unseen` of every sample without deviations: always the same object, to be recognised by.
-const py::object& all_seen() {
+/// `unseen` of every sample without deviations, and `offset` of those with the ones of the sample
+/// before: always the same object, to be recognised by.
+const py::object& no_deviations() {
     static const auto* const empty = new py::object(py::array_t<double>(std::vector<py::ssize_t>{0, 0}));
-    return *empty;
-}
-
-/// `offset` of every sample with those of the sample before: always the same object.
-const py::object& none_changed() {
-    static const auto* const empty = new py::object(py::array_t<double>(0));
     return *empty;
 }
 
 py::tuple tuple_of(const Sample& sample, std::size_t motors) {
     const auto angles = std::span(sample.angle);
-    py::object unseen = all_seen();
+    py::object unseen = no_deviations(), offset = no_deviations();
     if (!sample.unseen.empty()) unseen = copy_of(sample.unseen).reshape({2, -1});
+    if (!sample.offset.empty()) offset = copy_of(sample.offset).reshape({2, -1});
     return py::make_tuple(
         sample.stamp_ns,
         copy_of(angles.first(motors)),
         copy_of(angles.subspan(motors)),
         unseen,
-        sample.offset.empty() ? none_changed() : py::object(copy_of(sample.offset)),
+        offset,
         sample.doubtful,
         sample.predicted,
         sample.silent);
@@ -190,7 +186,7 @@ py::tuple tuple_of(Samples&& samples, std::size_t motors, std::size_t joints) {
         array_of(std::move(samples.unseen_rows), {unseen}),
         array_of(std::move(samples.unseen), {unseen, 2, m + j}),
         array_of(std::move(samples.offset_rows), {changes}),
-        array_of(std::move(samples.offset), {changes, m + j}),
+        array_of(std::move(samples.offset), {changes, 2, m + j}),
         array_of(std::move(samples.doubtful), {doubtful}));
 }
 
@@ -356,8 +352,8 @@ void bind_conditioner(py::module_& core) {
 }  // namespace
 
 void bind_conditioning(py::module_& core) {
-    core.attr("ALL_SEEN") = all_seen();
-    core.attr("NONE_CHANGED") = none_changed();
+    core.attr("ALL_SEEN") = no_deviations();
+    core.attr("NONE_CHANGED") = no_deviations();
     core.attr("MAX_GAP_NS") = MAX_GAP_NS;
     core.attr("CONFIRMATIONS") = CONFIRMATIONS;
     core.attr("RANGE_MARGIN") = RANGE_MARGIN;

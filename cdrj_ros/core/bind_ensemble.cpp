@@ -38,7 +38,8 @@ std::vector<T> taken(
 std::unique_ptr<Ensemble> make_ensemble(
     const HeldRobot& robot, const Matrix& numbers, const Matrix& friction_share,
     const Flags& slipping, const Matrix& effort_error, const Matrix& reading_error,
-    const Matrix& unseen_share, const Matrix& offset_gain, const Matrix& span, const Indices& index,
+    const Matrix& unseen_share, const Matrix& offset_gain, const Matrix& length_share,
+    const Matrix& span, const Indices& index,
     const Indices& element, const Matrix& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
     const py::ssize_t members = slipping.size(), axes = sizes.axes(), quantities = index.size();
@@ -56,6 +57,7 @@ std::unique_ptr<Ensemble> make_ensemble(
         .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
         .unseen_share = taken(unseen_share, {paths, members, axes}, "unseen_share"),
         .offset_gain = taken(offset_gain, {quantities, axes}, "offset_gain"),
+        .length_share = taken(length_share, {sizes.elements}, "length_share"),
         .lower = {lower_upper.begin(), lower_upper.begin() + axes},
         .upper = {lower_upper.begin() + axes, lower_upper.end()},
         .reading_rows = errors,
@@ -87,7 +89,7 @@ SampleView view_of(
     require(
         motor_angle.size() == sizes.motors && joint_angle.size() == sizes.joints &&
             (unseen.size() == 0 || unseen.size() == 2 * sizes.axes()) &&
-            (offset.size() == 0 || offset.size() == sizes.axes()),
+            (offset.size() == 0 || offset.size() == 2 * sizes.axes()),
         "the angles are not those of this robot");
     return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen), span_of(offset)};
 }
@@ -156,7 +158,7 @@ void follow(
     require(
         fits(motor_angle, motors) && fits(joint_angle, joints) && fits(estimates, size) &&
             fits(stddev, quantities) && (hidden == 0 || fits(unseen, hidden)) &&
-            offset.size() == offset_rows.size() * py::ssize_t(ensemble.axes()),
+            offset.size() == offset_rows.size() * py::ssize_t(2 * ensemble.axes()),
         "samples, estimates and stddev have not the shapes of this robot's");
     const Nanoseconds* stamps = stamp_ns.data();
     const double *motor = motor_angle.data(), *joint = joint_angle.data(), *deviation = unseen.data();
@@ -169,7 +171,8 @@ void follow(
             stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
             {deviation + k * hidden, hidden}};
         if (change < changes.size() && changes[change] == k) {
-            sample.offset = {offset.data() + change++ * ensemble.axes(), ensemble.axes()};
+            const std::size_t width = 2 * ensemble.axes();
+            sample.offset = {offset.data() + change++ * width, width};
         }
         ensemble.update(
             sample, {estimate + k * size, size}, 1, true, {written + k * quantities, quantities});
@@ -282,7 +285,7 @@ void bind_ensemble(py::module_& core) {
         .def(
             py::init(&make_ensemble), py::arg("robot"), array("numbers"), array("friction_share"),
             array("slipping"), array("effort_error"), array("reading_error"), array("unseen_share"),
-            array("offset_gain"), array("span"), array("index"), array("element"),
+            array("offset_gain"), array("length_share"), array("span"), array("index"), array("element"),
             array("unmodelled"),
             "Copies all arrays.")
         .def(
@@ -314,6 +317,7 @@ void bind_ensemble(py::module_& core) {
         .def_property_readonly("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
         .def_property_readonly("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
         .def_property_readonly("offset", part(&Ensemble::memory, &EnsembleMemory::offset))
+        .def_property_readonly("swing", part(&Ensemble::memory, &EnsembleMemory::swing))
         .def_property_readonly("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals))
         .def_property_readonly(
             "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true))

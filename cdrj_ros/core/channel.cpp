@@ -12,6 +12,13 @@ constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;     // the velocity is avera
 constexpr Nanoseconds SHORTEST_WINDOW_NS = 10'000'000;  // and not over less where readings are lost
 constexpr std::size_t RECENT = 1000;       // readings kept for it at most
 constexpr int STRAGGLERS = 100;            // that a channel may deliver after a jump back
+constexpr double FINER = 0.22;             // logarithm of 1.25
+
+/// The next of few values, each a quarter above the one before, so that changes are few.
+double level(double value) {
+    if (!(value > 0.0)) return 0.0;
+    return std::exp(FINER * std::ceil(std::log(value) / FINER));
+}
 
 /// The nearest whole number, the even one of two; the current rounding mode is the default.
 std::int64_t nearest(double number) {
@@ -185,6 +192,13 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
         steps.restart();
     }
     return steps.take(motion, axis.worth, next, off) || stepped;
+}
+
+Offset Channel::offset() const {
+    const double late = DEVIATION * lag.most_ns() * 1e-9 * motion.fastest;  // (C10)
+    const double slipped = steps.offset(motion);
+    if (motion.has_turned()) return {level(slipped), level(late)};
+    return {level(std::hypot(slipped, late)), 0.0};
 }
 
 double Channel::between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle) {

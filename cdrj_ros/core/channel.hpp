@@ -23,12 +23,20 @@ inline constexpr std::size_t CONFIRMATIONS = 5;
 /// Tolerance for rounding at the ends of a joint's range.
 inline constexpr double RANGE_MARGIN = 1e-9;
 
+/// Standard deviations of errors of an angle that last, and that the readings do not show.
+struct Offset {
+    double slipped = 0.0;  // of an offset of the axis, (C9); with those of its clock while they are unbounded
+    double late = 0.0;     // of what an error of its clock is worth, (C10), where the estimate bounds it
+
+    bool operator==(const Offset&) const = default;
+};
+
 /// An accepted reading that waits for those of other channels.
 struct Reading {
     Nanoseconds stamp_ns;
     double angle;
     double curvature;  // since the reading before, see `Motion::curvature` [rad/ns^2]
-    double offset;     // standard deviation of an offset, see `StepDetector::offset`
+    Offset offset;
 };
 
 /// An angle as extrapolated from a reading on, to be compared with a later one.
@@ -108,6 +116,9 @@ public:
     bool lags(const Axis& axis) const {
         return axis.worth > 0.0 && lag.lag_ns * 1e-9 * motion.fastest > 0.5 * axis.worth;
     }
+
+    /// Standard deviations that the readings so far do not show.
+    Offset offset() const;
 
     /// Tracked angle at an accepted reading; call before it becomes the last one.
     double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);

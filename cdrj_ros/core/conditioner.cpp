@@ -16,7 +16,7 @@ Conditioner::Conditioner(
 void Conditioner::begin() {
     channels_ = std::vector<Channel>(axes_.begin(), axes_.end());
     time_line_.begin();
-    newest_ns_ = -1;
+    newest_ = {};
 }
 
 Conditioner::Target Conditioner::find(Topic topic, std::string_view name) const {
@@ -92,8 +92,8 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
         return false;
     }
     drop_held(channel);
-    if (newest_ns_ >= 0) channel.lag.take(raw.stamp_ns, newest_ns_);
-    newest_ns_ = std::max(newest_ns_, raw.stamp_ns);
+    if (newest_.stamp_ns >= 0) channel.lag.take(raw.stamp_ns, newest_);
+    newest_.take(raw.stamp_ns);
     return judge(k, raw);
 }
 

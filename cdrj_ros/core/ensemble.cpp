@@ -17,6 +17,9 @@ constexpr int PARTS = 4;
 /// A longer time between two samples counts as a gap.
 constexpr Nanoseconds GAP_NS = 1'000'000'000;
 
+/// Standard deviation of what errors of clocks add, by the swing of a cable's mean tension so far.
+constexpr double SWING = 0.5 * DEVIATION;
+
 /// A member is updated at most this often: at 1 kHz at every second sample.
 constexpr Nanoseconds APART_NS = 1'500'000;
 
@@ -58,18 +61,23 @@ Ensemble::Ensemble(
       robot_(plan_.data(), numbers_.data()),
       population(robot_.topology, draws.slipping.size(), std::move(constants)),
       estimate_(robot_.estimate_size()),
+      possible_(robot_.topology.sizes.elements + 1, 1.0),
       out_(robot_.out_size()) {
     const auto members = static_cast<std::size_t>(population.size());
     const auto axes = static_cast<std::size_t>(robot_.topology.sizes.axes());
     memory.stamps.resize(members);
     memory.deviation.resize(members * quantities.size());
     memory.variance.resize(quantities.size());
+    for (Index c = 0; c < robot_.topology.sizes.cables; ++c) {
+        memory.swing.insert(memory.swing.end(), {INFINITE, -INFINITE});
+    }
     memory.intervals.resize(axes);
     for (std::vector<double>* one :
-         {&memory.angle, &memory.unseen, &memory.offset, &angle_before_, &angle_, &unseen_, &midway_,
+         {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_,
           &between_, &reading_}) {
         one->resize(axes);
     }
+    memory.offset.resize(2 * axes);
 }
 
 // -------------------------------------------------------------------------------------------------
@@ -156,6 +164,7 @@ void Ensemble::begin(
 
     if (count > 1) update_members(count, part_s);
     std::ranges::copy(unseen_, memory.unseen.begin());
+    if (!unsolved) bound_clocks();
     write_stddev(estimate_, stddev);
     waiting_ = count == 1 && is_due(sample.stamp_ns);
 }
@@ -340,15 +349,43 @@ void Ensemble::compare(
     }
 }
 
+/// Note the mean tensions of all cables, and what errors of clocks may add to each of them, (U13).
+void Ensemble::bound_clocks() {
+    const auto of_all = robot_.topology.sizes.elements;
+    possible_[of_all] = 0.0;
+    for (Index c = 0; c < robot_.topology.sizes.cables; ++c) {
+        const auto [first, count] = std::pair(
+            robot_.topology.cables[c].first_element, robot_.topology.cables[c].elements);
+        double mean = 0.0, late = 0.0;
+        for (Index e = first; e < first + count; ++e) mean += draws.length_share[e] * estimate_[e];
+        double &lowest = memory.swing[2 * c], &highest = memory.swing[2 * c + 1];
+        lowest = std::min(lowest, mean);
+        highest = std::max(highest, mean);
+        const std::span<const double> gains = row(draws.offset_gain, first, axes());
+        for (std::size_t a = 0; a < axes(); ++a) {
+            const double part = gains[a] * memory.offset[axes() + a];
+            late += part * part;
+        }
+        const double seen = SWING * (highest - lowest);
+        const double share = late > seen * seen ? seen * seen / late : 1.0;
+        std::fill_n(possible_.begin() + first, count, share);
+        possible_[of_all] = std::max(possible_[of_all], share);
+    }
+}
+
 void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
     for (std::size_t q = 0; q < quantities.size(); ++q) {
         const auto& [index, element, unmodelled, slack] = quantities[q];
         double total = std::max(memory.variance[q], 0.0) + unmodelled;
-        const std::span<const double> gains = row(draws.offset_gain, q, memory.offset.size());
+        const std::span<const double> gains = row(draws.offset_gain, q, axes());
+        double late = 0.0;
         for (std::size_t a = 0; a < gains.size(); ++a) {
-            const double part = gains[a] * memory.offset[a];
-            total += part * part;  // (U12)
+            const double slipped_part = gains[a] * memory.offset[a];
+            const double late_part = gains[a] * memory.offset[axes() + a];
+            total += slipped_part * slipped_part;  // (U12)
+            late += late_part * late_part;
         }
+        total += late * (element < 0 ? possible_.back() : possible_[element]);  // (U13)
         if (std::abs(nominal[index]) <= slack) total = std::max(total, slack * slack);
         stddev[q] = std::sqrt(total);
     }

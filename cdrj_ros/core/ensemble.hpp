@@ -72,6 +72,7 @@ struct Draws {
     std::vector<double> reading_error;   // of all axes, one row for every update in turn [rad]
     std::vector<double> unseen_share;    // xi of (U3), by intervals in turn, members and axes
     std::vector<double> offset_gain;     // change per offset of an axis (U12), by quantities and axes
+    std::vector<double> length_share;    // of every element in the length of its cable
     std::vector<double> lower;           // range of every axis [rad]
     std::vector<double> upper;
     Index reading_rows;                  // of `reading_error`
@@ -91,11 +92,12 @@ struct EnsembleMemory {
     Progress progress;
     std::vector<double> angle;        // of all axes at the last sample [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
-    std::vector<double> offset;       // standard deviations of the axes' offsets (U12) [rad]
+    std::vector<double> offset;       // as `Sample::offset` [rad]
     // of every axis, twice the number of its past intervals without readings, plus one during one
     std::vector<Index> intervals;
     std::vector<double> deviation;    // of every member's quantities from the estimate's
     std::vector<double> variance;     // of every quantity, (U1)
+    std::vector<double> swing;        // of every cable's mean tension: lowest so far, and highest, (U13) [N]
 };
 
 /// Robots that differ in all that is unknown, and are stepped along with the estimate.
@@ -183,6 +185,7 @@ private:
         const SampleView& sample, std::span<const double> estimate, Index least,
         std::span<double> stddev);
     bool take_angles(const SampleView& sample);
+    void bound_clocks();
     bool moved_in_a_gap(Nanoseconds stamp) const;
     std::pair<bool, bool> count_intervals();
     void update_members(Index count, double part_s);
@@ -203,6 +206,9 @@ private:
 
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;
+    // share of the variance of clocks' errors that the swings leave possible, (U13): of every
+    // element's cable, then the greatest of all
+    std::vector<double> possible_;
     std::vector<double> angle_before_;  // of the sample before [rad]
     std::vector<double> angle_;         // [rad]
     std::vector<double> unseen_;        // standard deviations of the angles [rad]

@@ -7,6 +7,7 @@ namespace cdrj {
 namespace {
 
 constexpr Nanoseconds WINDOW_NS = 100'000'000;  // speeds are averaged over at least this time
+constexpr Nanoseconds PART_NS = 20'000'000;     // the greatest speed, over at least this one
 constexpr double SLOW = 2e-9 * WINDOW_NS;       // windows longer than this are chords [s]
 constexpr double CHORDS = 1.5;       // factor for accelerations from chords of a third of a period
 constexpr double MEMORY = 10.0;      // time constant with which V and A decay [s]
@@ -24,6 +25,10 @@ double faded(double before, double now, double keep) {
 
 void Motion::take(Nanoseconds stamp_ns, double angle) {
     if (begin_ns >= 0 && stamp_ns >= begin_ns) {  // else the clock went back during a restart
+        if (stamp_ns - begin_ns >= PART_NS) {
+            const double certain = std::abs(angle - begin) - 2.0 * band;
+            fastest = std::max(fastest, certain / ((stamp_ns - begin_ns) * 1e-9));
+        }
         if (stamp_ns - begin_ns < WINDOW_NS) return;
         close((stamp_ns - begin_ns) * 1e-9, angle - begin);
     }
@@ -47,7 +52,6 @@ void Motion::close(double length, double moved) {
     const double keep = std::exp(-length / MEMORY);
     speed = std::max(now, faded(speed, now, keep));
     acceleration = std::max(change, faded(acceleration, change, keep));
-    fastest = std::max(fastest, now);
     double& greatest = moved > 0.0 ? forward : back;
     greatest = std::max(greatest, now);
     travelled += certain;
@@ -101,8 +105,7 @@ void Motion::miss(Nanoseconds horizon_ns, Nanoseconds window_ns, double error) {
 double Motion::ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const {
     const double horizon = horizon_ns * 1e-9, window = window_ns * 1e-9;
     const double arc = 0.5 * horizon * (horizon + window);
-    const bool turned = 2.0 * std::min(forward, back) >= speed;
-    const double known = turned ? acceleration : std::max(acceleration, speed * 1e9 / WINDOW_NS);
+    const double known = has_turned() ? acceleration : std::max(acceleration, speed * 1e9 / WINDOW_NS);
     const double drift = std::max(std::min(known * arc, 2.0 * speed * horizon), bend * arc);
     const double noise = NOISE * band * horizon / window;
     return std::sqrt(drift * drift + noise * noise);

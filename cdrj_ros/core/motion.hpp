@@ -3,6 +3,8 @@
 // Equations (C2) to (C4) of docs/conditioning.md.
 #pragma once
 
+#include <algorithm>
+
 #include "records.hpp"
 
 namespace cdrj {
@@ -17,7 +19,7 @@ struct Motion {
     double velocity = 0.0;        // mean over the last window [rad/s]
     double speed = 0.0;           // V of (C2): rises at once and decays [rad/s]
     double acceleration = 0.0;    // A of (C2) [rad/s^2]
-    double fastest = 0.0;         // greatest speed over any window so far [rad/s]
+    double fastest = 0.0;         // greatest speed so far over the first 20 ms of a window or more [rad/s]
     double travelled = 0.0;       // sum of the displacements of all windows
     double windows = 0.0;         // their number
     double forward = 0.0, back = 0.0;  // greatest speed over a window in either direction [rad/s]
@@ -44,6 +46,9 @@ struct Motion {
 
     /// Standard deviation of an angle extrapolated with the velocity over a window, (C4).
     double ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const;
+
+    /// Whether the axis has moved in both directions at half of its speed.
+    bool has_turned() const { return 2.0 * std::min(forward, back) >= speed; }
 
     /// Greatest displacement within a time [s] at up to twice the greatest speed so far.
     double reach(double span) const;

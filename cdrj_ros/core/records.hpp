@@ -23,6 +23,9 @@ inline constexpr Nanoseconds END_OF_TIME_NS = (Nanoseconds{1} << 31) * 1'000'000
 /// Longer than any interval.
 inline constexpr Nanoseconds EVER_NS = Nanoseconds{1} << 62;
 
+/// Standard deviation of an error, by the greatest one that nothing excludes.
+inline constexpr double DEVIATION = 0.35;
+
 /// Bound on the magnitude of any reading.
 inline constexpr double LARGEST = 1e12;
 
@@ -77,8 +80,9 @@ struct Sample {
     // axis midway between the sample before and this one; infinite where the motion between them is
     // unknown. Empty where all are zero.
     std::vector<double> unseen{};
-    // Standard deviations of offsets of all axes that the readings do not show, (C9); empty where they
-    // are those of the sample before.
+    // Standard deviations of errors that last and that the readings do not show: of offsets of all
+    // axes, (C9), then of what errors of their clocks are worth, (C10); empty where they are those of
+    // the sample before.
     std::vector<double> offset{};
     bool doubtful = false;   // an angle may be wrong because its sensor may have stepped
     bool predicted = false;  // an angle is extrapolated

@@ -12,7 +12,6 @@ constexpr double TRAVEL = 1.0;     // an axis that has travelled this far has sh
 constexpr double BEYOND = 2.5;     // a step exceeds what was unexplained so far by this factor,
 constexpr double NOISE = 4.0;      // and the sensor's greatest error by this one
 constexpr double PLAIN = 10.0;     // deviation that no noise causes, by the sensor's greatest error
-constexpr double SMALLER = 0.35;   // standard deviation of an offset, by the unexplained part
 constexpr double LATELY = 1.0 / 64.0;  // weight of a reading in the share of alternating ones
 constexpr double OFTEN = 0.1;      // from this share on two motions alternate,
 constexpr double SELDOM = 0.02;    // down to this one
@@ -108,7 +107,7 @@ void StepDetector::step_by(double by, double worth) {
 }
 
 double StepDetector::offset(const Motion& motion) const {
-    const double hidden = SMALLER * std::max(memory.unexplained, 2.0 * motion.band);
+    const double hidden = DEVIATION * std::max(memory.unexplained, 2.0 * motion.band);
     return std::hypot(hidden, memory.displaced);
 }
 

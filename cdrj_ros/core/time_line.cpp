@@ -6,14 +6,6 @@
 namespace cdrj {
 namespace {
 
-constexpr double FINER = 0.22;  // logarithm of 1.25
-
-/// The next of few values, each a quarter above the one before, so that changes are few.
-double level(double value) {
-    if (!(value > 0.0)) return 0.0;
-    return std::exp(FINER * std::ceil(std::log(value) / FINER));
-}
-
 /// Standard deviation midway between two samples, (C3); 0 where it is negligible.
 double way_between(double curvature, Nanoseconds interval_ns, double negligible) {
     const double way = curvature * interval_ns * interval_ns * 0.25;
@@ -160,8 +152,7 @@ void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwra
     channel.last = value;
     channel.turns.last = reading;
     channel.turns.count = unwrapped.turns;
-    const double offset = level(channel.steps.offset(channel.motion));
-    channel.readings.push_back({stamp_ns, angle, curvature, offset});
+    channel.readings.push_back({stamp_ns, angle, curvature, channel.offset()});
     if (channel.readings.size() > WAITING) {
         channel.readings.pop_front();
         ++crowded;
@@ -238,14 +229,16 @@ void TimeLine::tell_offsets(Channels channels, Sample& sample) {
         const std::deque<Reading>& readings = channel.readings;
         return readings[readings[0].stamp_ns == sample.stamp_ns ? 0 : 1].offset;
     };
-    offset_.resize(channels.size(), -1.0);
-    bool changed = false;
+    bool changed = offset_.empty();
+    offset_.resize(channels.size());
     for (std::size_t k = 0; k < channels.size(); ++k) {
-        const double offset = offset_of(channels[k]);
+        const Offset offset = offset_of(channels[k]);
         changed = changed || offset != offset_[k];
         offset_[k] = offset;
     }
-    if (changed) sample.offset = offset_;
+    if (!changed) return;
+    for (const Offset& offset : offset_) sample.offset.push_back(offset.slipped);
+    for (const Offset& offset : offset_) sample.offset.push_back(offset.late);
 }
 
 /// Whether to give a sample at the newest stamp; all channels have reached `until_ns`.

@@ -72,7 +72,7 @@ private:
     bool predict_;
     Nanoseconds horizon_ns_;
     std::vector<Doubt> doubts_;
-    std::vector<double> offset_;       // `Sample::offset` as last given
+    std::vector<Offset> offset_;       // those of `Sample::offset` as last given; empty before that
     Nanoseconds resumed_ns_ = -1;      // last sample of an earlier run
     Nanoseconds passed_over_ns_ = -1;  // last sample not given because an axis was unknown
     Nanoseconds given_out_ns_ = -1;    // last sample that is not predicted; -1 before the first

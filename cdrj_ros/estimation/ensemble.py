@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
-from cdrj_ros.estimation.model_error import offset_gain, unmodelled
+from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import number_views
@@ -81,6 +81,7 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         reading_error=draws.reading_error,
         unseen_share=draws.unseen_share,
         offset_gain=offset_gain(model),
+        length_share=length_share(model),
         span=np.array(spans).T.copy(),
         index=stddev_columns(model.layout),
         element=_elements_of(model.layout),

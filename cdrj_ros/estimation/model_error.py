@@ -95,6 +95,14 @@ def offset_gain(model: Model) -> Table:
     return np.stack([_through(robot, shape, one, together=True) for one in per_element.T], axis=1)
 
 
+def length_share(model: Model) -> Vector:
+    """Length of every element by that of its cable, in the reference pose, shape (elements,)."""
+    robot = model.robot
+    shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
+    shares = [shape.length[own] / float(shape.length[own].sum()) for _, own in _parts(robot)]
+    return np.concatenate(shares)
+
+
 def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vector:
     """Model error of every tension [N]: (U5), shape (elements,).
 

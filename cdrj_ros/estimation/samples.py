@@ -18,7 +18,7 @@ NONE_CHANGED: Vector = _core.NONE_CHANGED
 """``Sample.offset`` where it is that of the sample before."""
 
 NO_ROWS: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-NO_OFFSETS: Vector = np.empty((0, 0))
+NO_OFFSETS: Vector = np.empty((0, 0, 0))
 
 ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))
 """``Samples.unseen`` where all deviations of all samples are zero."""
@@ -43,8 +43,12 @@ class Sample(NamedTuple):
     where the motion between them is unknown.  Shape (0, 0) where all are zero.
     """
     offset: Vector = NONE_CHANGED
-    """Standard deviations of lasting offsets that the readings do not show, (C9), of motors, then
-    joints [rad], shape (axes,); empty where they are those of the sample before."""
+    """Standard deviations of lasting errors that the readings do not show, of motors, then joints
+    [rad], shape (2, axes).
+
+    Row 0: of offsets, (C9).  Row 1: of what errors of their clocks are worth, (C10).  Shape (0, 0)
+    where they are those of the sample before.
+    """
     doubtful: bool = False
     """Whether an angle may be wrong because the readings of its sensor have stepped."""
     predicted: bool = False
@@ -72,7 +76,7 @@ class Samples:
     offset_rows: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
     """The samples at which the offsets' standard deviations change, increasing, shape (k,)."""
     offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
-    """As ``Sample.offset`` of these, shape (k, axes)."""
+    """As ``Sample.offset`` of these, shape (k, 2, axes)."""
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""

@@ -209,18 +209,35 @@ def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
     [((-5 * MS, 0.0), "elbow", 5.0, 0.0), ((5 * MS, 0.0), "winch", 5.0, 0.0),
      ((0, -3e-4), "elbow", 3.0, 300.0), ((0, 1e-3), "winch", 10.0, 1000.0)],
 )  # fmt: skip
-def test_clocks_that_differ_are_named_with_their_size(
+def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_size(
     clock: tuple[int, float], axis: str, lag_ms: float, ppm: float, model: Model, course: Course
 ) -> None:
     """To within an interval of the other axis's readings, and what a clock creeps in a second."""
     found: list[dict[str, tuple[int, float]]] = []
     for faults in (Faults(clocks={"elbow": clock}), Faults()):
-        run(model, course, faults, watch=lambda live: found.append(live.conditioner.lagging))
+        outputs = run(
+            model, course, faults, watch=lambda live: found.append(live.conditioner.lagging)
+        )
+        verdict = judge(course, outputs, 0, course.duration_ns)
+        assert verdict.ratio.size > 0.4 * verdict.judged
+        assert verdict.beyond(5.0) <= BEYOND_FIVE
     lag_ns, growth = found[0][axis]
     assert found[0].keys() == {axis}
     assert lag_ns * 1e-6 == pytest.approx(lag_ms, abs=3.1)
     assert growth * 1e6 == pytest.approx(ppm, abs=1.0 if axis == "elbow" else 250.0)
     assert found[1] == {}
+
+
+@pytest.mark.parametrize("axis", ["winch", "elbow"])
+@pytest.mark.parametrize("late", [5 * MS, 100 * MS, SECOND])
+def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_late(
+    late: int, axis: str, model: Model, course: Course
+) -> None:
+    """Once the axes have moved to and fro."""
+    outputs = run(model, course, Faults(late_ns={axis: late}))
+    verdict = judge(course, outputs, KNOWN_NS, course.duration_ns)
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+    assert verdict.ratio.size > 0.95 * verdict.judged
 
 
 @pytest.mark.parametrize("hertz", [20, 200])

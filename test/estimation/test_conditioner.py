@@ -40,6 +40,7 @@ class Pair:
             for what in ("doubtful", "predicted", "silent"):
                 self.seen[what] += getattr(sample, what)
             self.seen["offset"] += sample.offset.size > 0
+            self.seen["late"] += bool(sample.offset[1:].any())
             self.seen["unseen"] += sample.unseen.size > 0
             self.seen["unknown"] += bool(np.isinf(sample.unseen).any())
 

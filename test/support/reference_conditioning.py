@@ -59,6 +59,10 @@ class Motion:
 
     def take(self, stamp: int, angle: float) -> None:
         if 0 <= self.begin_ns <= stamp:
+            if stamp - self.begin_ns >= 20_000_000:
+                certain = abs(angle - self.begin) - 2.0 * self.band
+                part = certain / ((stamp - self.begin_ns) * 1e-9)
+                self.fastest = max(self.fastest, part)
             if stamp - self.begin_ns < WINDOW_NS:
                 return
             self._close((stamp - self.begin_ns) * 1e-9, angle - self.begin)
@@ -81,7 +85,6 @@ class Motion:
             self.forward = max(self.forward, speed)
         else:
             self.back = max(self.back, speed)
-        self.fastest = max(self.fastest, speed)
         self.travelled, self.windows = self.travelled + certain, self.windows + 1.0
         self.span, self.velocity = span, velocity
 
@@ -116,9 +119,8 @@ class Motion:
     def ahead(self, horizon_ns: int, window_ns: int) -> float:
         h, w = horizon_ns * 1e-9, window_ns * 1e-9
         arc = 0.5 * h * (h + w)
-        turned = 2.0 * min(self.forward, self.back) >= self.speed
         known = self.acceleration
-        if not turned:
+        if not self.has_turned():
             known = max(known, self.speed * 1e9 / WINDOW_NS)
         drift = max(min(known * arc, 2.0 * self.speed * h), self.bend * arc)
         noise = 0.8165 * self.band * h / w
@@ -128,6 +130,9 @@ class Motion:
         h, w = horizon_ns * 1e-9, window_ns * 1e-9
         now = max(abs(error) - 2.0 * self.band * (1.0 + h / w), 0.0) / (0.5 * h * (h + w))
         self.bend = max(now, faded(self.bend, now, h))
+
+    def has_turned(self) -> bool:
+        return 2.0 * min(self.forward, self.back) >= self.speed
 
     def reach(self, span: float) -> float:
         return max(2.0 * self.band, 2.0 * self.fastest * span)
@@ -222,8 +227,44 @@ class Steps:
 
     def offset(self, motion: Motion) -> float:
         hidden = 0.35 * max(self.unexplained, 2.0 * motion.band)
-        value = hypot(hidden, self.displaced)
-        return exp(0.22 * ceil(log(value) / 0.22)) if value > 0.0 else 0.0
+        return hypot(hidden, self.displaced)
+
+
+def level(value: float) -> float:
+    return exp(0.22 * ceil(log(value) / 0.22)) if value > 0.0 else 0.0
+
+
+@dataclass
+class Lag:
+    """How far stamps are behind the newest ones, (C10)."""
+
+    window: list[int] = field(default_factory=list)
+    """How far every reading in it is behind."""
+    begin_ns: int = -1
+    before: tuple[int, int] = (0, 0)
+    least: int | None = None
+    step: int = 0
+
+    def take(self, stamp: int, newest: int, passed: int, grown: int) -> None:
+        if self.begin_ns < 0:
+            self.begin_ns, self.before = stamp, (passed, grown)
+        self.window.append(max(newest - stamp, 0))
+        behind = min(self.window)
+        is_over = len(self.window) >= 8 and stamp - self.begin_ns >= 500_000_000
+        if self.least is None or is_over:
+            times = grown - self.before[1]
+            if times:
+                self.step = (passed - self.before[0]) // times
+        if is_over:
+            self.least, self.begin_ns, self.before, self.window = behind, stamp, (passed, grown), []
+        elif self.least is not None:
+            self.least = min(self.least, self.window[-1])
+
+    def most_ns(self) -> int:
+        least = self.least
+        if least is None:
+            least = min(self.window, default=0)
+        return least + self.step
 
 
 @dataclass
@@ -303,7 +344,7 @@ class Channel:
     track: Track = field(default_factory=Track)
     last_ns: int = -1
     last: float = 0.0
-    readings: deque[tuple[int, float, float, float]] = field(default_factory=deque)
+    readings: deque[tuple[int, float, float, tuple[float, float]]] = field(default_factory=deque)
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     tested: deque[tuple[int, int, float, float]] = field(default_factory=deque)
     reading: float | None = None
@@ -318,6 +359,7 @@ class Channel:
     refused: tuple[int, float] = (-1, 0.0)
     step: float = 0.0
     doubt: Doubt | None = None
+    lag: Lag = field(default_factory=Lag)
     left_behind_ns: int = -1
     stragglers: int = 0
 
@@ -408,6 +450,14 @@ class Channel:
         self.agreeing += 1
         self.refused = stamp, angle
 
+    def offset(self) -> tuple[float, float]:
+        """(C9), and (C10) where the estimate bounds it."""
+        late = 0.35 * self.lag.most_ns() * 1e-9 * self.motion.fastest
+        slipped = self.steps.offset(self.motion)
+        if self.motion.has_turned():
+            return level(slipped), level(late)
+        return level(hypot(slipped, late)), 0.0
+
     def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
         """Whether an accepted angle shows a step."""
         found = False
@@ -439,7 +489,8 @@ class Reference:
         self.doubts: list[Doubt] = []
         self.resumed_ns = self.passed_over_ns = self.given_out_ns = -1
         self.ahead_ns = self.ahead_from_ns = -1
-        self.told: list[float] = []
+        self.told: list[tuple[float, float]] = []
+        self.newest_ns, self.passed_ns, self.grown = -1, 0, 0
 
     def _channel(self, axis: Motor | Joint) -> Channel:
         sensor, tracking = axis.sensor, self.tracking
@@ -540,6 +591,11 @@ class Reference:
             self._refuse(channel, cause, stamp, reading)
             return False
         self._drop_held(channel)
+        if self.newest_ns >= 0:
+            channel.lag.take(stamp, self.newest_ns, self.passed_ns, self.grown)
+        if stamp > self.newest_ns:
+            self.passed_ns += min(stamp - self.newest_ns, 5_000_000) if self.grown else 0
+            self.newest_ns, self.grown = stamp, self.grown + 1
         return self._judge(channel, stamp, reading)
 
     def _judge(self, channel: Channel, stamp: int, reading: float) -> bool:
@@ -647,7 +703,7 @@ class Reference:
             channel.resumed = motion.curvature(stamp - self.resumed_ns)
         channel.last_ns, channel.last = stamp, value
         channel.reading, channel.turns = reading, turns
-        channel.readings.append((stamp, angle, curvature, channel.steps.offset(motion)))
+        channel.readings.append((stamp, angle, curvature, channel.offset()))
         if len(channel.readings) > WAITING:
             channel.readings.popleft()
             self.crowded += 1
@@ -726,7 +782,7 @@ class Reference:
             began = True
             self.doubts = [doubt for doubt in self.doubts if doubt.until_ns > stamp]
             doubtful = any(doubt.after_ns < stamp for doubt in self.doubts)
-            changed = NONE_CHANGED if offsets == self.told else np.array(offsets)
+            changed = NONE_CHANGED if offsets == self.told else np.array(offsets).T
             self.told = offsets
             silent = stamp <= self.ahead_ns
             samples.append(
