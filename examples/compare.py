@@ -3,7 +3,9 @@
     python3 compare.py --ros-args -p controller:=keep_taut
 
 It listens to the simulated robot's /cdrj/truth/tensions (truth_rate of the rig) and prints a line
-every two seconds. Enter switches the controller, or: ros2 param set /cdrj/keep_taut active false
+every two seconds, which the page of view shows, too. Enter switches the controller, or:
+
+    ros2 param set /cdrj/keep_taut active false
 """
 
 import sys
@@ -12,6 +14,7 @@ import threading
 import numpy as np
 import rclpy
 from cdrj_msgs.msg import CableTensions
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -40,6 +43,7 @@ class CompareNode(Node):
         self.client = AsyncParameterClient(self, self.controller or "none")
         self.create_subscription(CableTensions, "truth/tensions", self.on_tensions, 10)
         self.create_subscription(ParameterEvent, "/parameter_events", self.on_event, 10)
+        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(EVERY_S, self.on_timer)
         print(CAPTIONS.get(self.controller, self.controller), flush=True)
         if self.controller:
@@ -66,13 +70,22 @@ class CompareNode(Node):
 
     def on_timer(self):
         """Print a line once the last seconds are known."""
+        caption = CAPTIONS.get(self.controller, self.controller)
         if not self.seen or self.seen[-1][0] - self.seen[0][0] < 0.9 * WINDOW_S:
+            self.show(f"{caption}. {self.state(self.active)}")
             return
         tension = np.array([row for _, row in self.seen])
         self.kept[self.active] = (tension.min(), tension.mean(), tension.max())
         said = [f"{self.state(one)}: {self.text(self.kept[one])}"
                 for one in (self.active, not self.active) if one in self.kept]  # fmt: skip
         print("   before, ".join(said), flush=True)
+        self.show(f"{caption}. {'; before, '.join(said)}")
+
+    def show(self, text):
+        """Publish what runs, for the page of view."""
+        message = DiagnosticArray(status=[DiagnosticStatus(name="compare: caption", message=text)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self.diagnostics.publish(message)
 
     def state(self, active):
         """Words for a state of the switch."""

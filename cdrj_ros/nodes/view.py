@@ -25,7 +25,14 @@ from cdrj_ros.nodes.settings import (
 )
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
-from cdrj_ros.nodes.view_link import TRIGGERS, EstimatorLink, Heard, slider_ranges, words_of
+from cdrj_ros.nodes.view_link import (
+    CAPTION,
+    TRIGGERS,
+    EstimatorLink,
+    Heard,
+    slider_ranges,
+    words_of,
+)
 from cdrj_ros.view.history import History
 from cdrj_ros.view.page import PICTURE_HZ, Page
 from cdrj_ros.view.panels import Controls, TimeAxis
@@ -100,7 +107,7 @@ class ViewNode(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if "/" + status.name.lstrip("/") == self.link.name:
+            if "/" + status.name.lstrip("/") == self.link.name or status.name.endswith(CAPTION):
                 self.heard.diagnose(status)
 
     def _on_timer(self) -> None:

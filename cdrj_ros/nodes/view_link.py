@@ -208,6 +208,9 @@ TRIGGERS: Final[Mapping[str, str]] = {
 DIAGNOSED_S: Final = 3.0
 """Time after which a diagnosis is no longer shown [s]."""
 
+CAPTION: Final = ": caption"
+"""End of the name of a DiagnosticStatus that says what runs beside the estimator."""
+
 LEVELS: Final = {b"\x00": "OK", b"\x01": "WARN", b"\x02": "ERROR", b"\x03": "STALE"}
 """Words of the levels of a DiagnosticStatus."""
 
@@ -240,10 +243,17 @@ class Heard:
     diagnosed_s: float = -float("inf")
     """Steady time of the last diagnosis [s]."""
     rate: Rate = field(default_factory=Rate)
+    caption: str = ""
+    """What runs, as the last status whose name ends with ``CAPTION`` says."""
+    captioned_s: float = -float("inf")
+    """Steady time of that status [s]."""
 
     def diagnose(self, status: Any) -> None:
         """Store a DiagnosticStatus."""
-        self.diagnosis, self.diagnosed_s = status, monotonic()
+        if status.name.endswith(CAPTION):
+            self.caption, self.captioned_s = status.message, monotonic()
+        else:
+            self.diagnosis, self.diagnosed_s = status, monotonic()
 
 
 def words_of(heard: Heard, there: bool, publishers: int, now_ns: int) -> tuple[str, ...]:
@@ -279,11 +289,13 @@ def words_of(heard: Heard, there: bool, publishers: int, now_ns: int) -> tuple[s
 
 
 def _diagnosed(heard: Heard) -> tuple[str, ...]:
-    """Message and some values of the last diagnosis, unless it is old."""
-    status = heard.diagnosis
-    if status is None or monotonic() - heard.diagnosed_s > DIAGNOSED_S:
-        return ()
+    """Caption, message and some values of the last diagnosis, unless they are old."""
+    now_s, status = monotonic(), heard.diagnosis
+    caption = (heard.caption,) if now_s - heard.captioned_s <= DIAGNOSED_S else ()
+    if status is None or now_s - heard.diagnosed_s > DIAGNOSED_S:
+        return caption
     values = {value.key: value.value for value in status.values}
     message = f"{LEVELS.get(status.level, '?')}: {status.message}"
     kept = [f"{key} {values[key]}" for key in SHOWN if values.get(key, "none") != "none"]
-    return (message, *([filled("<small>{}</small>", " · ".join(kept))] if kept else []))
+    details = [filled("<small>{}</small>", " · ".join(kept))] if kept else []
+    return (*caption, message, *details)

@@ -153,7 +153,11 @@ def test_diagnostics_and_answers_are_plain_text(page: Page, payload: str) -> Non
 
     heard = view_link.Heard(payload, payload, count=1)
     value = MagicMock(key="slack elements", value=payload)
-    heard.diagnose(MagicMock(level=b"\x01", message=payload, values=[value]))
+    status = {"level": b"\x01", "message": payload, "values": [value]}
+    for name in ("cdrj/estimator", f"{payload}: caption"):
+        one = MagicMock(**status)
+        one.name = name
+        heard.diagnose(one)
     states: list[tuple[str, ...]] = []
     for there, publishers, fresh in ((False, 0, False), (True, 0, False), (True, 1, True)):
         heard.fresh = fresh
