@@ -43,14 +43,6 @@ def test_a_fresh_file_is_wide_and_names_three_numbers(
     assert "~/tare" in found["causes"][0]["measure"]
 
 
-def test_known_zeros_leave_the_next_largest_cause(tmp_path: Path) -> None:
-    zeros = "[joints.elbow.reference_angle, joints.elbow.offset]"
-    stated = f"uncertainty:\n  parameters: {zeros}\n  stddev: [0.0001, 0.0001]\n"
-    found = report(tmp_path, stated)
-    assert found["causes"][0]["what"] == "drum radius of motor winch"
-    assert found["stddev"]["upper/8"] < 10.0
-
-
 def test_an_exact_file_has_nothing_to_reduce(tmp_path: Path) -> None:
     assert report(tmp_path, "uncertainty: {others: exact}") is None
 

@@ -4,105 +4,41 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cdrj_ros.commands import identify, validate
+from cdrj_ros.commands import identify, simulate, validate
 from cdrj_ros.commands.identify_task import load_settings, parser, task_of
 from cdrj_ros.identification.observations import WEIGHTS
 from cdrj_ros.identification.problem import LOSSES
-from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
 from cdrj_ros.robot.document import load_schema
-from cdrj_ros.robot.parameters import number_at, with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document, load_robot
-from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
-from cdrj_ros.simulation.truth import simulate
+from cdrj_ros.robot.parameters import number_at
+from cdrj_ros.robot.reader import load_document, load_robot
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
 SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
-EPOCH_NS = 1_700_000_000_000_000_000
-
-WriteRig = Callable[..., Path]
 
 
-@pytest.fixture(scope="session")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> WriteRig:
-    """Bags of the simulated rig: contact cells, joint of 14 bit, winch of 81 920 counts."""
-
-    def write(
-        name: str,
-        numbers: dict[str, float],
-        amplitude: float,
-        frequency: float,
-        seconds: float,
-        cells: int = 4,
-    ) -> Path:
-        document, source = load_document(ROBOT)
-        robot = build_robot(with_numbers(document, numbers), source)
-        time = np.arange(round(seconds * 1000.0) + 1) / 1000.0
-        share = np.minimum(time * frequency, 1.0)
-        grown = share * share * (3.0 - 2.0 * share)
-        angle = amplitude * grown * np.sin(2.0 * np.pi * frequency * time)
-        speed = np.gradient(angle, time)
-        torque = make_load("rolling", 0.3).torque(angle, speed, np.gradient(speed, time))
-        truth = simulate(robot, time, angle, torque, cells=cells)
-        path = tmp_path_factory.mktemp("rig") / name
-        layout, topics = prepare(robot).layout, Topics()
-        generator = np.random.default_rng(3)
-        at = time[10::10]
-        stamps = EPOCH_NS + np.round(at * 1e9).astype(np.int64)
-
-        def read(values: Any, noise: float) -> np.ndarray:
-            table = np.reshape(values, (time.size, -1))[10::10]
-            return np.asarray(table + generator.normal(0.0, noise, table.shape))
-
-        with BagWriter(path) as bag:
-            for topic, encoder, names, values in (
-                (topics.motors, replace(MOTOR_ENCODER, rate=500.0), layout.motors,
-                 truth.motor_angle),
-                (topics.joints, JOINT_ENCODER, layout.joints, truth.joint_angle),
-            ):  # fmt: skip
-                times = reading_times(0.0, seconds, encoder.rate, encoder.phase_s)
-                flat = np.reshape(values, (time.size, -1))[:, 0]
-                readings = read_encoder(encoder, times, time, flat)
-                bag.write_joint_states(
-                    topic, EPOCH_NS + np.round(times * 1e9).astype(np.int64), names,
-                    position=readings[:, None],
-                )  # fmt: skip
-            bag.write_tensions(
-                topics.references[0], stamps, layout.elements, read(truth.tension, 0.02)
-            )
-            bag.write_nodal_forces(
-                topics.references[1], stamps, layout.pulleys, read(truth.nodal_force, 0.02)
-            )
-            both = np.hstack(
-                [np.reshape(e, (time.size, -1)) for e in (truth.motor_effort, truth.joint_effort)]
-            )
-            bag.write_joint_states(
-                topics.references[2], stamps, layout.motors + layout.joints,
-                effort=read(both, 0.0005),
-            )  # fmt: skip
-        return path
-
-    return write
+def rig_bag(path: Path, amplitude: str, frequency: str, seconds: str) -> Path:
+    """A bag of the simulated rig, whose truth has four contact cells per pulley."""
+    motion = ["--amplitude", amplitude, "--frequency", frequency, "--duration", seconds]
+    assert simulate.main([str(path), "--robot", str(ROBOT), *motion, "--cells", "4"]) == 0
+    return path
 
 
 @pytest.fixture(scope="session")
-def fitted_bag(rig: WriteRig) -> Path:
-    return rig("slow", {}, 0.62, 0.125, 11.0)
+def fitted_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rig_bag(tmp_path_factory.mktemp("rig") / "slow", "0.62", "0.125", "11")
 
 
 @pytest.fixture(scope="session")
-def other_motion(rig: WriteRig) -> Path:
-    return rig("fast", {}, 0.45, 0.25, 9.0)
+def other_motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rig_bag(tmp_path_factory.mktemp("rig") / "fast", "0.45", "0.25", "9")
 
 
 def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_followed(

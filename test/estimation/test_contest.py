@@ -31,7 +31,6 @@ from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, Sensor
 from cdrj_ros.estimation.lasting_error import CELL as CELL_ERRORS
 from cdrj_ros.estimation.lasting_error import LastingError
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
@@ -62,25 +61,6 @@ def longer(model: Model) -> Course:
 @pytest.fixture(scope="module")
 def slow(model: Model) -> Course:
     return course_of(model, 18.0, sine(0.1))
-
-
-@pytest.mark.parametrize(
-    ("off", "track_preload"), [(2.0, True), (3.0, False), (5.0, True), (-12.0, False)]
-)
-def test_a_trusted_cell_that_is_suddenly_off_leaves_no_wrong_tension_with_status_0(
-    off: float, track_preload: bool, model: Model, course: Course
-) -> None:
-    begin = 5 * SECOND
-    lies = {CELL: Lie("is off", begin, off)}
-    faults = Faults(quarter_rate(), sensors=(CELL,), lies=lies, cell_ns=SELDOM)
-    options = Options(tension_sensors=True, track_preload=track_preload)
-    outputs = run(model, course, faults, options)
-    before = judge(course, outputs, begin - SECOND, begin)
-    verdict = judge(course, outputs, begin, course.duration_ns)
-    assert before.ratio.size >= 0.49 * before.judged, "the cell of the upper cable is trusted"
-    assert before.beyond(2.0) == 0.0
-    assert verdict.judged > 0
-    assert verdict.beyond(5.0) <= 0.001
 
 
 def _assert_law(model: Model, course: Course, faults: Faults) -> None:
@@ -325,46 +305,3 @@ def test_a_cell_that_changes_alone_is_not_believed(
     """Whether the other cell is trusted by then or still on trial."""
     _, off = _run(model, recorded(model, step), calm, ("upper/3",), trusted)
     assert abs(off) < 1.0
-
-
-@pytest.mark.parametrize(
-    ("sensor", "answer", "surprise", "used", "changes"),
-    [
-        ("upper/8", "agrees", 0.1, 1, 0),
-        ("upper/8", "contradicts", 4.0, 0, 0),
-        ("upper/8", "changed", 4.0, 1, 1),
-        ("upper/8", "changed", 1000.0, 0, 0),
-        ("winch", "contradicts", 4.0, 1, 0),
-    ],
-)
-def test_only_readings_that_agree_or_show_a_possible_change_correct_the_estimate(
-    sensor: str,
-    answer: str,
-    surprise: float,
-    used: int,
-    changes: int,
-    model: Model,
-    course: Course,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def gate(sensor: SensorState, *_: float) -> str:
-        sensor.contradiction = surprise
-        return answer
-
-    monkeypatch.setattr(SensorState, "gate", gate)
-    live = LiveEstimator(model, Options(tension_sensors=True, track_preload=True))
-    assert live.fusion is not None
-    health = SensorHealth(sensor, trusted=True)
-    live.fusion.health[sensor] = health
-    first = Sample(SECOND, course.winch[:1], course.elbow[:1])
-    before = live.take(first)
-    stamp = first.stamp_ns + 10 * MS
-    if sensor in model.layout.elements:
-        tension = before.tension[model.layout.elements.index(sensor)]
-        live.feed_tensions(stamp, [sensor], [tension + 0.5], [0.05])
-    else:
-        live.feed_efforts(stamp, [sensor], before.motor_effort + 0.01)
-    live.take(first._replace(stamp_ns=stamp))
-    after = live.take(first._replace(stamp_ns=stamp + 10 * MS))
-    assert (health.used, health.refused, health.changes) == (used, 1 - used, changes)
-    assert np.array_equal(after.tension, before.tension) == (not used)

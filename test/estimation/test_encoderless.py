@@ -97,25 +97,6 @@ def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
     assert found.values[40:].tobytes() == again.values.tobytes()
 
 
-def test_the_live_estimator_gives_what_a_recording_gives(prototype: Model) -> None:
-    samples = motion(prototype, 60)
-    _, efforts = truth_of(prototype, samples)
-    live = LiveEstimator(prototype, Options(tracking=0.0))
-    outputs = []
-    for k in range(60):
-        stamp = int(samples.stamp_ns[k])
-        live.feed_efforts(stamp, ["winch"], efforts[k])
-        outputs += live.feed("motors", stamp, ["winch"], samples.motor_angle[k])[1]
-    whole = EncoderlessEstimator(prototype).run(only_measured(prototype, samples), efforts)
-    assert whole.angles is not None
-    assert [output.stamp_ns for output in outputs] == samples.stamp_ns.tolist()
-    for k, output in enumerate(outputs):
-        assert output.angles is not None
-        assert output.angles.value[0] == whole.angles.value[k]
-        assert output.angles.stddev[0] == whole.angles.stddev[k]
-        assert np.array_equal(output.tension, whole.values[k, prototype.layout.tension])
-
-
 def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_encoders(
     prototype: Model,
 ) -> None:

@@ -14,7 +14,6 @@ from cdrj_ros.estimation.draws import (
 )
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.samples import ALL_SEEN, Sample, Samples
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
@@ -236,40 +235,3 @@ def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
             drawn = np.array([find_number(dict(one.document), path).value for one in robots])
             assert len(set(drawn)) == MEMBERS
             assert 0.5 < np.std(drawn - nominal) / stddev[k] < 1.5
-
-
-def test_what_was_published_first_does_not_depend_on_when_the_member_is_updated(
-    model: Model, path: Samples
-) -> None:
-    """At once, later or not before the next sample: the same bits, also in a state file."""
-    samples = _samples(_part(path, slice(0, 100)))
-    at_once, later, at_last = Ensemble(model), Ensemble(model), Ensemble(model)
-    state = initial_state(model)
-    for k, sample in enumerate(samples):
-        state, estimate = step(model, state, sample)
-        said = at_once.update(sample, estimate)
-        assert np.array_equal(later.update(sample, estimate, at_once=False), said)
-        before = later.stamps.copy()
-        later.finish()
-        assert np.count_nonzero(later.stamps != before) == (1 if k else 0), "all at the first"
-        assert np.array_equal(at_last.update(sample, estimate, at_once=False), said)
-    remembered = at_once.memory()
-    for spread in (later, at_last):
-        for name, values in spread.memory().items():
-            assert np.array_equal(values, remembered[name]), name
-
-
-def test_published_spreads_are_at_most_one_sample_old(model: Model, path: Samples) -> None:
-    spread, state = Ensemble(model), initial_state(model)
-    known, slack = unmodelled(model)
-    before = np.empty(0)
-    for k, sample in enumerate(_samples(_part(path, slice(0, 100)))):
-        state, estimate = step(model, state, sample)
-        said = spread.update(sample, estimate)
-        if k:
-            total = np.maximum(before, 0.0) + known
-            near_zero = np.abs(estimate.values[spread.columns]) <= slack
-            total = np.where(near_zero, np.maximum(total, slack * slack), total)
-            assert np.array_equal(said, np.sqrt(total))
-        before = spread.variance.copy()
-        assert np.all(said[: len(model.layout.elements)] > 0.0)

@@ -126,17 +126,6 @@ def test_states_and_samples_are_never_changed_in_place() -> None:
         assert column.tobytes() == copy.tobytes()
 
 
-def test_effort_signs_convert_exerted_efforts_into_balancing_ones() -> None:
-    plain = prepare(parse_robot(ROUTED.replace("effort_sign: -1", "effort_sign: 1")))
-    samples = motion(plain, 50)
-    for k in (0, 49):
-        _, signed = step(ROUTED_MODEL, initial_state(ROUTED_MODEL), sample(samples, k))
-        _, without = step(plain, initial_state(plain), sample(samples, k))
-        np.testing.assert_array_equal(signed.motor_effort, without.motor_effort * [1, -1])
-        np.testing.assert_array_equal(signed.joint_effort, without.joint_effort * [-1, 1])
-        assert np.abs(without.joint_effort).min() > 0.0
-
-
 def assert_refused(state: State) -> None:
     """A pose without a solution gives ``INVALID`` and zero tension; the state is unchanged."""
     # drum and pulley in the same place

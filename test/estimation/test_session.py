@@ -18,7 +18,6 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import UNSURE
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -166,74 +165,6 @@ def test_late_load_cell_readings_are_not_applied_twice(
     assert course.live.fusion.health["upper/8"].refused == 0
 
 
-def test_a_load_cell_on_one_cable_does_not_affect_the_other(
-    model: Model, readings: Samples
-) -> None:
-    true, values = _truth(LOST, readings)
-    tension = values[:, true.layout.tension]
-    column = true.layout.elements.index("upper/8")
-
-    def measure(live: LiveEstimator, k: int) -> None:
-        if k % 10 == 0:
-            live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [tension[k, column]], [0.05])
-
-    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    _, alone = run(model, initial_state(model), readings)
-    lower = slice(8, 16)
-    same = alone.values[:, model.layout.tension][:, lower] - tension[:, lower]
-    assert np.allclose(course.error[:, lower], same, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        (lambda _k, _true, first: first, "frozen"),
-        (lambda k, true, _first: true + 0.004 * k, "standard deviations"),
-        (lambda _k, true, _first: 2.0 * true, "standard deviations"),
-        (lambda _k, true, _first: -true, "standard deviations"),
-    ],
-)
-def test_a_load_cell_that_freezes_drifts_or_reads_wrong_is_dropped(
-    model: Model, readings: Samples, fault: Callable[..., float], words: str
-) -> None:
-    _, values = _truth("36.85,26.26", readings)
-    tension = values[:, model.layout.tension]
-    generator = np.random.default_rng(1)
-    column = model.layout.elements.index("upper/8")
-    broken = 1500
-
-    def measure(live: LiveEstimator, k: int) -> None:
-        if k % 4:
-            return
-        noise = generator.normal(0.0, 0.05)
-        true = tension[k, column]
-        said = true + noise
-        if k >= broken:
-            said = fault(k - broken, true, tension[broken, column]) + (
-                0.0 if words == "frozen" else noise
-            )
-        live.feed_tensions(int(readings.stamp_ns[k]), ["upper/8"], [said], [0.05])
-
-    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    assert course.live.fusion is not None
-    health = course.live.fusion.health["upper/8"]
-    assert words in health.dropped
-    assert health.used > 0
-    assert health.used + health.tried >= broken // 4
-    # its readings before the detection have changed the estimate only a little
-    assert np.abs(course.error[broken:]).max() < 0.25 * tension.max()
-
-
-def test_after_a_reset_a_dropped_sensor_is_on_trial_again(model: Model) -> None:
-    live = LiveEstimator(model, Options(tension_sensors=True))
-    assert live.fusion is not None
-    fusion = live.fusion
-    fusion.drop({"upper/8": "frozen"})
-    assert fusion.faults() == {"upper/8": "frozen"}
-    live.reset()
-    assert not fusion.faults()
-
-
 def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
     model: Model, readings: Samples
 ) -> None:
@@ -287,19 +218,6 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
     assert live.conditioner.refused["malformed"] == 50
     assert live.fusion is not None
     assert live.fusion.health["upper/8"].used == 0
-
-
-def test_elements_are_unsure_until_the_friction_history_is_known(
-    model: Model, readings: Samples
-) -> None:
-    live = LiveEstimator(model)
-    flags = []
-    for k in range(1000, 3000):
-        estimate = live.take(_sample(readings, k))
-        flags.append(estimate.status.astype(int) & UNSURE != 0)
-    share = np.array(flags).mean(axis=1)
-    assert share[0] >= 0.25
-    assert share[-100:].mean() < 0.1
 
 
 def _true_from_the_start(model: Model, readings: Samples) -> np.ndarray:
@@ -411,25 +329,3 @@ def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: S
     for k in range(500, 520):
         one, other = live.take(_sample(readings, k)), expected.take(_sample(readings, k))
         assert np.array_equal(one.values, other.values)
-
-
-@pytest.mark.parametrize(
-    ("preloads", "words"),
-    [
-        ({"middle": 3.0}, "no cable 'middle'"),
-        ({"upper": -1.0}, "must be in"),
-        ({"upper": float("nan")}, "must be in"),
-        ({}, "name at least one"),
-    ],
-)
-def test_an_invalid_preload_changes_nothing(
-    model: Model, readings: Samples, preloads: dict[str, float], words: str
-) -> None:
-    live, untouched = LiveEstimator(model), LiveEstimator(model)
-    for k in range(100):
-        live.take(_sample(readings, k))
-        untouched.take(_sample(readings, k))
-    with pytest.raises(UsageError, match=words):
-        live.set_preload(preloads)
-    one, other = live.take(_sample(readings, 100)), untouched.take(_sample(readings, 100))
-    assert np.array_equal(one.values, other.values)

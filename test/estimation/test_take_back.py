@@ -115,28 +115,6 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     assert np.array_equal(live.state.values, live.uncorrected.values)
 
 
-def test_the_standard_deviation_opens_where_corrections_are_undone(
-    model: Model, beside: Beside
-) -> None:
-    """The preload is then as uncertain as at the start, which the status of every element shows."""
-    live = LiveEstimator(model, MEASURED)
-    before = np.empty(0)
-    for k in range(beside.cell.size):
-        was_dropped = bool(_dropped(live))
-        _feed_cell(live, beside, k, LIES["says zero"])
-        output = live.take(_sample(beside.samples, k))
-        assert output.stddev is not None
-        if k == CALM - 1:
-            before = output.stddev[:8]
-            assert not np.any(output.status[:8].astype(int) & UNSURE)
-        if was_dropped:
-            break
-    else:
-        pytest.fail("the cell was not dropped")
-    assert np.all(output.stddev[:8] > 3.0 * before)
-    assert np.all(output.status.astype(int) & UNSURE)
-
-
 @pytest.mark.parametrize("break_at", [CALM - 100, CALM + 20])
 def test_corrections_before_a_restart_are_undone_after_it(
     break_at: int, model: Model, beside: Beside, tmp_path: Path

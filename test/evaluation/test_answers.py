@@ -84,28 +84,6 @@ def test_an_estimate_is_expected_once_motors_and_joints_have_been_sent(bench: Be
     assert bench.run.under_way == 2
 
 
-def test_inputs_that_can_have_no_answer_yet_do_not_count_as_under_way(bench: Bench) -> None:
-    bench.send(0)
-    bench.send(*range(1, 500), joints=False)
-    assert bench.run.unanswerable == 499
-    assert bench.run.under_way == 1
-
-
-def test_an_answer_may_come_after_later_ones(bench: Bench) -> None:
-    bench.send(0, 1, 2)
-    bench.answer(0, 2, 1)
-    assert bench.run.tally() == Tally(sent=6, expected=3, received=3)
-    answers = bench.run.finish()
-    assert answers.stamp_ns.tolist() == [FIRST_NS + k * MS for k in range(3)]
-
-
-def test_one_topic_missing_makes_the_estimate_lost(bench: Bench) -> None:
-    bench.send(0, 1)
-    bench.answer(0, topics=(0, 2))
-    bench.answer(1)
-    assert bench.run.finish().tally == Tally(sent=4, expected=2, received=1, lost=1)
-
-
 def test_an_answer_missing_for_too_long_is_lost_unless_it_comes_later(bench: Bench) -> None:
     bench.send(0, 1)
     now = bench.run.received_s + 1e9

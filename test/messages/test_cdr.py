@@ -133,16 +133,6 @@ def _positions_and_efforts(
     return position_numbers, effort_numbers
 
 
-def test_a_payload_truncated_anywhere_is_refused_and_changes_nothing(make):
-    payload = make.joint_state(5, ["a", "bc"], [1, 2], [3, 4], [5, 6], frame_id="base")
-    message = JointStateDecoder()
-    assert message.decode(payload)
-    for size in range(len(payload)):
-        assert not message.decode(payload[:size])
-        assert (message.stamp_ns, message.names) == (5, ("a", "bc"))
-        assert (message.positions.tolist(), message.efforts.tolist()) == ([1, 2], [5, 6])
-
-
 def test_an_absurd_length_allocates_nothing():
     head = b"\0\1\0\0" + bytes(8) + struct.pack("<I", 1) + b"\0\0\0\0"
     for payload in (

@@ -189,19 +189,6 @@ def test_a_cable_wound_in_entirely_is_invalid_and_not_slack(prototype: Robot) ->
         assert not estimate.solved
 
 
-def test_the_first_sample_has_the_preload_in_every_element(
-    prototype: Robot,
-) -> None:
-    model = prepare(prototype)
-    _, estimate = walk_to(model, initial_state(model), 0.0, 0.0)
-    np.testing.assert_allclose(estimate.tension[:8], 36.85, rtol=1e-12)
-    np.testing.assert_allclose(estimate.tension[8:], 26.26, rtol=1e-12)
-    np.testing.assert_array_equal(estimate.slip_speed, 0.0)
-    _, elsewhere = walk_to(model, initial_state(model), 0.2, 0.1)
-    assert np.ptp(elsewhere.tension[:8]) < 1e-9
-    assert np.ptp(elsewhere.tension[8:]) < 1e-9
-
-
 def test_flags_mark_slack_and_overload(prototype: Robot, drive: Drive) -> None:
     model = prepare(prototype)
     estimates = estimated(model, huge_jumps(drive))

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from model.element_law import law_and_measured
 from model.reference_geometry import plane
 from model.rigid_bodies import bodies, pulls, velocity
 from numpy.typing import NDArray
@@ -135,23 +134,6 @@ def test_the_effort_of_a_joint_is_the_power_of_the_forces_of_contact(path: Path)
 
 
 @BY_FILE
-def test_a_nodal_force_is_the_sum_of_the_two_pulls_at_a_body(path: Path) -> None:
-    model = plain(path)
-    for q, motor, estimate in ends_of_motions(model):
-        published = np.stack([estimate.force_x, estimate.force_y, estimate.force_z], axis=1)
-        free = {
-            element: pull.unit
-            for pull in pulls(model, q, motor)
-            for element in range(pull.elements.start, pull.elements.stop)
-        }
-        for p, e in enumerate(model.layout.element_before):
-            if int(e) in free:
-                both = estimate.tension[e + 1] * free[e + 1] - estimate.tension[e] * free[e]
-                most = 1e-9 * max(1.0, estimate.tension.max())
-                np.testing.assert_allclose(published[p], both, rtol=0, atol=most)
-
-
-@BY_FILE
 def test_the_effort_of_a_motor_is_the_moment_of_the_pull_about_its_drum(path: Path) -> None:
     model = plain(path)
     robot = model.robot
@@ -179,54 +161,6 @@ def test_the_effort_of_a_motor_is_the_moment_of_the_pull_about_its_drum(path: Pa
             element = last + 1
         scale = float(np.abs(expected).max())
         np.testing.assert_allclose(estimate.motor_effort, expected, rtol=0, atol=1e-9 * scale)
-
-
-def fleet_angles(model: Model, q: Vector) -> Vector:
-    """Largest angle between an element and the groove that it meets [rad], shape (elements,)."""
-    robot, here = model.robot, bodies(model.robot, q)
-    angles, node = np.zeros(len(model.layout.elements)), 0
-    direction = shape_at(model, q).direction
-    for c, cable in enumerate(robot.cables):
-        for k, one in enumerate(cable.nodes):
-            if one.place is None or one.place.kind != "pulley":
-                continue
-            axis = here[one.place.frame][0] @ np.array(one.place.axis)
-            for e in {max(k - 1, 0), min(k, len(cable.nodes) - 2)}:
-                element = node - c + e
-                aside = abs(float(np.arcsin(axis @ direction[element])))
-                angles[element] = max(angles[element], aside)
-        node += len(cable.nodes)
-    return angles
-
-
-@BY_FILE
-def test_elements_change_by_their_lever_arms_and_by_the_motion_of_the_middles(path: Path) -> None:
-    """In all poses, of all robots; the differences allow 1e-8.
-
-    A grooved pulley that its cable meets from aside bends it at the rim: the point of contact then
-    moves along the groove, not along the cable, and they differ by 1 - cos of the fleet angle.
-    """
-    model = plain(path)
-    joints = model.robot.joints
-    low, high = np.array([[joint.lower, joint.upper] for joint in joints]).T
-    generator, checked, moved = np.random.default_rng(5), 0, 0.0
-    for q in low + (0.02 + 0.96 * generator.random((12, len(joints)))) * (high - low):
-        straight = fleet_angles(model, q) < 1e-6
-        free = pulls(model, q) or []
-        for j in range(len(joints)):
-            both = law_and_measured(model, q, j)
-            if both is None:
-                continue
-            law, measured = both
-            difference = law - measured
-            for pull in free:  # elements past bodies that are not touched count together
-                difference[pull.elements] = difference[pull.elements].sum()
-            scale = max(1.0, float(np.abs(measured).max()))
-            np.testing.assert_allclose(difference[straight], 0.0, atol=1e-8 * scale)
-            checked += int(straight.sum())
-            arms = shape_at(model, q).lever_arm[:, j]
-            moved = max(moved, float(np.abs(arms - measured)[straight].max(initial=0.0)))
-    assert checked > 10 * len(joints)
 
 
 STUCK = """

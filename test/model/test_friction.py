@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log, pi, radians, sqrt
+from math import exp, log, pi, radians
 
 import numpy as np
 import pytest
@@ -17,7 +17,6 @@ from cdrj_ros._core import (
     friction_force,
     sliding_loss,
     sliding_transmission,
-    stribeck_share,
 )
 
 # Tables I and II of the source, pulleys 2 to 8; the wrap of pulley 6 is its largest.
@@ -102,46 +101,6 @@ def test_lugre_pre_sliding_closed_form() -> None:
     for _ in range(1000):
         reached = friction_force(Law.lugre, reached, slip / 1000, sigma0, static, 1.0)[0]
     assert reached == pytest.approx(force, rel=1e-12)
-
-
-def _pulled_block(step: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mass on a spring pulled at 0.1 m/s, implicit midpoint rule; x, v, z and the spring force."""
-    mass, spring, pull = 1.0, 2.0, 0.1
-    sigma0, sigma1, sigma2 = 1e5, sqrt(1e5), 0.4
-    x, v, f = 0.0, 0.0, 0.0
-    spring_force = np.empty(count)
-    for k in range(count):
-        new_v, new_f = v, f
-        for _ in range(30):
-            middle = 0.5 * (v + new_v)
-            bound = 1.0 + 0.5 * stribeck_share(middle, 1e-3)
-            new_f = friction_force(Law.lugre, f, step * middle, sigma0, bound, 1.0)[0]
-            friction = 0.5 * (f + new_f) + sigma1 * (new_f - f) / (sigma0 * step) + sigma2 * middle
-            at = x + 0.5 * step * middle
-            better = v + step * (spring * (pull * (k + 0.5) * step - at) - friction) / mass
-            done = abs(better - new_v) <= 1e-15 + 1e-13 * abs(new_v)
-            new_v = better
-            if done:
-                break
-        x += step * 0.5 * (v + new_v)
-        v, f = new_v, new_f
-        spring_force[k] = spring * (pull * (k + 1) * step - x)
-    return np.array([x, v, f / sigma0]), spring_force
-
-
-def test_lugre_stick_slip_benchmark() -> None:
-    # Canudas de Wit, Olsson, Astrom, Lischinsky 1995; computed independently with an ODE solver
-    step = 2e-5
-    (x, v, z), spring_force = _pulled_block(step, 1_250_000)
-    assert x == pytest.approx(1.90883920, abs=1e-7)
-    assert v == pytest.approx(9.42415e-6, rel=1e-4)
-    assert z == pytest.approx(1.181680e-5, rel=1e-5)
-    inside = spring_force[1:-1]
-    peaks = np.flatnonzero(
-        (inside > 1.4) & (inside > spring_force[:-2]) & (inside >= spring_force[2:])
-    )
-    np.testing.assert_allclose((peaks + 2) * step, [7.6454, 14.0081, 20.3708], atol=1e-4)
-    np.testing.assert_allclose(spring_force[peaks + 1], 1.50799, atol=1e-5)
 
 
 LAWS_AND_BREAKAWAYS = [

@@ -15,61 +15,6 @@ def _clock(seconds: float, rate: float) -> np.ndarray:
     return np.arange(round(seconds * rate) + 1) / rate
 
 
-def involute(shape: str, seconds: float = 20.0, rate: float = 200.0) -> Scene:
-    """An anchor that follows the involute of a fixed body, wrapped by 60 to 120 degrees and back.
-
-    Its motor stands still and nothing slips: all tensions stay at 50 N.
-
-    Args:
-        shape: ``plane``, ``helix``, ``sphere`` or ``swivel``.
-        seconds: duration; one cycle takes 5 s.
-        rate: samples per second.
-    """
-    r, free, time = 0.02, 0.1, _clock(seconds, rate)
-    turned = np.radians(30.0) * (1.0 - np.cos(2.0 * np.pi * 0.2 * time))
-    joint = np.stack([turned, -r * turned], axis=1)
-    # The cable comes along y to the point (r, 0) and goes round z counter-clockwise.
-    wrap = np.radians(60.0)
-    leave = (np.cos(wrap), np.sin(wrap), 0.0)
-    ahead = (-leave[1], leave[0], 0.0)
-    anchor = tuple(r * n + free * t for n, t in zip(leave, ahead, strict=True))
-    frames = [
-        Frame("turning", "base", "revolute", "turn"),
-        Frame("sliding", "turning", "prismatic", "slide", axis=ahead),
-    ]
-    joints = ("turn", "slide")
-    begin: tuple[float, ...] = (r, -0.15, 0.0)
-    drum = 0
-    body = Node("pulley", (0.0, 0.0), radius=r, turn=1, mu=0.2)
-    if shape == "plane":
-        begin, drum, anchor = begin[:2], 1, anchor[:2]
-    elif shape == "helix":
-        anchor = (anchor[0], anchor[1], 0.06)
-        body = Node("cylinder", (0.0, 0.0, 0.0), radius=r, axis=(0.0, 0.0, 1.0), turn=1, mu=0.2)
-    elif shape == "sphere":
-        body = Node("sphere", (0.0, 0.0, 0.0), radius=r, mu=0.2, side=(0.1, 0.1, 0.0))
-    else:
-        # the groove's entry is the point (r, 0); its plane turns about y through it
-        entry = (r, 0.0, 0.0)
-        body = Node("swivel", entry, radius=r, axis=(0.0, 1.0, 0.0), mu=0.2)
-        frames = [
-            Frame("bracket", "base", "revolute", "swing", origin=entry, axis=(0.0, 1.0, 0.0)),
-            Frame("turning", "bracket", "revolute", "turn", origin=(-r, 0.0, 0.0)),
-            frames[1],
-        ]
-        joints = ("swing", *joints)
-        joint = np.column_stack([waves(time, (0.4, 0.31, 0.0)), joint])
-    nodes = (
-        Node("winch", begin, radius=0.015, motor="motor", winding=1, turn=drum),
-        body,
-        Node("anchor", anchor, frame="sliding"),
-    )
-    return Scene(
-        f"involute_{shape}", tuple(frames), joints, ("motor",), (Line("cable", 1e4, 50.0, nodes),),
-        time, joint, {"motor": np.zeros(time.size)}, 0.0, planar=shape == "plane", still=True,
-    )  # fmt: skip
-
-
 def skew_cylinders(seconds: float = 20.0, rate: float = 250.0) -> Scene:
     """Two skew cylinders, an eyelet between them; a drum at one end, two joints at the other."""
     time = _clock(seconds, rate)

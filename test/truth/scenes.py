@@ -65,8 +65,6 @@ class Scene:
     cycle: float
     """Time after which every body has slipped [s]."""
     planar: bool = False
-    still: bool = False
-    """Whether the motors stand still."""
     cell_deg: float = 1.5
     """Angle of a contact cell about a body."""
 
@@ -86,7 +84,7 @@ class Scene:
         angle = np.zeros((self.time.size, len(self.motors)))
         for line, path in zip(self.lines, self.paths, strict=True):
             for node in (line.nodes[0], line.nodes[-1]):
-                if node.motor and not self.still:
+                if node.motor:
                     longer = path.length - path.length[0]
                     wound = self.pull[node.motor] - longer
                     angle[:, self.motors.index(node.motor)] = node.winding * wound / node.radius

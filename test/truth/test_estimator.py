@@ -6,7 +6,9 @@ many cells leave next to nothing of the difference.
 
 from __future__ import annotations
 
+import ast
 from functools import cache
+from pathlib import Path as File
 
 import numpy as np
 import pytest
@@ -55,3 +57,12 @@ def test_cable_laid_on_by_a_moving_tangent_keeps_the_strain_of_its_laying(ends: 
     found = compare(robots.carriage(10.0, 125, ends), cells=12)
     assert found.mean <= 0.0002
     assert found.motor_effort <= 0.001
+
+
+def test_the_truth_imports_nothing_of_what_it_tests() -> None:
+    for name in ("frames", "bodies", "paths", "surface", "scenes", "robots"):
+        tree = ast.parse((File(__file__).parent / f"{name}.py").read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            modules += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            assert not any(module.split(".")[0] == "cdrj_ros" for module in modules), name
