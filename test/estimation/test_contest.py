@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -32,20 +31,13 @@ from cdrj_ros.estimation.lasting_error import CELL as CELL_ERRORS
 from cdrj_ros.estimation.lasting_error import LastingError
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import UNSURE
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SELDOM: Final = 20 * MS
 """Interval of a load cell's readings [ns]: correcting takes most of the time of these tests."""
 CHANGE: Final = -4.0
 """[N]."""
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 @pytest.fixture(scope="module")

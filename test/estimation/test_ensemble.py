@@ -105,11 +105,6 @@ def test_two_standard_deviations_cover_the_expected_share() -> None:
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
-
-
-@pytest.fixture(scope="module")
 def path(model: Model) -> Samples:
     return _path(model, "prototype_preload_36_26")
 

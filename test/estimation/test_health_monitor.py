@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,21 +11,13 @@ import pytest
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
 
-ROOT = Path(__file__).parents[2]
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 CELLS = ("upper/8", "lower/8")
 EFFORT_NOISE, CELL_NOISE = 0.01, 0.1
 Sensors = tuple[str, ...]
 BOTH: Sensors = ("effort", "cells")
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +13,10 @@ from cdrj_ros.estimation.health_evaluation import Evaluation, Found
 from cdrj_ros.estimation.health_verdict import report, unsure_elements
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import INVALID, OK, SLACK, UNSURE
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 UPPER, LOWER = slice(0, 8), slice(8, 16)
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 @pytest.fixture(scope="module")

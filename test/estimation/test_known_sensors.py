@@ -36,11 +36,6 @@ MEASURED = Options(tension_sensors=True)
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
-
-
-@pytest.fixture(scope="module")
 def course(model: Model) -> Course:
     return course_of(model, 11.0, sine(0.3, 0.45))
 

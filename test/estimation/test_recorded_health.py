@@ -16,7 +16,6 @@ from cdrj_ros.estimation.recorded_health import RecordedHealth
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Topics
 from cdrj_ros.recordings.writer import BagWriter
@@ -27,11 +26,6 @@ EPOCH_NS = 1_700_000_000_000_000_000
 RATE = 100.0
 SECONDS = 24.0
 CELLS = ("upper/8", "lower/8")
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 def motion() -> Samples:

@@ -26,11 +26,6 @@ LOST = "25.8,26.26"
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
-
-
-@pytest.fixture(scope="module")
 def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
     """Recorded angles of six cycles, at 100 Hz."""
     return recorded(model, 15)

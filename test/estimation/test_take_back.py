@@ -15,11 +15,9 @@ from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import UNSURE
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 CELL: Final = "upper/8"
 MEASURED = Options(tension_sensors=True)
 CALM: Final = 2000
@@ -29,11 +27,6 @@ SCALE: Final = 1.2
 
 SENSORS: Final = int(os.environ.get("CDRJ_SENSORS", "15"))
 """Number of sensors of every kind that are never to be trusted; 50 in ``make soak``."""
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 class Beside(NamedTuple):

@@ -41,11 +41,6 @@ UNFILTERED = Options(tracking=0.0)
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(str(ROBOTS / "prototype.yaml"))
-
-
-@pytest.fixture(scope="module")
 def readings() -> Samples:
     """Five seconds at 1 kHz: the joint by 0.6 rad, the winch by more than half a turn."""
     time = 0.001 * np.arange(5000)

@@ -1,0 +1,13 @@
+"""The prototype's model, which most tests of estimation use."""
+
+from __future__ import annotations
+
+import pytest
+
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import Model
+
+
+@pytest.fixture(scope="session")
+def model() -> Model:
+    return load_model("prototype")
