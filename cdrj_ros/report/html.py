@@ -50,6 +50,7 @@ from cdrj_ros.report.table import (
     health_lines,
     limits_sentence,
     outside_rows,
+    r2_remark,
     table_groups,
 )
 from cdrj_ros.robot.description import Robot
@@ -196,6 +197,7 @@ def _table(
         "many": len(headings) > len(HEADINGS),
         "beside": beside.heading if beside and any(row.aside for row in rows) else None,
         "anchors": anchors,
+        "remark": r2_remark(errors),
     }
 
 

@@ -111,6 +111,20 @@ def test_the_page_has_every_channel_is_well_formed_and_asks_no_network(
         assert page.index(f">{name} <") > folded
 
 
+def test_a_low_r2_beside_a_small_error_is_explained(
+    written: Callable[..., str], comparison: BagComparison
+) -> None:
+    stamps = np.arange(1, 1001, dtype=np.int64) * 1_000_000
+    noise = 0.05 * np.random.default_rng(0).standard_normal((2, stamps.size))
+    steady = compare(
+        stamps, {"tension/upper/1": 30.0 + noise[0]},
+        {"tension/upper/1": (stamps, 30.0 + noise[1])}, max_gap_ns=20_000_000,
+    )  # fmt: skip
+    explained = "R² of tension/upper/1 is low although its error is 0."
+    assert explained in written(replace(comparison, channels=tuple(steady)))
+    assert explained not in written(comparison)
+
+
 NASTY = (
     "<script>ran()</script>", "<iframe srcdoc='<script>ran()</script>'>",
     "<img src=x onerror=ran()>", '" onmouseover="ran()" x="', "' onclick='ran()",
