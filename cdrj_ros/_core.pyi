@@ -306,7 +306,7 @@ class Recording:
             One piece of samples, and a further one after every jump of the clock: whether the clock
             went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
             shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
-            shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 2, axes); rows
+            shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 3, axes); rows
             that are doubtful.
         """
 
@@ -515,7 +515,7 @@ class Ensemble:
 
     @property
     def offset(self) -> NDArray[np.float64]:
-        """Standard deviations of the axes' lasting errors (U12), (U13) [rad], shape (2 axes,)."""
+        """Standard deviations of the axes' lasting errors (U12), (U13) [rad], shape (3 axes,)."""
 
     @property
     def swing(self) -> NDArray[np.float64]:

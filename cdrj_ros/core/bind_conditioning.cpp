@@ -73,7 +73,7 @@ py::tuple tuple_of(const Sample& sample, std::size_t motors) {
     const auto angles = std::span(sample.angle);
     py::object unseen = no_deviations(), offset = no_deviations();
     if (!sample.unseen.empty()) unseen = copy_of(sample.unseen).reshape({2, -1});
-    if (!sample.offset.empty()) offset = copy_of(sample.offset).reshape({2, -1});
+    if (!sample.offset.empty()) offset = copy_of(sample.offset).reshape({3, -1});
     return py::make_tuple(
         sample.stamp_ns,
         copy_of(angles.first(motors)),
@@ -186,7 +186,7 @@ py::tuple tuple_of(Samples&& samples, std::size_t motors, std::size_t joints) {
         array_of(std::move(samples.unseen_rows), {unseen}),
         array_of(std::move(samples.unseen), {unseen, 2, m + j}),
         array_of(std::move(samples.offset_rows), {changes}),
-        array_of(std::move(samples.offset), {changes, 2, m + j}),
+        array_of(std::move(samples.offset), {changes, 3, m + j}),
         array_of(std::move(samples.doubtful), {doubtful}));
 }
 

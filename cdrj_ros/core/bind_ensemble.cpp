@@ -89,7 +89,7 @@ SampleView view_of(
     require(
         motor_angle.size() == sizes.motors && joint_angle.size() == sizes.joints &&
             (unseen.size() == 0 || unseen.size() == 2 * sizes.axes()) &&
-            (offset.size() == 0 || offset.size() == 2 * sizes.axes()),
+            (offset.size() == 0 || offset.size() == 3 * sizes.axes()),
         "the angles are not those of this robot");
     return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen), span_of(offset)};
 }
@@ -158,7 +158,7 @@ void follow(
     require(
         fits(motor_angle, motors) && fits(joint_angle, joints) && fits(estimates, size) &&
             fits(stddev, quantities) && (hidden == 0 || fits(unseen, hidden)) &&
-            offset.size() == offset_rows.size() * py::ssize_t(2 * ensemble.axes()),
+            offset.size() == offset_rows.size() * py::ssize_t(3 * ensemble.axes()),
         "samples, estimates and stddev have not the shapes of this robot's");
     const Nanoseconds* stamps = stamp_ns.data();
     const double *motor = motor_angle.data(), *joint = joint_angle.data(), *deviation = unseen.data();
@@ -171,7 +171,7 @@ void follow(
             stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
             {deviation + k * hidden, hidden}};
         if (change < changes.size() && changes[change] == k) {
-            const std::size_t width = 2 * ensemble.axes();
+            const std::size_t width = 3 * ensemble.axes();
             sample.offset = {offset.data() + change++ * width, width};
         }
         ensemble.update(

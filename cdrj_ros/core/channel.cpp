@@ -195,10 +195,9 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
 }
 
 Offset Channel::offset() const {
-    const double late = DEVIATION * lag.most_ns() * 1e-9 * motion.fastest;  // (C10)
-    const double slipped = steps.offset(motion);
-    if (motion.has_turned()) return {level(slipped), level(late)};
-    return {level(std::hypot(slipped, late)), 0.0};
+    const double clock = DEVIATION * lag.most_ns() * 1e-9;
+    return {
+        level(steps.offset(motion)), level(clock * motion.fastest), level(clock * motion.range())};
 }
 
 double Channel::between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle) {

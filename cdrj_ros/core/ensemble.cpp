@@ -17,9 +17,6 @@ constexpr int PARTS = 4;
 /// A longer time between two samples counts as a gap.
 constexpr Nanoseconds GAP_NS = 1'000'000'000;
 
-/// Standard deviation of what errors of clocks add, by the swing of a cable's mean tension so far.
-constexpr double SWING = 0.5 * DEVIATION;
-
 /// A member is updated at most this often: at 1 kHz at every second sample.
 constexpr Nanoseconds APART_NS = 1'500'000;
 
@@ -77,7 +74,7 @@ Ensemble::Ensemble(
           &between_, &reading_}) {
         one->resize(axes);
     }
-    memory.offset.resize(2 * axes);
+    memory.offset.resize(3 * axes);
 }
 
 // -------------------------------------------------------------------------------------------------
@@ -356,18 +353,18 @@ void Ensemble::bound_clocks() {
     for (Index c = 0; c < robot_.topology.sizes.cables; ++c) {
         const auto [first, count] = std::pair(
             robot_.topology.cables[c].first_element, robot_.topology.cables[c].elements);
-        double mean = 0.0, late = 0.0;
+        double mean = 0.0, swung = 0.0;
         for (Index e = first; e < first + count; ++e) mean += draws.length_share[e] * estimate_[e];
         double &lowest = memory.swing[2 * c], &highest = memory.swing[2 * c + 1];
         lowest = std::min(lowest, mean);
         highest = std::max(highest, mean);
         const std::span<const double> gains = row(draws.offset_gain, first, axes());
         for (std::size_t a = 0; a < axes(); ++a) {
-            const double part = gains[a] * memory.offset[axes() + a];
-            late += part * part;
+            const double part = gains[a] * memory.offset[2 * axes() + a];
+            swung += part * part;
         }
-        const double seen = SWING * (highest - lowest);
-        const double share = late > seen * seen ? seen * seen / late : 1.0;
+        const double seen = DEVIATION * (highest - lowest);
+        const double share = swung > seen * seen ? seen * seen / swung : 1.0;
         std::fill_n(possible_.begin() + first, count, share);
         possible_[of_all] = std::max(possible_[of_all], share);
     }

@@ -206,8 +206,8 @@ private:
 
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;
-    // share of the variance of clocks' errors that the swings leave possible, (U13): of every
-    // element's cable, then the greatest of all
+    // share of the variance of clocks' errors that the swings leave possible, (U13), for every element
+    // that of its cable, then the greatest of all
     std::vector<double> possible_;
     std::vector<double> angle_before_;  // of the sample before [rad]
     std::vector<double> angle_;         // [rad]

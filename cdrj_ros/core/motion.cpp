@@ -52,8 +52,8 @@ void Motion::close(double length, double moved) {
     const double keep = std::exp(-length / MEMORY);
     speed = std::max(now, faded(speed, now, keep));
     acceleration = std::max(change, faded(acceleration, change, keep));
-    double& greatest = moved > 0.0 ? forward : back;
-    greatest = std::max(greatest, now);
+    lowest = std::min(lowest, std::copysign(now, moved));
+    highest = std::max(highest, std::copysign(now, moved));
     travelled += certain;
     windows += 1.0;
     span = length;
@@ -105,7 +105,8 @@ void Motion::miss(Nanoseconds horizon_ns, Nanoseconds window_ns, double error) {
 double Motion::ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const {
     const double horizon = horizon_ns * 1e-9, window = window_ns * 1e-9;
     const double arc = 0.5 * horizon * (horizon + window);
-    const double known = has_turned() ? acceleration : std::max(acceleration, speed * 1e9 / WINDOW_NS);
+    const bool turned = 2.0 * std::max(std::min(highest, -lowest), 0.0) >= speed;
+    const double known = turned ? acceleration : std::max(acceleration, speed * 1e9 / WINDOW_NS);
     const double drift = std::max(std::min(known * arc, 2.0 * speed * horizon), bend * arc);
     const double noise = NOISE * band * horizon / window;
     return std::sqrt(drift * drift + noise * noise);

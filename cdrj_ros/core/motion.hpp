@@ -22,7 +22,7 @@ struct Motion {
     double fastest = 0.0;         // greatest speed so far over the first 20 ms of a window or more [rad/s]
     double travelled = 0.0;       // sum of the displacements of all windows
     double windows = 0.0;         // their number
-    double forward = 0.0, back = 0.0;  // greatest speed over a window in either direction [rad/s]
+    double lowest = INFINITE, highest = -INFINITE;  // velocities over windows so far [rad/s]
     double bend = 0.0;            // B of (C4), the acceleration that extrapolations missed [rad/s^2]
     Nanoseconds seen_ns = EVER_NS;  // between readings no further apart, deviations are negligible
 
@@ -47,8 +47,8 @@ struct Motion {
     /// Standard deviation of an angle extrapolated with the velocity over a window, (C4).
     double ahead(Nanoseconds horizon_ns, Nanoseconds window_ns) const;
 
-    /// Whether the axis has moved in both directions at half of its speed.
-    bool has_turned() const { return 2.0 * std::min(forward, back) >= speed; }
+    /// By how much the velocity has differed so far [rad/s].
+    double range() const { return std::max(highest - lowest, 0.0); }
 
     /// Greatest displacement within a time [s] at up to twice the greatest speed so far.
     double reach(double span) const;

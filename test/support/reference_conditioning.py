@@ -53,8 +53,8 @@ class Motion:
     fastest: float = 0.0
     travelled: float = 0.0
     windows: float = 0.0
-    forward: float = 0.0
-    back: float = 0.0
+    velocities: tuple[float, ...] = ()
+    """Least and greatest over windows."""
     bend: float = 0.0
 
     def take(self, stamp: int, angle: float) -> None:
@@ -81,10 +81,8 @@ class Motion:
             acceleration *= 1.5
         self.speed = max(speed, faded(self.speed, speed, span))
         self.acceleration = max(acceleration, faded(self.acceleration, acceleration, span))
-        if moved > 0.0:
-            self.forward = max(self.forward, speed)
-        else:
-            self.back = max(self.back, speed)
+        seen = (*self.velocities, speed if moved > 0.0 else -speed)
+        self.velocities = min(seen), max(seen)
         self.travelled, self.windows = self.travelled + certain, self.windows + 1.0
         self.span, self.velocity = span, velocity
 
@@ -120,7 +118,8 @@ class Motion:
         h, w = horizon_ns * 1e-9, window_ns * 1e-9
         arc = 0.5 * h * (h + w)
         known = self.acceleration
-        if not self.has_turned():
+        least, greatest = self.velocities or (0.0, 0.0)
+        if 2.0 * min(max(-least, 0.0), max(greatest, 0.0)) < self.speed:
             known = max(known, self.speed * 1e9 / WINDOW_NS)
         drift = max(min(known * arc, 2.0 * self.speed * h), self.bend * arc)
         noise = 0.8165 * self.band * h / w
@@ -130,9 +129,6 @@ class Motion:
         h, w = horizon_ns * 1e-9, window_ns * 1e-9
         now = max(abs(error) - 2.0 * self.band * (1.0 + h / w), 0.0) / (0.5 * h * (h + w))
         self.bend = max(now, faded(self.bend, now, h))
-
-    def has_turned(self) -> bool:
-        return 2.0 * min(self.forward, self.back) >= self.speed
 
     def reach(self, span: float) -> float:
         return max(2.0 * self.band, 2.0 * self.fastest * span)
@@ -344,7 +340,7 @@ class Channel:
     track: Track = field(default_factory=Track)
     last_ns: int = -1
     last: float = 0.0
-    readings: deque[tuple[int, float, float, tuple[float, float]]] = field(default_factory=deque)
+    readings: deque[tuple[int, float, float, tuple[float, ...]]] = field(default_factory=deque)
     recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=1000))
     tested: deque[tuple[int, int, float, float]] = field(default_factory=deque)
     reading: float | None = None
@@ -450,13 +446,12 @@ class Channel:
         self.agreeing += 1
         self.refused = stamp, angle
 
-    def offset(self) -> tuple[float, float]:
-        """(C9), and (C10) where the estimate bounds it."""
-        late = 0.35 * self.lag.most_ns() * 1e-9 * self.motion.fastest
-        slipped = self.steps.offset(self.motion)
-        if self.motion.has_turned():
-            return level(slipped), level(late)
-        return level(hypot(slipped, late)), 0.0
+    def offset(self) -> tuple[float, ...]:
+        """(C9) to (C11)."""
+        clock, motion = 0.35 * self.lag.most_ns() * 1e-9, self.motion
+        least, greatest = motion.velocities or (0.0, 0.0)
+        errors = self.steps.offset(motion), clock * motion.fastest, clock * (greatest - least)
+        return tuple(level(error) for error in errors)
 
     def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
         """Whether an accepted angle shows a step."""
@@ -489,7 +484,7 @@ class Reference:
         self.doubts: list[Doubt] = []
         self.resumed_ns = self.passed_over_ns = self.given_out_ns = -1
         self.ahead_ns = self.ahead_from_ns = -1
-        self.told: list[tuple[float, float]] = []
+        self.told: list[tuple[float, ...]] = []
         self.newest_ns, self.passed_ns, self.grown = -1, 0, 0
 
     def _channel(self, axis: Motor | Joint) -> Channel:
