@@ -250,3 +250,24 @@ def test_an_implausible_modulus_is_reported(
     printed = capsys.readouterr().out
     assert "a: youngs_modulus is 2e+03 GPa" in printed
     assert "b: youngs_modulus" not in printed
+
+
+def test_json_alone_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_robot.main(["finger", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["robot"] == "finger"
+
+
+def test_a_moving_end_does_not_matter_without_friction() -> None:
+    wrap = "wrap_angle: {joint: q, offset: 1.5, slope: 0.5}}"
+    for law in ("law: none", "rho: 0, bearing_friction: 0"):
+        text = PLAIN.replace("mu_c: 0.1, rho: 0.2, bearing_friction: 0.005", f"mu_c: 0.1, {law}")
+        assert not any("moving_end" in one.text
+                       for one in found(text.replace("wrap_angle: 1.5}", wrap)))  # fmt: skip
+
+
+def test_an_unknown_argument_is_escaped_on_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        check_robot.main(["hoist", "--red\x1b[31m"])
+    assert "unrecognized arguments: --red\\x1b[31m" in capsys.readouterr().err

@@ -228,3 +228,15 @@ def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
     moving = late > 2.5
     expected = np.interp(late[moving] - 1.5, source, first.value)  # 1 s rest, half the blend
     assert np.abs(second.value[moving] - expected).max() < 2e-3
+
+
+def test_positions_of_a_prismatic_joint_are_printed_in_metres(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
+    assert main([*command, "--amplitude", "20deg"]) == 2
+    assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
+    assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
+    error = capsys.readouterr().err
+    assert " m, t = " in error
+    assert "= 0.5 rad" not in error

@@ -288,6 +288,10 @@ def test_parameters_show_the_values_in_force(bench: Bench) -> None:
     (result,) = estimator.node.set_parameters([Parameter("unsure_share", value=1)])
     assert result.successful
     assert (shown("unsure_share"), estimator.live.options.unsure_share) == (1.0, 1.0)
+    (result,) = estimator.node.set_parameters([Parameter("tracking_bandwidth", value=0.0)])
+    assert result.successful
+    feed(estimator, 0, 200)
+    assert estimator.live.sample.motor_angle == sample_at(199).motor_angle, "no filter any more"
 
 
 def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
@@ -327,3 +331,17 @@ def test_an_input_has_no_event_that_may_wait_while_its_subscription_is_replaced(
     """rclpy raises for an event of a destroyed subscription: every second start ended so."""
     for topic in bench.estimator().inputs:
         assert list(topic.subscription.event_handlers) == []
+
+
+def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
+    bench: Bench, log: list[tuple[int, str]]
+) -> None:
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import JointState
+
+    name = "qos_overrides./cdrj/motor_states.subscription.reliability"
+    estimator = bench.estimator(**{name: "reliable"})
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
+    assert logged(bench, log, "WARN", "Set it to best_effort")
+    assert estimator.inputs[0].reliability == ReliabilityPolicy.RELIABLE

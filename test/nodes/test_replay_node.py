@@ -255,3 +255,19 @@ def test_invalid_options_of_replay_are_refused_in_one_line(
     errors = capsys.readouterr().err
     assert words in errors
     assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("offered", "latched"),
+    [
+        ("- history: 1\n  durability: 1\n", True),
+        ("- durability: transient_local\n", True),
+        ("- durability: 2\n", False),
+        ("", False),
+        ("{", False),
+    ],
+)
+def test_a_latched_topic_is_recognised(offered: str, latched: bool) -> None:
+    from cdrj_ros.nodes.replay_node import was_latched
+
+    assert was_latched(offered) is latched

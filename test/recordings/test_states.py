@@ -175,3 +175,34 @@ def test_an_index_that_leaves_out_a_chunk_is_not_trusted(make, tmp_path):
     damaged[at] = 0x80  # a record of a private kind, which readers skip
     path.write_bytes(damaged)
     assert check_whole(path) == ("a.mcap has no index; read from start to end",)
+
+
+def test_folders_that_are_not_bags_are_refused_by_name(tmp_path):
+    with pytest.raises(BagError, match=r"holds no \.mcap file"):
+        read_recording(tmp_path)
+    (tmp_path / "bag_0.db3").touch()
+    for path in (tmp_path, tmp_path / "bag_0.db3"):
+        with pytest.raises(
+            BagError, match=r"bag_0\.db3 is empty, expected a bag stored as sqlite3"
+        ):
+            read_recording(path)
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_cut_file_that_was_compressed_whole_gives_what_decompresses(make, tmp_path, chunked):
+    import zstandard
+
+    rng = np.random.default_rng(6)
+    messages = [
+        (make.topic, i, make.joint_state(i + 1, ["m"], [value]))
+        for i, value in enumerate(rng.normal(size=12_000))
+    ]
+    plain = make.mcap(tmp_path / "a.mcap", messages, chunked=chunked)
+    whole = read_recording(plain, ONE_TOPIC).motors["m"].value
+    packed = zstandard.compress(plain.read_bytes())
+    path = tmp_path / "b.mcap.zstd"
+    path.write_bytes(packed[: len(packed) // 2])
+    read = read_recording(path, ONE_TOPIC)
+    n = read.motors["m"].value.size
+    assert 3_000 < n < 9_000
+    np.testing.assert_array_equal(read.motors["m"].value, whole[:n])

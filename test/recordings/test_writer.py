@@ -188,3 +188,19 @@ def test_a_topic_keeps_its_type(tmp_path):
     bag.write_joint_states("/a", [1], ["x"], [[1.0]])
     with pytest.raises(BagError, match=r"/a is sensor_msgs/msg/JointState, it cannot also be"):
         bag.write_tensions("/a", [1], ["x"], [[1.0]])
+
+
+def test_a_folder_that_has_appeared_meanwhile_is_not_replaced(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_joint_states("/a", [1], ["x"], [[1.0]])
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "mine").touch()
+    with pytest.raises(BagError, match="cannot be made"):
+        bag.close()
+    assert [entry.name for entry in (tmp_path / "bag").iterdir()] == ["mine"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bag"]
+
+
+def test_an_unknown_compression_is_refused(tmp_path):
+    with pytest.raises(BagError, match="compression must be one of"):
+        BagWriter(tmp_path / "bag", compression="gzip")

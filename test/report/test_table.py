@@ -9,6 +9,8 @@ import pytest
 from cdrj_ros.evaluation.metrics import NO_SAMPLES, ChannelError
 from cdrj_ros.report.table import (
     errors_table,
+    plain,
+    print_errors,
     table_groups,
 )
 
@@ -48,3 +50,25 @@ def test_names_are_not_markup() -> None:
 def test_a_name_without_known_prefix_is_refused() -> None:
     with pytest.raises(ValueError, match="torque/spindle"):
         table_groups({"torque/spindle": NO_SAMPLES})
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "xterm")
+    terminal, file = Terminal(), io.StringIO()
+    print_errors(ERRORS, file=terminal)
+    print_errors(ERRORS, file=file)
+    assert "─" in terminal.getvalue()
+    assert file.getvalue() == plain(errors_table(ERRORS))
+    assert "upper/8" in terminal.getvalue()
+    monkeypatch.setenv("COLUMNS", "40")
+    narrow = Terminal()
+    print_errors(ERRORS, file=narrow)
+    assert narrow.getvalue() == plain(errors_table(ERRORS))

@@ -266,3 +266,11 @@ def test_a_number_of_the_urdf_itself_is_not_written() -> None:
     path = Path(__file__).parents[2] / "config" / "robots" / "finger3d.yaml"
     with pytest.raises(RobotFileError, match=r"^frames\.palm\.origin\.2 is a number of the URDF"):
         with_numbers_in_text(path.read_text(), {"frames.palm.origin.2": 0.001}, str(path))
+
+
+@pytest.mark.parametrize(
+    "urdf", ["robot_description", "package://arm/arm.urdf", "/opt/arm/arm.urdf"]
+)
+def test_a_place_that_no_folder_changes_is_kept(urdf: str) -> None:
+    text = ROBOT.replace("arm.urdf", urdf)
+    assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text

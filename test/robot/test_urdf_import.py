@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from cdrj_ros.commands import import_robot
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.robot.reader import load_robot, parse_robot
 
 STATE = '<state_interface name="position"/><state_interface name="velocity"/>'
 COMMAND = '<command_interface name="effort"/>'
@@ -138,3 +139,9 @@ def test_mjcf_without_mujoco_is_answered_with_what_to_install(
     given = [str(tmp_path / "arm.xml"), "--out", str(tmp_path / "arm.yaml")]
     assert import_robot.main(given) == 2
     assert "pip install mujoco" in capsys.readouterr().err
+
+
+def test_the_file_is_refused_until_it_has_a_cable(tmp_path: Path) -> None:
+    text = begun(tmp_path)
+    with pytest.raises(RobotFileError, match="cables needs at least 1 entries, got 0"):
+        parse_robot(text, str(tmp_path / "arm.yaml"))

@@ -14,7 +14,6 @@ from cdrj_ros.simulation.commands import (
     DriveLimits,
     checked_command,
     checked_trajectory,
-    command_of_states,
 )
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
@@ -65,29 +64,6 @@ def test_an_invalid_command_is_refused_with_its_cause(
     assert cause in CAUSES
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 400
-
-
-@pytest.mark.parametrize(
-    ("fields", "cause"),
-    [
-        (([], [], []), "malformed"),
-        (([0.1], [0.1], []), "malformed"),
-        (([0.1], [], []), None),
-        (([], [0.1], []), None),
-        (([], [], [0.1]), None),
-        (([NAN], [], []), "not finite"),
-    ],
-)
-def test_a_message_of_states_commands_in_one_mode(
-    limits: DriveLimits, fields: tuple[list[float], ...], cause: str | None
-) -> None:
-    if cause is None:
-        command = command_of_states(limits, [EXTENSOR], *fields)
-        assert (command.motors, command.values) == ((1,), (0.1,))
-        return
-    with pytest.raises(CommandError) as caught:
-        command_of_states(limits, [EXTENSOR], *fields)
-    assert caught.value.cause == cause
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,9 @@ from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import SlackError, Truth
+from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.faults import DURATION_S, Fault, wire
-from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import differences, sine
+from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
 TIME = np.arange(6_001) / 1000.0
@@ -28,16 +27,6 @@ LOWER, UPPER = slice(8, 16), slice(0, 8)
 
 def _followed(robots: Robots, *faults: Fault, robot: Robot | None = None) -> Truth:
     return simulate(robot or robots.prototype(), TIME, COURSE.angle, cells=1, faults=faults)
-
-
-def _balanced(
-    robots: Robots, *faults: Fault, robot: Robot | None = None, allow_slack: bool = False
-) -> Truth:
-    torque = make_load("rolling", 0.3).torque(*differences(TIME, COURSE.angle))
-    return simulate(
-        robot or robots.prototype(), TIME, COURSE.angle, torque, cells=1, faults=faults,
-        allow_slack=allow_slack,
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -83,18 +72,6 @@ def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots
     assert material == pytest.approx(lengths, rel=0.01), "the cable's own length"
     lost_at_once = sound.tension[k, 8] - snapped.tension[k, 8]
     assert lost_at_once == pytest.approx(cable.axial_stiffness * amount / material, rel=0.02)
-
-
-def test_slack_without_a_fault_is_refused_with_its_place(robots: Robots) -> None:
-    robot = robots.prototype()
-    weak = replace(robot, cables=tuple(replace(c, preload=2.0) for c in robot.cables))
-    with pytest.raises(SlackError, match=r"(upper|lower)/\d has no tension at t = .* elbow"):
-        _balanced(robots, robot=weak)
-    truth = _balanced(robots, robot=weak, allow_slack=True)
-    first = TIME[np.argmax(truth.slack.any(axis=1))]
-    with pytest.raises(SlackError) as caught:
-        _balanced(robots, robot=weak)
-    assert caught.value.time == first
 
 
 @pytest.mark.parametrize(

@@ -123,33 +123,17 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
     ("preload", "load_kg", "motion", "lowest"),
     [
         (HIGH, 0.3, sine(AMPLITUDE, 0.1, 1.0), 18.0),
-        (HIGH, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 18.0),
-        (HIGH, 0.3, random(AMPLITUDE, 0.5, 1, 1.0), 18.0),
         (HIGH, 0.9, dwell(AMPLITUDE, 0.1, 1.0), 7.0),
-        (LOW, 0.3, sine(AMPLITUDE, 0.5, 1.0), 6.0),
         (LOW, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 6.0),
-        (LOW, 0.3, random(AMPLITUDE, 1.0, 2, 1.0), 5.0),
-        (LOW, 0.6, dwell(AMPLITUDE, 0.1, 1.0), COUNT_N),
         (LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), COUNT_N),
         (LOW, 0.7, sine(AMPLITUDE, 0.1, 1.0), 0.7),
     ],
-    ids=[
-        "high sine",
-        "high ramps",
-        "high random",
-        "high dwell, heavy",
-        "low sine",
-        "low ramps",
-        "low random",
-        "low dwell, heavy",
-        "low random, heavy",
-        "low sine, heavier",
-    ],
+    ids=["high sine", "high dwell, heavy", "low ramps", "low random, heavy", "low sine, heavier"],
 )
-def test_no_alarm_in_ten_minutes_of_motions_that_leave_every_cable_taut(
+def test_no_alarm_in_five_minutes_of_motions_that_leave_every_cable_taut(
     preload: str, load_kg: float, motion: Motion, lowest: float
 ) -> None:
-    """Ten motions of one minute each; nothing repeats except within a periodic motion.
+    """Five motions of one minute each; nothing repeats except within a periodic motion.
 
     Truth every 6 ms, encoders at 1000 and 500 Hz.
     """
