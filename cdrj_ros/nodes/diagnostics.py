@@ -70,6 +70,8 @@ class Health(NamedTuple):
     """Why the readings do not fit the robot file; empty if they may."""
     alternating: str = ""
     """Axes whose readings alternate between two motions, and who publishes them; or empty."""
+    rivals: str = ""
+    """Who publishes the tensions, if several nodes do; otherwise empty."""
 
 
 def names_with(estimate: Estimate, flag: int) -> list[str]:
@@ -143,6 +145,7 @@ def _verdict(
             health.alternating, warn,
             f"readings alternate between two motions: {health.alternating}",
         ),
+        (health.rivals, warn, f"several estimators: {health.rivals}; remap or stop one"),
         (
             stepped, warn,
             f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare",

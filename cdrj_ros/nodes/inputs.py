@@ -25,6 +25,7 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, printable
 from cdrj_ros.inspection.motor_travel import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
+from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health
 from cdrj_ros.nodes.qos import default_profile, remapping
 from cdrj_ros.nodes.settings import given_parameter
@@ -123,11 +124,6 @@ class InputTopic:
         if self.messages != self._changed[0]:
             self._changed = self.messages, now_s
         self.silent_s = now_s - self._changed[1] if self.messages else 0.0
-
-    def publishing_nodes(self) -> list[str]:
-        """Full names of the nodes that publish on the topic, one per publisher."""
-        publishers = self._node.get_publishers_info_by_topic(self.topic)
-        return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in publishers)
 
     def adapt(self) -> str:
         """Count the publishers and adapt to best-effort ones; call while inputs are missing.
@@ -263,6 +259,12 @@ def _refusals(refused: Mapping[str, int]) -> str:
     )
 
 
+def publishing_nodes(node: Node, topic: str) -> list[str]:
+    """Full names of the nodes that publish on a topic, one per publisher."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in publishers)
+
+
 class InputWatch:
     """Detects when estimates begin, stop and resume, and why there is none."""
 
@@ -354,14 +356,20 @@ class InputWatch:
         timeout_s = self._silence.timeout_s
         return Health(
             timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused, misfit,
-            self._alternating(),
+            self._alternating(), self._rivals(),
         )  # fmt: skip
+
+    def _rivals(self) -> str:
+        """Who publishes the tensions, if more than this node does; otherwise empty."""
+        topic = self._node.resolve_topic_name(TENSIONS)
+        names = publishing_nodes(self._node, topic)
+        return f"{topic} is published by {_listed(names)}" if len(names) > 1 else ""
 
     def _alternating(self) -> str:
         """Axes whose readings alternate between two motions, and who publishes them; or empty."""
         axes = self._live.conditioner.alternating
         return "; ".join(
-            f"{', '.join(own)}, published by {_listed(one.publishing_nodes())}"
+            f"{', '.join(own)}, published by {_listed(publishing_nodes(self._node, one.topic))}"
             for one in self._inputs
             if (own := [axis for axis in axes if axis in one.axes])
         )
@@ -382,7 +390,12 @@ class InputWatch:
         self._refused, self.looked_s = refused, now_s
         if rate <= TOLERATED_PER_S:
             return ""
-        return f"{rate:.0f} readings per second refused: {_refusals(since)}"
+        crowds = [
+            f"; {one.topic} is published by {_listed(names)}"
+            for one in self._inputs
+            if len(names := publishing_nodes(self._node, one.topic)) > 1
+        ]
+        return f"{rate:.0f} readings per second refused: {_refusals(since)}{''.join(crowds)}"
 
     def warn(self, health: Health) -> None:
         """Log why there is no estimate or what is wrong with readings, at most every AGAIN_S."""
@@ -390,7 +403,7 @@ class InputWatch:
         if health.waiting and monotonic() - self.estimated_s > PATIENCE_S:
             self._quiet = True
             words = f"no estimate: {health.waiting}"
-        elif (health.misfit or health.refusing) and not self._quiet:
-            words = health.misfit or health.refusing
+        elif not self._quiet:
+            words = health.misfit or health.rivals or health.refusing
         if words:
             self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

@@ -203,7 +203,7 @@ def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) 
     try:
         for one in others:
             one.create_publisher(JointState, "/cdrj/joint_states", 10)
-        assert bench.until(lambda: len(estimator.inputs[1].publishing_nodes()) == 2)
+        assert bench.until(lambda: bench.node.count_publishers("/cdrj/joint_states") == 2)
         for k in range(40):
             sample = sample_at(k)
             position = sample.joint_angle + 0.005 * (k % 2)
@@ -217,6 +217,34 @@ def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) 
     assert status.level == status.WARN
     assert status.message == f"readings alternate between two motions: {words}"
     assert values_of(status)["readings alternating"] == "elbow"
+
+
+def test_several_estimators_or_several_stamps_are_a_warning_that_names_the_nodes(
+    bench: Bench,
+) -> None:
+    from cdrj_msgs.msg import CableTensions
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+
+    estimator = bench.estimator()
+    other = Node("estimator_2", namespace="/cdrj")
+    try:
+        feed(estimator, 0, 20)
+        diagnosed(estimator)
+        for _ in range(2):
+            other.create_publisher(JointState, "/cdrj/joint_states", 10)
+        assert bench.until(lambda: bench.node.count_publishers("/cdrj/joint_states") == 2)
+        for _ in range(20):
+            estimator.joint(JOINT.encode(sample_at(3).stamp_ns, position=[0.0]))
+        words = "/cdrj/joint_states is published by /cdrj/estimator_2, /cdrj/estimator_2"
+        assert words in diagnosed(estimator).message
+        other.create_publisher(CableTensions, "/cdrj/tensions", 10)
+        assert bench.until(lambda: bench.node.count_publishers("/cdrj/tensions") == 2)
+        status = diagnosed(estimator)
+    finally:
+        other.destroy_node()
+    assert status.level == status.WARN
+    assert "several estimators: /cdrj/tensions is published by /cdrj/estimator" in status.message
 
 
 def test_a_clock_that_differs_is_a_warning_with_its_size(bench: Bench) -> None:
