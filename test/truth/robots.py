@@ -147,47 +147,6 @@ def platform(seconds: float = 20.0, rate: float = 200.0) -> Scene:
     )
 
 
-def arm(seconds: float = 20.0, rate: float = 200.0) -> Scene:
-    """Two joints, four cables over cylinders and pulleys, two of them carried by the first link."""
-    time = _clock(seconds, rate)
-    joint = np.stack(
-        [
-            waves(time, (0.5, 0.13, 0.0), (0.08, 0.43, 0.4)),
-            waves(time, (0.4, 0.19, 0.7), (0.06, 0.37, 0.0)),
-        ],
-        axis=1,
-    )
-    frames = (
-        Frame("upper", "base", "revolute", "shoulder"),
-        Frame("lower", "upper", "revolute", "elbow", origin=(0.3, 0.0, 0.0), rpy=(0.15, 0.0, 0.0)),
-    )
-    lines, pull = [], {}
-    for k, side in enumerate((1, -1, 1, -1)):
-        motor, z = f"motor_{k + 1}", (0.008, -0.008, 0.022, -0.022)[k]
-        winch = Node("winch", (-0.04, -0.25 * side, z), radius=0.012, axis=(0.0, 0.0, 1.0),
-                     turn=-side, motor=motor, winding=1)  # fmt: skip
-        about = (0.0, 0.0, 1.0)
-        if k < 2:
-            nodes = (
-                winch,
-                Node("cylinder", (0.0, 0.0, 0.0), radius=0.025, axis=about, turn=-side, mu=0.15),
-                Node("anchor", (0.15, 0.01 * side, 0.7 * z), frame="upper"),
-            )
-        else:
-            nodes = (
-                winch,
-                Node("pulley", (0.0, 0.0, z), radius=0.02, axis=about, turn=-side, mu=0.15),
-                Node("cylinder", (0.3, 0.0, 0.0), frame="upper", radius=0.018,
-                     axis=(0.0, -0.15, 1.0), turn=side, mu=0.2),
-                Node("anchor", (0.06, 0.07 * side, 0.8 * z), frame="lower"),
-            )  # fmt: skip
-        lines.append(Line(f"cable_{k + 1}", 1e4, 40.0, nodes))
-        pull[motor] = waves(time, (0.0007 * side, (0.17, 0.17, 0.23, 0.23)[k], 0.0))
-    return Scene(
-        "arm", frames, ("shoulder", "elbow"), tuple(pull), tuple(lines), time, joint, pull, 8.0
-    )
-
-
 def sheath(bend: float = np.radians(157.0), seconds: float = 20.0, rate: float = 250.0) -> Scene:
     """A Bowden sheath behind a pulley, from the motor to a lever."""
     time = _clock(seconds, rate)

@@ -22,8 +22,6 @@ SCENES = {
     "sphere": lambda: robots.sphere(20.0, 100),
     "carriage": lambda: robots.carriage(10.0, 125),
     "platform": lambda: robots.platform(12.0, 100),
-    "arm": lambda: robots.arm(16.0, 50),
-    "sheath_100": lambda: robots.sheath(np.radians(100.0), 9.0, 125),
     "sheath_157": lambda: robots.sheath(np.radians(157.0), 9.0, 125),
 }
 
