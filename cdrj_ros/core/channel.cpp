@@ -170,6 +170,7 @@ void Channel::note_implausible(const Axis& axis, Raw raw) {
     const double angle = unwrap(axis, raw.reading).angle;
     const double since = (raw.stamp_ns - refused_.stamp_ns) * 1e-9;
     const bool near_it = std::abs(angle - refused_.reading) <= axis.max_speed * since;
+    if (near_it && refused_.stamp_ns >= 0 && refused_.stamp_ns < last_ns) steps.note_outlier();
     if (agreeing_ == 0 || !near_it) {
         agreeing_ = 0;
         step_ = angle - last;

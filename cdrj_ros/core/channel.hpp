@@ -101,7 +101,7 @@ public:
     /// Compares a stamp with the last one accepted; this is one of `channels`.
     Timing timing(Nanoseconds stamp_ns, std::span<const Channel> channels);
 
-    /// Records a reading that the axis cannot have reached: a glitch or a step.
+    /// Records a reading that the axis cannot have reached: a glitch, a step, or another publisher's.
     void note_implausible(const Axis& axis, Raw raw);
 
     /// Takes an accepted angle; returns whether it shows a step of the sensor.
@@ -156,9 +156,9 @@ private:
     std::deque<Extrapolation> tested_;  // those that wait for a reading to be compared with
     Turns before_;                  // those before a reset, until the first reading after it
     int stragglers_ = 0;            // readings from before a jump back that arrived after it
-    // Readings refused as implausible one after the other, each plausible after the one before:
+    Raw refused_{-1, 0.0};          // stamp and angle of the last reading refused as implausible
+    // Such readings one after the other, each plausible after the one before:
     std::size_t agreeing_ = 0;      // their number
-    Raw refused_{-1, 0.0};          // stamp and angle of the last one
     double step_ = 0.0;             // from the last accepted reading to the first of them
 };
 

@@ -190,17 +190,20 @@ def test_wrong_readings_are_refused_before_they_are_used(model: Model, course: C
     assert verdict.ratio.size > 0.99 * clean.ratio.size
 
 
-@pytest.mark.parametrize("axis", ["winch", "elbow"])
+@pytest.mark.parametrize(
+    ("axis", "apart"), [("winch", 0.015), ("elbow", 0.015), ("winch", 0.3), ("elbow", 0.1)]
+)
 def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
-    axis: str, model: Model, course: Course
+    axis: str, apart: float, model: Model, course: Course
 ) -> None:
+    """Whether the axis may move as far between two readings, or not."""
     named: list[list[str]] = []
     outputs = run(
-        model, course, Faults(second={axis: 0.015}),
+        model, course, Faults(second={axis: apart}),
         watch=lambda live: named.append(live.conditioner.alternating),
     )  # fmt: skip
     assert named == [[axis]]
-    verdict = judge(course, outputs, 20 * MS, course.duration_ns)
+    verdict = judge(course, outputs, 100 * MS, course.duration_ns)
     assert verdict.ratio.size == 0
 
 

@@ -439,9 +439,10 @@ class Channel:
             self.agreeing = 0
             return
         angle, (at, before) = self.angle_at(reading), self.refused
-        if not (
-            self.agreeing and abs(angle - before) <= self.axis.max_speed * ((stamp - at) * 1e-9)
-        ):
+        near = abs(angle - before) <= self.axis.max_speed * ((stamp - at) * 1e-9)
+        if near and 0 <= at < self.last_ns:
+            self.steps.alternate(True)
+        if not (self.agreeing and near):
             self.agreeing, self.step = 0, angle - self.last
         self.agreeing += 1
         self.refused = stamp, angle
