@@ -93,7 +93,7 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
     }
     drop_held(channel);
     if (newest_.stamp_ns >= 0) channel.lag.take(raw.stamp_ns, newest_);
-    newest_.take(raw.stamp_ns);
+    newest_.take(raw.stamp_ns, axes_.size());
     return judge(k, raw);
 }
 

@@ -11,11 +11,15 @@ constexpr int READINGS = 8;                       // fewest readings in one
 
 }  // namespace
 
-void Newest::take(Nanoseconds of_ns) {
-    if (of_ns <= stamp_ns) return;
-    if (stamp_ns >= 0) passed_ns += std::min(of_ns - stamp_ns, HIDDEN_NS);
-    stamp_ns = of_ns;
-    ++count;
+void Newest::take(Nanoseconds of_ns, std::size_t axes) {
+    if (of_ns < stamp_ns) return;
+    if (of_ns > stamp_ns) {
+        if (stamp_ns >= 0) passed_ns += std::min(of_ns - stamp_ns, HIDDEN_NS);
+        stamp_ns = of_ns;
+        there = 0;
+        ++count;
+    }
+    if (++there == axes) common_ns = stamp_ns;
 }
 
 void Lag::take(Nanoseconds stamp_ns, const Newest& newest) {
@@ -45,7 +49,11 @@ void Lag::take(Nanoseconds stamp_ns, const Newest& newest) {
 
 void Lag::measure_step(const Newest& newest) {
     const std::int64_t grown = newest.count - before_.count;
-    if (grown > 0) step_ns_ = (newest.passed_ns - before_.passed_ns) / grown;
+    if (newest.common_ns >= before_.stamp_ns) {
+        step_ns_ = 0;
+    } else if (grown > 0) {
+        step_ns_ = (newest.passed_ns - before_.passed_ns) / grown;
+    }
 }
 
 }  // namespace cdrj

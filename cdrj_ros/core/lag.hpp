@@ -11,11 +11,13 @@ namespace cdrj {
 
 /// The newest stamp of all axes.
 struct Newest {
-    Nanoseconds stamp_ns = -1;  // -1 before the first reading
-    std::int64_t count = 0;     // how often it has grown
-    Nanoseconds passed_ns = 0;  // in all, by 5 ms at most at a time
+    Nanoseconds stamp_ns = -1;   // -1 before the first reading
+    std::int64_t count = 0;      // how often it has grown
+    Nanoseconds passed_ns = 0;   // in all, by 5 ms at most at a time
+    std::size_t there = 0;       // axes with a reading of this stamp
+    Nanoseconds common_ns = -1;  // the last stamp that readings of all axes had
 
-    void take(Nanoseconds of_ns);
+    void take(Nanoseconds of_ns, std::size_t axes);
 };
 
 /// The least lag within the last window of one axis, and how it grows.
@@ -32,7 +34,8 @@ struct Lag {
 private:
     void measure_step(const Newest& newest);
 
-    Nanoseconds step_ns_ = 0;         // by which newest stamps differ on average, in the last window
+    Nanoseconds step_ns_ = 0;         // by which newest stamps differ on average, in the last window;
+                                      // 0 if all axes shared a stamp in it, as those of one clock do
     Newest before_;                   // at the begin of the window in progress
     Nanoseconds begin_ns_ = -1;       // of the window in progress
     Nanoseconds least_ns_ = EVER_NS;  // in it

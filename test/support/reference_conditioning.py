@@ -237,22 +237,25 @@ class Lag:
     window: list[int] = field(default_factory=list)
     """How far every reading in it is behind."""
     begin_ns: int = -1
-    before: tuple[int, int] = (0, 0)
+    before: tuple[int, int, int] = (0, 0, 0)
     least: int | None = None
     step: int = 0
 
-    def take(self, stamp: int, newest: int, passed: int, grown: int) -> None:
+    def take(self, stamp: int, newest: int, passed: int, grown: int, common: int) -> None:
         if self.begin_ns < 0:
-            self.begin_ns, self.before = stamp, (passed, grown)
+            self.begin_ns, self.before = stamp, (passed, grown, newest)
         self.window.append(max(newest - stamp, 0))
         behind = min(self.window)
         is_over = len(self.window) >= 8 and stamp - self.begin_ns >= 500_000_000
         if self.least is None or is_over:
             times = grown - self.before[1]
-            if times:
+            if common >= self.before[2]:
+                self.step = 0
+            elif times:
                 self.step = (passed - self.before[0]) // times
         if is_over:
-            self.least, self.begin_ns, self.before, self.window = behind, stamp, (passed, grown), []
+            self.least, self.begin_ns, self.window = behind, stamp, []
+            self.before = passed, grown, newest
         elif self.least is not None:
             self.least = min(self.least, self.window[-1])
 
@@ -487,6 +490,7 @@ class Reference:
         self.ahead_ns = self.ahead_from_ns = -1
         self.told: list[tuple[float, ...]] = []
         self.newest_ns, self.passed_ns, self.grown = -1, 0, 0
+        self.common_ns, self.at_newest = -1, 0
 
     def _channel(self, axis: Motor | Joint) -> Channel:
         sensor, tracking = axis.sensor, self.tracking
@@ -588,10 +592,13 @@ class Reference:
             return False
         self._drop_held(channel)
         if self.newest_ns >= 0:
-            channel.lag.take(stamp, self.newest_ns, self.passed_ns, self.grown)
+            channel.lag.take(stamp, self.newest_ns, self.passed_ns, self.grown, self.common_ns)
         if stamp > self.newest_ns:
             self.passed_ns += min(stamp - self.newest_ns, 5_000_000) if self.grown else 0
-            self.newest_ns, self.grown = stamp, self.grown + 1
+            self.newest_ns, self.grown, self.at_newest = stamp, self.grown + 1, 0
+        self.at_newest += stamp == self.newest_ns
+        if self.at_newest == len(self.channels):
+            self.common_ns = stamp
         return self._judge(channel, stamp, reading)
 
     def _judge(self, channel: Channel, stamp: int, reading: float) -> bool:
