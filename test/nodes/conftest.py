@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any, Protocol
 
-import numpy as np
 import pytest
 from support.estimators import Bench
 from support.forked import Forked, end
 
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.commands import simulate
 
 PATIENCE_S = 60.0
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
@@ -137,42 +136,19 @@ def wait_until() -> Callable[[Callable[[], bool], float], bool]:
     return wait
 
 
-def _beginning(path: Path, seconds: int, ends: tuple[str, ...]) -> str:
-    """The inputs of the sample recording, with tensions of the elements that end so."""
-    whole = read_recording(SAMPLE)
-    until = whole.start_ns + seconds * 1_000_000_000
-    with BagWriter(path) as bag:
-        for topic, channels in (
-            (Topics().motors, whole.motors),
-            (Topics().joints, whole.joints),
-        ):
-            for name, series in channels.items():
-                kept = series.stamp_ns < until
-                bag.write_joint_states(
-                    topic, series.stamp_ns[kept], (name,), position=series.value[kept, None]
-                )
-        tensions = {
-            name.removeprefix("tension/"): series
-            for name, series in whole.references.items()
-            if name.startswith("tension/") and name.endswith(ends)
-        }
-        stamps = next(iter(tensions.values())).stamp_ns
-        kept = stamps < until
-        values = np.stack([series.value[kept] for series in tensions.values()], axis=1)
-        bag.write_tensions(Topics().references[0], stamps[kept], list(tensions), values)
-    return str(path)
+def _simulated(folder: Path, seconds: str) -> str:
+    path = str(folder / "bag")
+    assert simulate.main([path, "--robot", "prototype", "--duration", seconds, "--cells", "1"]) == 0
+    return path
 
 
 @pytest.fixture(scope="session")
 def short_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The first four seconds of the sample recording, with tensions as references.
-
-    Drawing those of all elements would take longer than playing them.
-    """
-    return _beginning(tmp_path_factory.mktemp("bags") / "short", 4, ("/1", "/8"))
+    """Four seconds of the rig, with references."""
+    return _simulated(tmp_path_factory.mktemp("short"), "4")
 
 
 @pytest.fixture(scope="session")
 def longer_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
     """As ``short_bag``, of 20 s, to be played for a while."""
-    return _beginning(tmp_path_factory.mktemp("bags") / "longer", 20, ("/1", "/8"))
+    return _simulated(tmp_path_factory.mktemp("longer"), "20")

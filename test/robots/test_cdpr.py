@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import acos, atan2, hypot, pi, sqrt
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import shape_at
 
 RADIUS, DRUM, WINCH = 0.05, 0.0675, 0.5
 """Radii of pulleys and drums, height of the winches [m]."""
@@ -52,8 +54,6 @@ def cable(pulley: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def test_lengths_are_those_of_the_literature() -> None:
-    from cdrj_ros.model.loading import load_model
-
     model = load_model("cdpr")
     generator = np.random.default_rng(0)
     lower = np.array([joint.lower for joint in model.robot.joints])
@@ -65,11 +65,11 @@ def test_lengths_are_those_of_the_literature() -> None:
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_the_preloads_carry_the_platform(variant: Callable, drive: Callable) -> None:
+def test_the_preloads_carry_the_platform() -> None:
     """At the reference pose; the file gives them to 0.1 N."""
-    model = prepare(variant("cdpr", law="none"))
+    model = load_model("cdpr")
     pose = np.array([joint.reference_angle for joint in model.robot.joints])
-    _, estimates = drive(model, np.zeros((3, 8)), np.tile(pose, (3, 1)))
+    _, estimate = step(model, initial_state(model), Sample(1, np.zeros(8), pose))
     force = np.array([0.0, 0.0, MASS * 9.80665])
     expected = [*force, *np.cross(CENTRE, force)]
-    np.testing.assert_allclose(estimates.values[-1, model.layout.joint_effort], expected, atol=0.2)
+    np.testing.assert_allclose(estimate.joint_effort, expected, atol=0.2)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import shape_at
 
 CABLES = ("deep", "superficial", "extensor")
 ELEMENTS = {"deep": slice(0, 5), "superficial": slice(5, 8), "extensor": slice(8, 13)}
@@ -13,8 +14,8 @@ BY_ANGLE = np.array([[-0.008, -0.006], [-0.009, 0.0], [0.010, 0.006]])
 """Length of every cable by mcp and pip [m/rad], read off the radii in the robot file."""
 
 
-def test_a_cable_changes_its_length_by_radius_times_angle(models: dict[str, Model]) -> None:
-    model = models["finger"]
+def test_a_cable_changes_its_length_by_radius_times_angle() -> None:
+    model = load_model("finger")
     start = shape_at(model, np.zeros(2))
     generator = np.random.default_rng(4)
     lower = [joint.lower for joint in model.robot.joints]
@@ -28,6 +29,6 @@ def test_a_cable_changes_its_length_by_radius_times_angle(models: dict[str, Mode
             np.testing.assert_allclose(arms, BY_ANGLE[k], atol=1e-12)
 
 
-def test_the_preloads_balance_both_joints(models: dict[str, Model]) -> None:
-    preload = np.array([cable.preload for cable in models["finger"].robot.cables])
+def test_the_preloads_balance_both_joints() -> None:
+    preload = np.array([cable.preload for cable in load_model("finger").robot.cables])
     np.testing.assert_allclose(-BY_ANGLE.T @ preload, 0.0, atol=1e-12)
