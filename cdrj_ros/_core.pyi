@@ -534,21 +534,13 @@ class Ensemble:
         """Mean squares of these deviations (U1), shape (quantities,)."""
 
 def mark_unsure(
-    estimate: NDArray[np.float64],
-    preload: NDArray[np.float64],
-    stddev: NDArray[np.float64],
-    share: float,
-) -> None:
-    """See ``cdrj_ros.estimation.unsure``."""
-
-def mark_recording(
     estimates: NDArray[np.float64],
     preload: NDArray[np.float64],
     stddev: NDArray[np.float64],
     share: float,
     doubtful: NDArray[np.bool_],
 ) -> None:
-    """See ``cdrj_ros.estimation.unsure``."""
+    """See ``cdrj_ros.estimation.ensemble``."""
 
 class Robot:
     """A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive."""
@@ -671,9 +663,6 @@ MINIMUM_TRANSMISSION: Final[float]
 """Floor of eta: the printed (35) goes below zero for large mu_s / mu_c and wrap angles."""
 BOUND_FLOOR: Final[float]
 """epsilon of (34) [N]: keeps the bound positive on a slack cable."""
-
-def capstan_transmission(mu: float, wrap_angle: float) -> float:
-    """(29)-(32): T_hold / T_pull of a cable sliding over a fixed cylinder."""
 
 def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
     """Share in [0, 1] of static friction that is left at a slip speed: last factor of (33)."""

@@ -33,8 +33,8 @@ CONDITIONING = (
     "test/model",
 )  # fmt: skip
 SOURCES = {
-    "cdrj_ros/core/(angles|cable|cells|drum|frames|friction|guide|laws|motion)": PHYSICS,
-    "cdrj_ros/core/(route|sliding|surface|tangents|tracking|vectors)": PHYSICS,
+    "cdrj_ros/core/(angles|cable|cells|frames|friction|guide|laws|motion)": PHYSICS,
+    "cdrj_ros/core/(route|tangents|tracking|vectors)": PHYSICS,
     "cdrj_ros/core/(channel|conditioner|time_line)": CONDITIONING,
     "cdrj_ros/estimation/(conditioner|innovation_gate|fusion|measurements)": CONDITIONING,
 }

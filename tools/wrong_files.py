@@ -196,7 +196,7 @@ def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
         [len(cable.element_names) for cable in model.robot.cables],
     )
     for values, sigma in zip(estimates.values, stddev, strict=True):
-        mark_unsure(values, preload, sigma, 0.1)
+        mark_unsure(values[None], preload, sigma[None], 0.1)
     error = np.abs(estimates.values[:, model.layout.tension] - true)
     inside = error <= 2.0 * stddev[:, :elements]
     ok = estimates.values[:, model.layout.status] == OK

@@ -23,7 +23,7 @@ from cdrj_ros.commands.identify_uncertainty import (
     uncertainty_section,
 )
 from cdrj_ros.estimation.changes import RestWatch, preloads_of, reference_at
-from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, mark_recording, preload_of_elements
+from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, mark_unsure, preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Series
@@ -240,7 +240,7 @@ def judged(model: Model, known: Uncertainty | None = None) -> Judged:
     assert stddev is not None
     values = found.values
     preload = preload_of_elements(model.robot)
-    mark_recording(values, preload, stddev, UNSURE_SHARE, samples.doubtful)
+    mark_unsure(values, preload, stddev, UNSURE_SHARE, samples.doubtful)
     after = slice(round(KNOWN_FROM * len(values)), None)
     tension = values[after, model.layout.tension]
     status = values[after, tension.shape[1] : 2 * tension.shape[1]]

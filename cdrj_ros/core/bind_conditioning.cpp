@@ -1,6 +1,4 @@
 // Conditioning of readings, as `cdrj_ros.estimation` uses it.
-#include <pybind11/stl.h>
-
 #include <memory>
 #include <string>
 #include <tuple>
@@ -17,11 +15,6 @@ namespace {
 
 using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using Stamps = py::array_t<Nanoseconds, py::array::c_style | py::array::forcecast>;
-
-template <typename T>
-std::span<const T> span_of(const py::array_t<T, py::array::c_style | py::array::forcecast>& array) {
-    return {array.data(), static_cast<std::size_t>(array.size())};
-}
 
 /// An array that owns the memory of a vector.
 template <typename T>
@@ -53,7 +46,7 @@ std::vector<Conditioner::Target> targets_of(
 
 std::vector<double> numbers_of(const py::sequence& positions) {
     if (Numbers::check_(positions)) {
-        const auto numbers = span_of<double>(py::reinterpret_borrow<Numbers>(positions));
+        const auto numbers = span_of(py::reinterpret_borrow<Numbers>(positions));
         return {numbers.begin(), numbers.end()};
     }
     std::vector<double> numbers;
@@ -169,7 +162,7 @@ void expect(Conditioner& conditioner, const Numbers& angles, Nanoseconds stamp_n
     if (static_cast<std::size_t>(angles.size()) != conditioner.axes().size()) {
         throw py::value_error("one angle per axis is needed");
     }
-    conditioner.expect(span_of<double>(angles), stamp_ns);
+    conditioner.expect(span_of(angles), stamp_ns);
 }
 
 py::tuple tuple_of(Samples&& samples, std::size_t motors, std::size_t joints) {
@@ -225,8 +218,8 @@ private:
                 throw py::value_error("a series needs as many stamps and arrivals as values");
             }
             found.push_back(
-                {conditioner_.find(topic, name), span_of<Nanoseconds>(stamp_ns),
-                 span_of<Nanoseconds>(arrival_ns), span_of<double>(value)});
+                {conditioner_.find(topic, name), span_of(stamp_ns),
+                 span_of(arrival_ns), span_of(value)});
         }
         return found;
     }
@@ -238,7 +231,7 @@ private:
 };
 
 py::array_t<double> angles_of_array(const Axis& axis, const Numbers& readings) {
-    std::vector<double> angles = angles_of(axis, span_of<double>(readings));
+    std::vector<double> angles = angles_of(axis, span_of(readings));
     const auto n = static_cast<py::ssize_t>(angles.size());
     return array_of(std::move(angles), {n});
 }

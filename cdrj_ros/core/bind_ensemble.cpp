@@ -1,17 +1,15 @@
-// The ensemble behind the standard deviations, as `cdrj_ros.estimation` uses it.
-#include <pybind11/numpy.h>
-
+// The ensemble behind the standard deviations, and joints without encoder, as `cdrj_ros.estimation`
+// uses them.
 #include <algorithm>
 #include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "arrays.hpp"
 #include "bind.hpp"
-#include "bind_robot.hpp"
+#include "encoderless.hpp"
 #include "ensemble.hpp"
-#include "unsure.hpp"
+#include "report.hpp"
 
 namespace py = pybind11;
 
@@ -231,17 +229,7 @@ bool advance(
         k, span_of(motor_angle), span_of(joint_angle), dt, out.mutable_data());
 }
 
-void mark_one_unsure(
-    Vector& estimate, const Given& preload, const Given& stddev, double share) {
-    require(
-        estimate.size() >= 2 * preload.size() && stddev.size() >= preload.size(),
-        "an estimate or its standard deviations have too few elements");
-    mark_unsure(
-        {estimate.mutable_data(), static_cast<std::size_t>(estimate.size())}, span_of(preload),
-        span_of(stddev), share);
-}
-
-void mark_recording(
+void mark_estimates(
     Matrix& estimates, const Given& preload, const Given& stddev, double share,
     const GivenFlags& doubtful) {
     require(estimates.ndim() == 2 && stddev.ndim() == 2, "estimates and stddev are not tables");
@@ -264,6 +252,64 @@ void mark_recording(
         }
         return true;
     });
+}
+
+/// Samples between two looks at Ctrl-C; each takes long.
+constexpr py::ssize_t FEW = 256;
+
+void run_encoderless(
+    EncoderlessEstimator& estimator, const Stamps& stamp_ns, const Matrix& motor_angle,
+    const Matrix& measured_angle, const Matrix& effort, Matrix& estimates, Matrix& stddevs,
+    Matrix& angles, Matrix& angle_stddevs) {
+    const Sizes& sizes = estimator.ensemble().robot().topology.sizes;
+    const py::ssize_t samples = stamp_ns.size();
+    const auto fits = [samples](const Matrix& one, std::size_t width) {
+        return one.shape(0) == samples && one.shape(1) == py::ssize_t(width);
+    };
+    require(
+        fits(motor_angle, sizes.motors) && fits(effort, sizes.motors) &&
+            fits(measured_angle, estimator.measured_joints()),
+        "the readings have not the shapes of this robot's");
+    require(
+        fits(estimates, Estimate::size(sizes)) && fits(stddevs, estimator.ensemble().quantities.size()) &&
+            fits(angles, estimator.joints()) && fits(angle_stddevs, estimator.joints()),
+        "the results have not the shapes of this robot's");
+    const auto take = [&](py::ssize_t k) {
+        estimator.take(
+            {stamp_ns.data()[k], row_of(motor_angle, k), row_of(measured_angle, k),
+             row_of(effort, k)},
+            {written_row(estimates, k), written_row(stddevs, k), written_row(angles, k),
+             written_row(angle_stddevs, k)});
+        return true;
+    };
+    for_samples(samples, take, FEW);
+}
+
+void bind_encoderless(py::module_& core) {
+    py::class_<EncoderlessJoint>(core, "EncoderlessJoint", "A joint without encoder.")
+        .def(
+            py::init([](Index joint, double lower, double upper, double start, double load_drift) {
+                return EncoderlessJoint{joint, lower, upper, start, load_drift};
+            }),
+            py::kw_only(), py::arg("joint"), py::arg("lower"), py::arg("upper"), py::arg("start"),
+            py::arg("load_drift"));
+    py::class_<EncoderlessEstimator>(
+        core, "EncoderlessEstimator", "The estimate of a robot with joints without encoder.")
+        .def(
+            py::init<Ensemble&, std::vector<EncoderlessJoint>, std::vector<double>>(),
+            py::kw_only(), py::arg("ensemble"), py::arg("joints"), py::arg("effort_noise"),
+            py::keep_alive<1, 2>())
+        .def(
+            "run", run_encoderless, py::arg("stamp_ns").noconvert(), py::arg("motor_angle").noconvert(),
+            py::arg("measured_angle").noconvert(), py::arg("effort").noconvert(),
+            py::arg("estimates").noconvert(), py::arg("stddevs").noconvert(),
+            py::arg("angles").noconvert(), py::arg("angle_stddevs").noconvert())
+        .def("reset", &EncoderlessEstimator::reset)
+        .def("keep", &EncoderlessEstimator::keep)
+        .def("roll_back", &EncoderlessEstimator::roll_back)
+        .def_property_readonly("state", [](const EncoderlessEstimator& estimator) {
+            return copy_of(estimator.state());
+        });
 }
 
 }  // namespace
@@ -325,13 +371,11 @@ void bind_ensemble(py::module_& core) {
         .def_property_readonly("progress", view_of_progress);
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_one_unsure, array("estimate"), py::arg("preload"), py::arg("stddev"),
-        py::arg("share"),
-        "Set ``UNSURE`` where the standard deviation is too large for tension and preload.");
-    core.def(
-        "mark_recording", mark_recording, array("estimates"), py::arg("preload"), py::arg("stddev"),
+        "mark_unsure", mark_estimates, array("estimates"), py::arg("preload"), py::arg("stddev"),
         py::arg("share"), py::arg("doubtful"),
-        "``mark_unsure`` for every estimate of a recording, and everywhere where it is doubtful.");
+        "Set ``UNSURE`` where the standard deviation is too large for tension and preload, and on all\n"
+        "elements where an estimate is doubtful.");
+    bind_encoderless(core);
 }
 
 }  // namespace cdrj

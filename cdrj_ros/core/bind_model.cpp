@@ -1,20 +1,15 @@
-// The module `cdrj_ros._core`, the laws of a cable, each by itself, and a robot and its samples, as
-// `cdrj_ros.model` and `cdrj_ros.estimation` use them.
-#include <pybind11/numpy.h>
-
+// The module `cdrj_ros._core`: the laws of a cable, each by itself, the records, and a robot and its
+// samples, as `cdrj_ros.model` and `cdrj_ros.estimation` use them.
 #include <algorithm>
 #include <vector>
 
-#include "arrays.hpp"
 #include "bind.hpp"
-#include "bind_robot.hpp"
 #include "cable.hpp"
-#include "drum.hpp"
 #include "friction.hpp"
 #include "friction_law.hpp"
 #include "guide.hpp"
 #include "laws.hpp"
-#include "robot.hpp"
+#include "state_records.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -33,7 +28,6 @@ void bind_friction(py::module_& core) {
     bind_kinds<Stribeck>(core, "Stribeck", STRIBECK_NAMES);
     core.attr("MINIMUM_TRANSMISSION") = MINIMUM_TRANSMISSION;
     core.attr("BOUND_FLOOR") = BOUND_FLOOR;
-    core.def("capstan_transmission", capstan_transmission, "mu"_a, "wrap_angle"_a);
     core.def("stribeck_share", stribeck_share, "slip_speed"_a, "stribeck_speed"_a);
     core.def(
         "sliding_loss",
@@ -106,6 +100,80 @@ void bind_cable(py::module_& core) {
             return tension_of(elasticity_of(elastic), length, material);
         },
         "elastic"_a, "length"_a, "material"_a);
+}
+
+/// The records as structured types of NumPy, by their names: `Contact`, `PulleyConstants`.
+void bind_records(py::module_& core) {
+    PYBIND11_NUMPY_DTYPE(Vector3, x, y, z);
+    PYBIND11_NUMPY_DTYPE(Matrix3, row);
+    PYBIND11_NUMPY_DTYPE(
+        CableTopology, first_element, elements, first_pulley, pulleys, first_contact, contacts,
+        first_node, law, routed);
+    PYBIND11_NUMPY_DTYPE(EndTopology, motor, drum);
+    PYBIND11_NUMPY_DTYPE(
+        PulleyTopology, element, first_contact, cells, surface, wrap_changes, stribeck);
+    PYBIND11_NUMPY_DTYPE(TermTopology, adds_to_wrap, target, joint);
+    PYBIND11_NUMPY_DTYPE(FrameTopology, parent, motion, joint);
+    PYBIND11_NUMPY_DTYPE(NodeTopology, kind, frame, exit_frame);
+    PYBIND11_NUMPY_DTYPE(
+        CableConstants, axial_stiffness, bedding_strain, bedding_tension, creep_share, creep_time,
+        flow_time, preload, maximum_tension, wound_tension, slack_tension);
+    PYBIND11_NUMPY_DTYPE(EndConstants, radius, winding);
+    PYBIND11_NUMPY_DTYPE(
+        PulleyConstants, radius, rho, mu_c, mu_s, stribeck_speed, stribeck_lag, bearing_ratio, drag,
+        bristle_stiffness, bristle_damping, viscous, breakaway, wrap, moved_after, cell_width,
+        kinetic_loss, static_loss, half_sine, half_cosine);
+    PYBIND11_NUMPY_DTYPE(ElementConstants, span);
+    PYBIND11_NUMPY_DTYPE(SegmentConstants, material);
+    PYBIND11_NUMPY_DTYPE(MotorConstants, reference_angle);
+    PYBIND11_NUMPY_DTYPE(JointConstants, lower, interval);
+    PYBIND11_NUMPY_DTYPE(
+        AxisConstants, effort_sign, bearing_torque, bearing_stiffness, spring_stiffness, spring_rest);
+    PYBIND11_NUMPY_DTYPE(Cubic, c0, c1, c2, c3);
+    PYBIND11_NUMPY_DTYPE(
+        FrameConstants, origin, rotation, axis, rolling_radius, multiplier, offset);
+    PYBIND11_NUMPY_DTYPE(
+        NodeConstants, centre, basis, exit, sided, ignored_inside, radius, turn, inside, turns,
+        lead, reel, length, arc_reference, turn_reference);
+    PYBIND11_NUMPY_DTYPE(Drum, points, spacing, rate_below, angle, material);
+    PYBIND11_NUMPY_DTYPE(ArcMiddle, normal, tangent, height);
+    PYBIND11_NUMPY_DTYPE(Segment, length_before, length, material_before, material, tension);
+    PYBIND11_NUMPY_DTYPE(
+        Contact, share, stiffness, damping, viscous, drag, breakaway, shift, flux, bristle_before,
+        bristle, loss, static_share, bound, trial, step, residual, by_slip, by_pull, upper);
+    PYBIND11_NUMPY_DTYPE(Pose, rotation, origin);
+    PYBIND11_NUMPY_DTYPE(Twist, angular, linear);
+    PYBIND11_NUMPY_DTYPE(
+        Touch, centre, basis, entry, exit, before, after, side, normal, entry_normal, exit_normal,
+        before_length, after_length, sense, touching, angle, wrap, arc, share, twisted, wound,
+        lever);
+
+    py::dict records;
+    records["CableTopology"] = py::dtype::of<CableTopology>();
+    records["EndTopology"] = py::dtype::of<EndTopology>();
+    records["PulleyTopology"] = py::dtype::of<PulleyTopology>();
+    records["TermTopology"] = py::dtype::of<TermTopology>();
+    records["FrameTopology"] = py::dtype::of<FrameTopology>();
+    records["NodeTopology"] = py::dtype::of<NodeTopology>();
+    records["CableConstants"] = py::dtype::of<CableConstants>();
+    records["EndConstants"] = py::dtype::of<EndConstants>();
+    records["PulleyConstants"] = py::dtype::of<PulleyConstants>();
+    records["ElementConstants"] = py::dtype::of<ElementConstants>();
+    records["SegmentConstants"] = py::dtype::of<SegmentConstants>();
+    records["MotorConstants"] = py::dtype::of<MotorConstants>();
+    records["JointConstants"] = py::dtype::of<JointConstants>();
+    records["AxisConstants"] = py::dtype::of<AxisConstants>();
+    records["Cubic"] = py::dtype::of<Cubic>();
+    records["FrameConstants"] = py::dtype::of<FrameConstants>();
+    records["NodeConstants"] = py::dtype::of<NodeConstants>();
+    records["Drum"] = py::dtype::of<Drum>();
+    records["ArcMiddle"] = py::dtype::of<ArcMiddle>();
+    records["Segment"] = py::dtype::of<Segment>();
+    records["Contact"] = py::dtype::of<Contact>();
+    records["Pose"] = py::dtype::of<Pose>();
+    records["Twist"] = py::dtype::of<Twist>();
+    records["Touch"] = py::dtype::of<Touch>();
+    core.attr("RECORDS") = records;
 }
 
 bool step(
@@ -280,5 +348,4 @@ PYBIND11_MODULE(_core, core) {
     cdrj::bind_cable(core);
     cdrj::bind_robot(core);
     cdrj::bind_simulation(core);
-    cdrj::bind_encoderless(core);
 }

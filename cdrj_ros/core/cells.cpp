@@ -130,4 +130,212 @@ void friction_losses(
     }
 }
 
+namespace {
+
+/// Places between which an arc, or its part on a cell, lies [m].
+struct Stretch {
+    double begin, end;
+};
+
+Stretch arc_of(const State& state, Index p, Index surface) {
+    const double half = 0.5 * state.covered[surface];
+    return {state.track[p] - half, state.track[p] + half};
+}
+
+/// The part of an arc on a cell; the last one at hand takes the rest of the arc.
+Stretch part_on(Index cell, Index last, double width, const Stretch& arc) {
+    const double from = static_cast<double>(cell) * width;
+    const double to = static_cast<double>(cell + 1) * width;
+    return {std::max(arc.begin, from), cell == last ? arc.end : std::min(arc.end, to)};
+}
+
+/// A row of cells, seen from the end at which some leave.
+struct Row {
+    State& state;
+    Index contact, segment;  // the outermost ones where cells leave
+    Index way;               // +1 where this is the beginning of the row, otherwise -1
+    Index cells;
+
+    /// Join the segments between the `count` cells that leave; the others move up.
+    void leave(Index count) {
+        double length = 0.0, material = 0.0, delayed = 0.0;
+        for (Index i = 0; i <= count; ++i) {
+            const Index e = segment + way * i;
+            length += state.length[e];
+            material += state.material[e];
+            delayed += state.material[e] * state.delayed[e];
+        }
+        state.length[segment] = length;
+        state.material[segment] = material;
+        state.delayed[segment] = delayed / material;
+        for (Index i = 1; i <= cells - count; ++i) {
+            const Index e = segment + way * i, source = segment + way * (i + count);
+            state.length[e] = state.length[source];
+            state.material[e] = state.material[source];
+            state.delayed[e] = state.delayed[source];
+        }
+        for (Index i = 0; i < cells - count; ++i) {
+            const Index q = contact + way * i, source = contact + way * (i + count);
+            state.place[q] = state.place[source];
+            state.bristle[q] = state.bristle[source];
+            state.slip_speed[q] = state.slip_speed[source];
+            state.lagged_speed[q] = state.lagged_speed[source];
+        }
+    }
+
+    /// Divide a segment into `count` pieces and the rest; returns the length of a piece [m].
+    ///
+    /// No material is lost, and each piece has the strain of the whole.
+    double divide(Index from, Index count, double width) {
+        const double length = state.length[from], material = state.material[from];
+        const double delayed = state.delayed[from];
+        const double piece = std::min(width, 0.5 * length / static_cast<double>(count + 1));
+        const double content = material * (piece / length);
+        for (Index i = 0; i < count; ++i) {
+            const Index e = from + way * i;
+            state.length[e] = piece;
+            state.material[e] = content;
+            state.delayed[e] = delayed;
+        }
+        const Index beyond = from + way * count;
+        state.length[beyond] = length - static_cast<double>(count) * piece;
+        state.material[beyond] = material - static_cast<double>(count) * content;
+        state.delayed[beyond] = delayed;
+        return piece;
+    }
+
+    /// Let `count` cells leave here, and as many without history enter at the other end.
+    ///
+    /// `edge`: place of the arc's other end, for new cells if all leave [m].
+    void exchange(Index count, double width, double edge) {
+        const Index rest = cells - count;
+        leave(count);
+        double place = edge, slip_speed = 0.0, lagged_speed = 0.0;
+        if (rest > 0) {  // the cable slides on new cells as on their neighbour
+            const Index q = contact + way * (rest - 1);
+            place = state.place[q];
+            slip_speed = state.slip_speed[q];
+            lagged_speed = state.lagged_speed[q];
+        }
+        const double piece = divide(segment + way * rest, count, width);
+        for (Index i = rest; i < cells; ++i) {
+            const Index q = contact + way * i;
+            place += static_cast<double>(way) * piece;
+            state.place[q] = place;
+            state.bristle[q] = 0.0;
+            state.slip_speed[q] = slip_speed;
+            state.lagged_speed[q] = lagged_speed;
+        }
+    }
+};
+
+Index cell_at(double place, double width) { return static_cast<Index>(std::floor(place / width)); }
+
+/// Let the row of a pulley begin with the cell that now holds the arc's beginning.
+///
+/// `history`: the state before by the cells at hand before, afterwards by those now.
+void move_row(
+    const Topology& topology, const Constants& constants, Index c, Index p, State& history,
+    const State& after) {
+    const PulleyTopology& own = topology.pulleys[p];
+    const double width = constants.pulleys[p].cell_width;
+    const Index cells = own.cells, contact = own.first_contact;
+    const Stretch old_arc = arc_of(history, p, own.surface), arc = arc_of(after, p, own.surface);
+    const Index old_first = cell_at(old_arc.begin, width), first = cell_at(arc.begin, width);
+    if (first > old_first) {
+        Row row{history, contact, contact + c, 1, cells};
+        row.exchange(std::min(first - old_first, cells), width, old_arc.end);
+    } else if (first < old_first) {
+        Row row{history, contact + cells - 1, contact + cells + c, -1, cells};
+        row.exchange(std::min(old_first - first, cells), width, old_arc.begin);
+    }
+    // a cell keeps the bristles of that part of it that stays covered
+    for (Index i = 0; i < cells; ++i) {
+        const Stretch was = part_on(first + i, old_first + cells - 1, width, old_arc);
+        const Stretch is = part_on(first + i, first + cells - 1, width, arc);
+        const double whole = was.end - was.begin;
+        const double stays = std::min(was.end, is.end) - std::max(was.begin, is.begin);
+        const double share = whole > 0.0 && stays > 0.0 ? std::min(stays / whole, 1.0) : 0.0;
+        history.bristle[contact + i] *= share;
+    }
+}
+
+/// Length of the free span after a pulley [m].
+double room_after(const Topology& topology, Index c, Index p, const Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    double room = work.element_length[topology.pulleys[p].element + 1] - 0.5 * work.arc[p];
+    if (p + 1 < cable.first_pulley + cable.pulleys) room -= 0.5 * work.arc[p + 1];
+    return std::max(room, 0.0);
+}
+
+/// Constants, places and shifts (E25) of a pulley's cells, and the lengths of the segments.
+///
+/// The contact of a cell lies in the middle of its covered part.
+void place_row(
+    const Topology& topology, const Constants& constants, Index c, Index p, const State& history,
+    State& after, Workspace& work) {
+    const PulleyTopology& own = topology.pulleys[p];
+    const PulleyConstants& pulley = constants.pulleys[p];
+    const Index cells = own.cells;
+    const double width = pulley.cell_width, arc = work.arc[p], track = after.track[p];
+    const Stretch covered = arc_of(after, p, own.surface);
+    const Index first = cell_at(covered.begin, width);
+    const double spacing =
+        std::min(width, 0.5 * room_after(topology, c, p, work) / static_cast<double>(cells));
+    const bool started = *history.started != 0.0;
+    double beyond = covered.end, place_before = 0.0;
+    for (Index i = 0; i < cells; ++i) {
+        const Index q = own.first_contact + i;
+        const Stretch part = part_on(first + i, first + cells - 1, width, covered);
+        Contact& contact = work.contacts[q];
+        double place;
+        if (part.end > part.begin) {
+            share_out(contact, pulley, (part.end - part.begin) / arc);
+            place = 0.5 * (part.begin + part.end);
+        } else {
+            share_out(contact, pulley, 0.0);
+            beyond += spacing;
+            place = beyond;
+        }
+        if (i > 0) {
+            place = std::max(place, place_before + SHORTEST_SEGMENT);
+            work.segments[q + c].length = place - place_before;
+        }
+        after.place[q] = place;
+        place_before = place;
+        contact.shift = 0.0;
+        if (started && place != history.place[q]) {
+            contact.shift = (place - history.place[q]) / history.stretch_at(q, c);
+        }
+    }
+    // an element ends in the middle of the arc
+    const double outer = middle_to_outer(arc, cells);
+    work.segments[own.first_contact + c].length +=
+        after.place[own.first_contact] - track + outer;
+    work.segments[own.first_contact + cells + c].length -= place_before - track - outer;
+}
+
+}  // namespace
+
+void cover_surfaces(
+    const Topology& topology, const Constants& constants, const double* before, State& after,
+    Workspace& work) {
+    const State state(topology.sizes, const_cast<double*>(before));
+    std::copy_n(before, State::size(topology.sizes), work.history);
+    State history(topology.sizes, work.history);
+    const bool started = *state.started != 0.0;
+    for (Index c = 0; c < topology.sizes.cables; ++c) {
+        const CableTopology& cable = topology.cables[c];
+        for (Index k = 0; k < cable.pulleys; ++k) {
+            const Index p = cable.first_pulley + k, surface = topology.pulleys[p].surface;
+            if (surface < 0) continue;
+            follow_arc(topology, constants, c, k, state, after, work);
+            if (started && touches_anew(cable, k, state, work)) work.wrap[p] = 0.0;
+            after.covered[surface] = work.arc[p];
+            if (started) move_row(topology, constants, c, p, history, after);
+            place_row(topology, constants, c, p, history, after, work);
+        }
+    }
+}
+
 }  // namespace cdrj

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <vector>
 
-#include "drum.hpp"
+#include "cable.hpp"
 #include "friction_law.hpp"
 #include "laws.hpp"
 #include "robot.hpp"

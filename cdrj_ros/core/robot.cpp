@@ -5,11 +5,9 @@
 
 #include "cable.hpp"
 #include "cells.hpp"
-#include "drum.hpp"
 #include "frames.hpp"
 #include "report.hpp"
 #include "route.hpp"
-#include "surface.hpp"
 
 namespace cdrj {
 namespace {

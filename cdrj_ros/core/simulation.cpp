@@ -102,7 +102,7 @@ Outcome FreeJoint::step(
 }
 
 double BalancedJoint::imbalance(
-    Trials& trials, const Plan& plan, const Sample& sample, Index at, double drive_at,
+    Trials& trials, const Plan& plan, const Interval& sample, Index at, double drive_at,
     Angles& angles) const {
     for (std::size_t m = 0; m < direction.size(); ++m) {
         angles.motors[m] = plan.motors(at, static_cast<Index>(m)) + direction[m] * drive_at;
@@ -115,7 +115,7 @@ double BalancedJoint::imbalance(
 /// Bracket, then regula falsi (Illinois). Just after a reversal, friction makes the joint's effort a
 /// very flat function of the winch angle, so the bracket is widened geometrically.
 Outcome BalancedJoint::step(
-    Trials& trials, const Plan& plan, const Sample& sample, Index& phase, Index following,
+    Trials& trials, const Plan& plan, const Interval& sample, Index& phase, Index following,
     Angles& angles) {
     const double dt = sample.dt;
     const auto tried = [&](double at) {
@@ -168,7 +168,7 @@ Outcome BalancedJoint::step(
 }
 
 Outcome Stepper::step(
-    const Plan& plan, const Sample& sample, std::span<double> motors, std::span<double> pose,
+    const Plan& plan, const Interval& sample, std::span<double> motors, std::span<double> pose,
     std::span<double> estimate) {
     const Index last = static_cast<Index>(plan.torque.size()) - 1;
     const Index following = sample.dt > 0.0 ? std::min(phase + 1, last) : phase;

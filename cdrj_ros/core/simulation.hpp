@@ -43,7 +43,7 @@ struct Plan {
 };
 
 /// One sample: time since the one before, and the faults in it.
-struct Sample {
+struct Interval {
     double dt;                       // [s]
     std::span<const double> offset;  // of the motors by faults [rad]
     bool happening;                  // whether a fault happens
@@ -117,12 +117,12 @@ struct BalancedJoint {
 
     /// One sample from `phase`, which it advances to `following` unless the joint waits.
     Outcome step(
-        Trials& trials, const Plan& plan, const Sample& sample, Index& phase, Index following,
+        Trials& trials, const Plan& plan, const Interval& sample, Index& phase, Index following,
         Angles& angles);
 
     /// Torque of the cables less the wanted one with a drive, in phase `at` [N m].
     double imbalance(
-        Trials& trials, const Plan& plan, const Sample& sample, Index at, double drive_at,
+        Trials& trials, const Plan& plan, const Interval& sample, Index at, double drive_at,
         Angles& angles) const;
 };
 
@@ -136,7 +136,7 @@ public:
 
     /// Take the next sample; `angles` and `estimate` are written, the state is kept if it is done.
     Outcome step(
-        const Plan& plan, const Sample& sample, std::span<double> motors, std::span<double> pose,
+        const Plan& plan, const Interval& sample, std::span<double> motors, std::span<double> pose,
         std::span<double> estimate);
 
     Trials trials;

@@ -26,7 +26,7 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
 from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import NO_DOUBTS, Sample, Samples
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
@@ -300,18 +300,6 @@ def preload_of_elements(robot: Robot) -> Vector:
     )
 
 
-def mark_unsure(values: Vector, preload: Vector, stddev: Vector, share: float) -> None:
-    """Set ``UNSURE`` where the standard deviation is too large for tension and preload.
-
-    Args:
-        values: an estimate (tensions, then status of all elements, then the rest); changed.
-        preload: see ``preload_of_elements`` [N].
-        stddev: of the tensions, then the rest [N].
-        share: see ``UNSURE_SHARE``.
-    """
-    _core.mark_unsure(values, preload, stddev, share)
-
-
 def mark_elements_unsure(values: Vector, which: NDArray[np.bool_]) -> None:
     """Set ``UNSURE`` on some elements of an estimate, unless they are ``INVALID``.
 
@@ -324,16 +312,21 @@ def mark_elements_unsure(values: Vector, which: NDArray[np.bool_]) -> None:
     status[:] = np.where(which & (flags & INVALID == 0), flags | UNSURE, flags)
 
 
-def mark_recording(
-    values: Table, preload: Vector, stddev: Table, share: float, doubtful: NDArray[np.bool_]
+def mark_unsure(
+    values: Table,
+    preload: Vector,
+    stddev: Table,
+    share: float,
+    doubtful: NDArray[np.bool_] = NO_DOUBTS,
 ) -> None:
-    """``mark_unsure`` for all estimates of a recording, and everywhere where it is doubtful.
+    """Set ``UNSURE`` where standard deviations are too large for tension and preload, or in doubt.
 
     Args:
-        values: estimates, shape (n, size); changed.
-        preload: see ``mark_unsure``.
-        stddev: shape (n, columns), or (0, 0) where none is known.
-        share: see ``mark_unsure``.
+        values: estimates (tensions, then status of all elements, then the rest), shape (n, size);
+            changed.
+        preload: see ``preload_of_elements`` [N].
+        stddev: of the tensions, then the rest [N], shape (n, columns), or (0, 0) for none known.
+        share: see ``UNSURE_SHARE``.
         doubtful: see ``Samples.doubtful``, shape (n,) or (0,).
     """
-    _core.mark_recording(values, preload, stddev, share, doubtful)
+    _core.mark_unsure(values, preload, stddev, share, doubtful)

@@ -12,7 +12,7 @@ from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
     Ensemble,
-    mark_recording,
+    mark_unsure,
     preload_of_elements,
     stddev_columns,
 )
@@ -66,7 +66,7 @@ def _pieces(model: Model, samples: Samples, spread: bool) -> Iterator[Estimates]
     for piece, estimates in _ahead(_estimated(model, samples)):
         found = estimates if ensemble is None else ensemble.follow(piece, estimates)
         stddev = UNKNOWN if found.stddev is None else found.stddev
-        mark_recording(found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        mark_unsure(found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield found
 
 
@@ -102,7 +102,7 @@ def _pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Itera
         piece = samples.part(slice(begin, begin + AT_ONCE))
         estimates = alone.run(piece, efforts[begin : begin + AT_ONCE])
         stddev = UNKNOWN if estimates.stddev is None else estimates.stddev
-        mark_recording(estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        mark_unsure(estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield estimates
 
 

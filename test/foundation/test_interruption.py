@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.ensemble import mark_recording
+from cdrj_ros.estimation.ensemble import mark_unsure
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 from cdrj_ros.model.state import UNSURE
 
@@ -133,7 +133,7 @@ def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
     signal.setitimer(signal.ITIMER_REAL, 1e-3)
     try:
         with pytest.raises(InterruptedError):
-            mark_recording(values, preload, nothing, 0.5, doubtful)
+            mark_unsure(values, preload, nothing, 0.5, doubtful)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

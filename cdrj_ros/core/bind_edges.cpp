@@ -1,11 +1,11 @@
-// The simulated rig's stepper, as `cdrj_ros.simulation` uses it.
-#include <pybind11/numpy.h>
-
+// What lies at the edges of an estimator: messages that come and go, as nodes and `cdrj_ros.recordings` use
+// them, and the stepper of the simulated rig.
 #include <algorithm>
+#include <string>
+#include <vector>
 
-#include "arrays.hpp"
 #include "bind.hpp"
-#include "bind_robot.hpp"
+#include "messages.hpp"
 #include "simulation.hpp"
 
 namespace py = pybind11;
@@ -14,20 +14,49 @@ using namespace py::literals;
 namespace cdrj {
 namespace {
 
-using Flags = py::array_t<bool, py::array::c_style>;
-
-/// Row `k` of a table, to be written.
-std::span<double> written_row(Matrix& table, py::ssize_t k) {
-    return {begin_of_row(table, k), std::size_t(table.shape(1))};
+py::tuple names_of(const JointStateDecoder& decoder) {
+    const std::vector<std::string>& names = decoder.last().names;
+    py::tuple found(names.size());
+    for (std::size_t i = 0; i < names.size(); ++i) found[i] = py::str(names[i]);
+    return found;
 }
+
+using Numbers = std::vector<std::array<std::size_t, 3>>;
+
+std::vector<CopiedNumbers> copied(const Numbers& numbers) {
+    std::vector<CopiedNumbers> found;
+    for (const auto& [offset, first, count] : numbers) found.push_back({offset, first, count});
+    return found;
+}
+
+MessageEncoder encoder_of(
+    const py::bytes& blank, const Numbers& values, const Numbers& stddevs, const Numbers& flags) {
+    MessageContent content{copied(values), copied(stddevs), {}};
+    for (const auto& [offset, before, after] : flags) {
+        content.flags.push_back({offset, before, after});
+    }
+    return {std::string(blank), std::move(content)};
+}
+
+py::bytes encode(
+    MessageEncoder& encoder, Nanoseconds stamp_ns, const py::object& values,
+    const py::object& stddevs) {
+    const Given value = quickly(values), stddev = quickly(stddevs);
+    require(
+        stamp_ns >= 0 && stamp_ns < END_OF_TIME_NS,
+        "the stamp does not fit a ROS header");
+    require(
+        encoder.takes(
+            static_cast<std::size_t>(value.size()), static_cast<std::size_t>(stddev.size())),
+        "the message needs more values or standard deviations");
+    return encoder.encode(stamp_ns, span_of(value), span_of(stddev));
+}
+
+using Flags = py::array_t<bool, py::array::c_style>;
 
 void require_rows(const py::array& table, py::ssize_t rows, Index columns, const char* name) {
     if (table.ndim() == 2 && table.shape(0) == rows && table.shape(1) == columns) return;
     throw py::value_error(std::string(name) + " has not the shape of this robot's");
-}
-
-Vector array_of(std::span<const double> values) {
-    return Vector(py::ssize_t(values.size()), values.data());
 }
 
 /// A stepper with the robot that it refers to; see `_core.pyi`.
@@ -91,7 +120,7 @@ public:
             {const_cast<double*>(joints.data()), sizes.joints}, span_of(torque)};
         Outcome outcome{true, 0.0};
         const py::ssize_t done = for_samples(samples, [&](py::ssize_t k) {
-            const Sample sample{dt.data()[k], row_of(offset, k), happening.data()[k]};
+            const Interval sample{dt.data()[k], row_of(offset, k), happening.data()[k]};
             outcome = stepper_.step(
                 plan, sample, written_row(motors_out, k), written_row(joints_out, k),
                 written_row(estimates, k));
@@ -101,7 +130,7 @@ public:
         return py::make_tuple(done, outcome.asked);
     }
 
-    Vector state() const { return array_of(stepper_.trials.state); }
+    Vector state() const { return copy_of(stepper_.trials.state); }
 
     void set_state(const Given& given) {
         require(
@@ -112,7 +141,7 @@ public:
 
     Vector swing() const {
         const Swing& now = stepper_.swing;
-        return array_of(std::array{now.angle, now.speed, now.acceleration, now.torque});
+        return copy_of(std::array{now.angle, now.speed, now.acceleration, now.torque});
     }
 
     void set_swing(const std::array<double, 4>& given) {
@@ -134,6 +163,30 @@ private:
 };
 
 }  // namespace
+
+void bind_messages(py::module_& core) {
+    py::class_<JointStateDecoder>(core, "JointStateDecoder")
+        .def(py::init<bool>(), "efforts"_a = false)
+        .def(
+            "decode",
+            [](JointStateDecoder& decoder, const py::bytes& payload) {
+                return decoder.decode(std::string_view(payload));
+            },
+            "payload"_a)
+        .def_property_readonly(
+            "stamp_ns", [](const JointStateDecoder& d) { return d.last().stamp_ns; })
+        .def_property_readonly("names", &names_of)
+        .def_property_readonly(
+            "positions", [](const JointStateDecoder& d) { return copy_of(d.last().positions); })
+        .def_property_readonly(
+            "efforts", [](const JointStateDecoder& d) { return copy_of(d.last().efforts); });
+    py::class_<MessageEncoder>(core, "MessageEncoder")
+        .def(
+            py::init(&encoder_of), "blank"_a, "values"_a, "stddevs"_a,
+            "flags"_a)
+        .def("encode", &encode, "stamp_ns"_a, "values"_a, "stddevs"_a);
+    core.attr("END_OF_TIME_NS") = END_OF_TIME_NS;
+}
 
 void bind_simulation(py::module_& core) {
     py::class_<HeldStepper>(core, "Stepper")
