@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import numpy as np
 import pytest
+from support.estimators import Bench
 
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.state import SLACK
@@ -36,70 +36,25 @@ def spin_until(
     return True
 
 
-@dataclass
-class Bench:
-    """A rig in this process and a node that sends commands and subscribes."""
-
-    rig: Any
-    user: Any
-    executor: Any
-    heard: dict[str, list[Any]] = field(default_factory=dict)
-    publishers: dict[str, Any] = field(default_factory=dict)
-
-    def listen(self, kind: Any, topic: str) -> list[Any]:
-        heard = self.heard.setdefault(topic, [])
-        self.user.create_subscription(kind, topic, heard.append, 1000)
-        return heard
-
-    def spin_until(self, condition: Callable[[], bool]) -> bool:
-        return spin_until(self.executor, condition)
-
-    def publish(self, topic: str, message: Any) -> None:
-        """Publish a message once, after the rig has been connected."""
-        if topic not in self.publishers:
-            self.publishers[topic] = self.user.create_publisher(type(message), topic, 10)
-            assert self.spin_until(lambda: self.publishers[topic].get_subscription_count() > 0)
-        self.publishers[topic].publish(message)
-
-    def call(self, kind: Any, name: str, request: Any) -> Any:
-        client = self.user.create_client(kind, name)
-        assert self.spin_until(client.service_is_ready)
-        future = client.call_async(request)
-        assert self.spin_until(future.done)
-        self.user.destroy_client(client)
-        return future.result()
-
-    def refused(self) -> int:
-        return sum(self.rig.commands.refused.values())
-
-
 @pytest.fixture
 def bench(ros: None, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
     """Create rigs in this process; they are destroyed after the test."""
-    from rclpy.experimental import EventsExecutor
-    from rclpy.node import Node
-
     from cdrj_ros.nodes.rig import RigNode
 
     opened: list[Bench] = []
 
-    def open_bench(text: str = "{}", **given: Any) -> Bench:
+    def open_bench(text: str = "{}", **given: Any) -> Any:
         path = tmp_path / "rig.yaml"
         path.write_text(text)
-        given["rig"] = str(path)
-        rig = RigNode(parameter_overrides=overrides(**{"cells": 1, **given}))
-        user = Node("user", namespace="cdrj")
-        executor = EventsExecutor()
-        executor.add_node(rig)
-        executor.add_node(user)
-        opened.append(Bench(rig, user, executor))
-        return opened[-1]
+        asked = overrides(**{"cells": 1, **given, "rig": str(path)})
+        one: Any = Bench("cdrj")
+        opened.append(one)
+        one.rig = one.add(RigNode(parameter_overrides=asked))
+        return one
 
     yield open_bench
     for one in opened:
-        one.executor.shutdown()
-        one.user.destroy_node()
-        one.rig.destroy_node()
+        one.close()
 
 
 def array_of(*values: float) -> Any:
@@ -225,20 +180,20 @@ def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path:
         ("effort", 0.5 / 2.7, lambda: one.rig.drives.modes == ["effort"]),
     ):
         one.publish(f"/forward_{mode}_controller/commands", array_of(value))
-        assert one.spin_until(reached), mode
+        assert one.until(reached), mode
         assert one.rig.drives._target == pytest.approx(
             {"position": 0.3, "velocity": 1.0}.get(mode, 0.5)
         )
     motion = trajectory((0.05, -10.0), (0.1, -5.0))
     motion.joint_names = ["arm1_winch"]
     one.publish("/joint_trajectory_controller/joint_trajectory", motion)
-    assert one.spin_until(lambda: rig.motor_angle[0] == pytest.approx(0.1))
-    assert one.refused() == 0
+    assert one.until(lambda: rig.motor_angle[0] == pytest.approx(0.1))
+    assert sum(one.rig.commands.refused.values()) == 0
     motion.joint_names = ["winch"]
     one.publish("/joint_trajectory_controller/joint_trajectory", motion)
-    assert one.spin_until(lambda: one.rig.commands.refused["unknown name"] == 1)
+    assert one.until(lambda: one.rig.commands.refused["unknown name"] == 1)
     heard.clear()
-    assert one.spin_until(lambda: len(heard) > 300)
+    assert one.until(lambda: len(heard) > 300)
     message = heard[-1]
     assert list(message.name) == ["arm1_winch", "arm1_elbow"]
     assert message.header.frame_id == "base_link"
@@ -270,7 +225,7 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
     ]
     for topic, message in hostile:
         one.publish(topic, message)
-    assert one.spin_until(lambda: one.refused() == len(hostile))
+    assert one.until(lambda: sum(one.rig.commands.refused.values()) == len(hostile))
     wanted = {"malformed": 2, "wrong length": 2, "unknown name": 1, "not finite": 3,
               "out of range": 3}  # fmt: skip
     assert one.rig.commands.refused == wanted
@@ -283,7 +238,7 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
             for message in heard
         )
 
-    assert one.spin_until(told)
+    assert one.until(told)
 
 
 def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
@@ -295,7 +250,7 @@ def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
     one = bench(truth_rate=100.0)
     tensions = one.listen(CableTensions, "truth/tensions")
     angles = one.listen(JointState, "motor_states")
-    assert one.spin_until(lambda: tensions and angles)
+    assert one.until(lambda: tensions and angles)
 
     def inject(fault: str, name: str, amount: float = 0.0) -> Any:
         request = InjectFault.Request(fault=fault, name=name, amount=amount)
@@ -312,24 +267,24 @@ def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
 
     assert inject("freeze", "winch").success
     one.publish("commands/position", array_of(0.2))
-    assert one.spin_until(lambda: one.rig.rig.motor_angle[0] == 0.2)
+    assert one.until(lambda: one.rig.rig.motor_angle[0] == 0.2)
     angles.clear()
-    assert one.spin_until(lambda: len(angles) > 50)
+    assert one.until(lambda: len(angles) > 50)
     assert {message.position[0] for message in angles[10:]} == {0.0}
 
     for fault in ("slip", "snap", "slack", "cut"):
         answer = inject(fault, "lower")
         assert answer.success
         assert answer.message.startswith(f"{fault} of lower: ")
-    assert one.spin_until(lambda: tensions[-1].tension[8] == 0.0)
+    assert one.until(lambda: tensions[-1].tension[8] == 0.0)
     assert tensions[-1].status[8] & SLACK
     assert not one.call(Push, "rig/push", Push.Request(torque=float("inf"), duration=1.0)).success
     assert one.call(Push, "rig/push", Push.Request(torque=20.0, duration=60.0)).success
-    assert one.spin_until(lambda: one.rig.rig.at_stop)
+    assert one.until(lambda: one.rig.rig.at_stop)
 
     before = stamp_ns(tensions[-1])
     assert one.call(Trigger, "rig/reset", Trigger.Request()).success
-    assert one.spin_until(lambda: tensions[-1].tension[8] > 20.0)
+    assert one.until(lambda: tensions[-1].tension[8] > 20.0)
     assert stamp_ns(tensions[-1]) > before, "the stamps continue to increase"
     assert (one.rig.rig.faults, one.rig.outputs.frozen(1e9)) == ((), ())
 
@@ -346,7 +301,7 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
     cells = one.listen(CableTensions, "tension_sensors")
     clock = one.listen(Clock, "/clock")
     motors = one.listen(JointState, "motor_states")
-    assert one.spin_until(lambda: len(cells) > 30 and len(clock) > 30)
+    assert one.until(lambda: len(cells) > 30 and len(clock) > 30)
     assert list(cells[-1].name) == ["upper/8", "lower/1"]
     settled = np.array([message.tension for message in cells])
     np.testing.assert_allclose(settled.mean(axis=0), one.rig.rig.tension[[7, 8]], atol=0.1)
@@ -365,7 +320,7 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
 
     before = one.rig.rig.joint_angle[0]
     assert set_one("payload", 2), "an integer is converted to 2.0"
-    assert one.spin_until(lambda: one.rig.rig.joint_angle[0] < before - 1e-3)
+    assert one.until(lambda: one.rig.rig.joint_angle[0] < before - 1e-3)
     assert not set_one("payload", -2.0)
     assert not set_one("preload", [1.0, 2.0])
     assert not set_one("cells", 4)
@@ -376,13 +331,13 @@ def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None
 
     one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us per step cannot be reached
     heard = one.listen(DiagnosticArray, "/diagnostics")
-    assert one.spin_until(
+    assert one.until(
         lambda: any(message.status[0].message.startswith("cannot keep up") for message in heard)
     )
     values = {v.key: v.value for v in heard[-1].status[0].values}
     assert float(values["time left out [s]"]) > 0.0
     steps = one.rig.rig.steps
-    assert one.spin_until(lambda: one.rig.rig.steps > steps + 100)
+    assert one.until(lambda: one.rig.rig.steps > steps + 100)
 
 
 def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
@@ -390,10 +345,10 @@ def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any
 
     one = bench()
     heard = one.listen(JointState, "motor_states")
-    assert one.spin_until(lambda: len(heard) > 10)
+    assert one.until(lambda: len(heard) > 10)
     one.rig._origin_ns -= 2_000_000_000  # as if the process had been stopped for two seconds
     count = len(heard)
-    assert one.spin_until(lambda: len(heard) > count + 100)
+    assert one.until(lambda: len(heard) > count + 100)
     between = np.diff([stamp_ns(message) for message in heard])
     assert (between > 0).all()
     assert between.max() > 1_900_000_000

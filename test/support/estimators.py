@@ -35,16 +35,35 @@ def sample_at(k: int, begin: int = BEGIN) -> Sample:
 
 
 class Bench:
-    """Estimators in this process and a node that communicates with them."""
+    """Nodes in this process and a node that communicates with them."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "") -> None:
         from rclpy.experimental import EventsExecutor
         from rclpy.node import Node
 
         self.executor = EventsExecutor()
-        self.node = Node("bench")
+        self.node = Node("bench", namespace=namespace)
         self.executor.add_node(self.node)
         self.nodes: list[Any] = []
+        self.publishers: dict[str, Any] = {}
+
+    def add(self, node: Any) -> Any:
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def listen(self, kind: Any, topic: str) -> list[Any]:
+        """The messages of a topic from now on."""
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, 1000)
+        return heard
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish a message once, after somebody has subscribed."""
+        if topic not in self.publishers:
+            self.publishers[topic] = self.node.create_publisher(type(message), topic, 10)
+            assert self.until(lambda: self.publishers[topic].get_subscription_count() > 0)
+        self.publishers[topic].publish(message)
 
     def estimator(self, *arguments: str, state_file: Path | None = None, **given: Any) -> Any:
         """The estimation of a new node, with what it publishes in ``answers``, see ``feed``."""
@@ -58,8 +77,7 @@ class Bench:
             parameter_overrides=[Parameter(key, value=value) for key, value in given.items()],
             cli_args=["--ros-args", *arguments],
         )
-        self.executor.add_node(node)
-        self.nodes.append(node)
+        self.add(node)
         listen(node.estimation)
         return node.estimation
 
