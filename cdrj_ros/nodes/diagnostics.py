@@ -145,7 +145,7 @@ def _verdict(
             health.alternating, warn,
             f"readings alternate between two motions: {health.alternating}",
         ),
-        (health.rivals, warn, f"several estimators: {health.rivals}; remap or stop one"),
+        (health.rivals, warn, health.rivals),
         (
             stepped, warn,
             f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare",

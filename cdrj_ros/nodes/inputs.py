@@ -363,7 +363,9 @@ class InputWatch:
         """Who publishes the tensions, if more than this node does; otherwise empty."""
         topic = self._node.resolve_topic_name(TENSIONS)
         names = publishing_nodes(self._node, topic)
-        return f"{topic} is published by {_listed(names)}" if len(names) > 1 else ""
+        if len(names) < 2:
+            return ""
+        return f"several estimators: {topic} is published by {_listed(names)}; stop or remap one"
 
     def _alternating(self) -> str:
         """Axes whose readings alternate between two motions, and who publishes them; or empty."""
