@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
@@ -49,3 +50,22 @@ def test_the_example_in_space_is_a_valid_robot() -> None:
     model = prepare(parse_robot(head + SPACE))
     assert not model.robot.planar
     assert [pulley.kind for pulley in model.robot.cables[0].pulleys] == ["sphere", "eyelet"]
+
+
+MISTAKES = re.findall(
+    r"^\| `(.+?)` → `(.+?)` \| `(.+?)` \|$",
+    TEXT[TEXT.index("<!-- mistakes") : TEXT.index("<!-- end of mistakes")],
+    re.MULTILINE,
+)
+
+
+@pytest.mark.parametrize(("given", "changed", "answer"), MISTAKES, ids=lambda text: text[:30])
+def test_the_error_for_a_mistake_is_the_one_in_the_document(
+    given: str, changed: str, answer: str
+) -> None:
+    assert given in FIRST
+    with pytest.raises(RobotFileError) as error:
+        prepare(parse_robot(FIRST.replace(given, changed, 1), "one_joint.yaml"))
+    message = str(error.value)
+    assert message.startswith(answer), message
+    assert message.endswith("(one_joint.yaml)")

@@ -252,3 +252,45 @@ def test_ros_uses_the_default_discovery_range() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.stdout.split() == ["LOCALHOST", "True"], done.stderr
+
+
+def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
+    policy = ElementTree.parse(POLICY).getroot()
+    assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
+    enclaves = policy.findall("./enclaves/enclave")
+    assert {e.get("path") for e in enclaves} == {
+        f"/cdrj/{node}" for node in ("estimator", "replay", "watch", "rig", "markers", "view")
+    }
+    for profile in policy.iter("profile"):
+        for group in profile:
+            single = group.tag.removesuffix("s")
+            rules = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
+            assert set(group.attrib) <= rules[group.tag]
+            assert len(group) > 0
+            assert all(entry.tag == single and entry.text for entry in group)
+
+
+def test_the_state_file_is_named_on_the_command_line_and_nowhere_else() -> None:
+    """The only file of the node: its path is set in the constructor; no message can change it."""
+    tree = ast.parse((PACKAGE / "nodes" / "estimation.py").read_text("utf-8"))
+    assigned = [
+        ast.unparse(node)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and node.attr == "_state_file"
+        and isinstance(node.ctx, ast.Store)
+    ]
+    assert assigned == ["self._state_file"]
+    made = [
+        ast.unparse(call.args[0])
+        for name, call in calls(PACKAGE / "nodes" / "estimator.py")
+        if name in ("EstimatorNode", "spin_managed")
+    ]
+    assert made == ["own.state_file"] * 2
+    written = [
+        ast.unparse(call)
+        for path in (PACKAGE / "nodes").glob("*.py")
+        for name, call in calls(path)
+        if name == "write_state" and call.args
+    ]
+    assert written == ["write_state(self.live, self._state_file)"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import cdrj_ros.simulation
 from cdrj_ros.foundation.errors import CdrjError, RobotFileError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.simulation.drives import drive_limits
@@ -115,3 +117,20 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
             load_rig(str(tmp_path / name))
     with pytest.raises(RobotFileError, match="none of that name is installed; did you mean noisy"):
         load_rig("nosy")
+
+
+SCHEMA = json.loads((Path(cdrj_ros.simulation.__file__).parent / "rig.schema.json").read_text())
+
+
+def test_the_page_lists_every_key() -> None:
+    page = (ROOT / "docs" / "simulation.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", page, re.MULTILINE)
+    listed = {section: set(re.findall(r"`(\w+)`", keys)) for section, keys in rows}
+
+    def keys_of(rules: dict) -> set[str]:  # type: ignore[type-arg]
+        if "$ref" in rules:
+            rules = SCHEMA["$defs"][rules["$ref"].rpartition("/")[2]]
+        return set(rules.get("items", rules)["properties"])
+
+    wanted = {name: keys_of(rules) for name, rules in SCHEMA["properties"].items()}
+    assert {name: listed[name] for name in wanted} == wanted

@@ -122,13 +122,13 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
 @pytest.mark.parametrize(
     ("preload", "load_kg", "motion", "lowest"),
     [
-        (HIGH, 0.3, sine(AMPLITUDE, 0.1, 1.0), 18.0),
+        (HIGH, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 18.0),
         (HIGH, 0.9, dwell(AMPLITUDE, 0.1, 1.0), 7.0),
-        (LOW, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 6.0),
+        (LOW, 0.6, dwell(AMPLITUDE, 0.1, 1.0), COUNT_N),
         (LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), COUNT_N),
         (LOW, 0.7, sine(AMPLITUDE, 0.1, 1.0), 0.7),
     ],
-    ids=["high sine", "high dwell, heavy", "low ramps", "low random, heavy", "low sine, heavier"],
+    ids=["high ramps", "high dwell", "low dwell", "low random", "low sine"],
 )
 def test_no_alarm_in_five_minutes_of_motions_that_leave_every_cable_taut(
     preload: str, load_kg: float, motion: Motion, lowest: float
@@ -141,3 +141,20 @@ def test_no_alarm_in_five_minutes_of_motions_that_leave_every_cable_taut(
     assert lowest < watched.tension.min() < lowest + 1.0  # within 1 N above the stated bound
     assert watched.seen_at[-1] > 59.9
     assert not watched.flags.any()
+
+
+@pytest.mark.parametrize(
+    ("load_kg", "motion"),
+    [(0.75, sine(AMPLITUDE, 0.1, 1.0)), (0.8, random(AMPLITUDE, 0.3, 2, 1.0))],
+    ids=["sine", "random, heavier"],
+)
+def test_a_nearly_slack_cable_is_classified_to_within_a_count_of_the_encoder(
+    load_kg: float, motion: Motion
+) -> None:
+    """No detection time is guaranteed where a change of 0.1 N takes longer than 20 ms."""
+    watched = watch(LOW, load_kg, motion, 22.0, 2e-3)
+    alarmed = watched.flags & ~watched.then(watched.slack)
+    assert watched.tension.min() < SLACK_N + COUNT_N
+    assert watched.then(watched.tension)[alarmed].max() < SLACK_N + COUNT_N
+    missed = ~watched.flags & watched.then(watched.slack)
+    assert watched.estimate[missed].max(initial=0.0) < SLACK_N + COUNT_N
