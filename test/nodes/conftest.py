@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, Protocol
 
@@ -13,6 +14,7 @@ from support.forked import Forked, end
 
 from cdrj_ros.commands import simulate
 
+collect_ignore_glob = [] if find_spec("rclpy") else ["test_*.py"]
 PATIENCE_S = 60.0
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 

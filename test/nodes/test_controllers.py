@@ -7,6 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cdrj_msgs.msg import CableTensions
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 from support.estimators import Bench
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -16,15 +21,11 @@ class Controlled(Bench):
     """A controller in this process, and a node that wishes, estimates and hears its commands."""
 
     def __init__(self, controller: Any, mode: str) -> None:
-        from std_msgs.msg import Float64MultiArray
-
         super().__init__("cdrj")
         self.controller, self.mode = self.add(controller), mode
         self.commands = self.listen(Float64MultiArray, f"commands/{mode}")
 
     def wish(self, *values: float) -> None:
-        from std_msgs.msg import Float64MultiArray
-
         self.publish(f"wished/{self.mode}", Float64MultiArray(data=list(values)))
 
     def tell(self, topic: str, message: Any) -> None:
@@ -52,8 +53,6 @@ def controller(ros: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
     opened: list[Controlled] = []
 
     def create(module: str, name: str, mode: str, **parameters: Any) -> Controlled:
-        from rclpy.parameter import Parameter
-
         made = getattr(importlib.import_module(module), name)
         overrides = [Parameter(key, value=value) for key, value in parameters.items()]
         opened.append(Controlled(made(parameter_overrides=overrides), mode))
@@ -65,8 +64,6 @@ def controller(ros: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
 
 
 def tensions(upper: float, lower: float, status: int = 0) -> Any:
-    from cdrj_msgs.msg import CableTensions
-
     names = [f"{cable}/{k}" for cable in ("upper", "lower") for k in range(1, 9)]
     return CableTensions(
         name=names, tension=[upper] * 8 + [lower] * 8, stddev=[0.5] * 16, status=[status] * 16
@@ -74,8 +71,6 @@ def tensions(upper: float, lower: float, status: int = 0) -> Any:
 
 
 def test_the_limiter_forwards_reduces_and_reverses_speeds(controller: Any) -> None:
-    from cdrj_msgs.msg import CableTensions
-
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
 
     def send(message: Any) -> tuple[Callable[[], None], Callable[[], None]]:
@@ -101,8 +96,6 @@ def test_the_motors_stop_without_commands_and_without_tensions(controller: Any) 
 
 def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[[], None]]:
     """What the collision stop hears: a wished speed, the joint at rest, and its effort [N m]."""
-    from sensor_msgs.msg import JointState
-
     held = bench.controller.observer.required(0.0)  # against the weight
     spread = JointState(name=["elbow"], effort=[] if stddev is None else [stddev])
     return [
@@ -114,8 +107,6 @@ def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[
 
 
 def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> None:
-    from std_srvs.srv import Trigger
-
     bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
     calm, push = (_stop_feed(bench, extra, None) for extra in (0.0, 2.0))
     assert bench.commanded(lambda c: c == [1.0], *calm)

@@ -7,6 +7,9 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
 from support.motor_alone import motion, truth_of, without_encoder
 
 from cdrj_ros._core import JointStateDecoder
@@ -23,8 +26,6 @@ UNTOLD = Template(JOINT_STATE, ("winch",), ("position",))
 
 
 def until(node: Any, condition: Any) -> bool:
-    import rclpy
-
     deadline = monotonic() + PATIENCE_S
     while not condition():
         if monotonic() > deadline:
@@ -36,9 +37,6 @@ def until(node: Any, condition: Any) -> bool:
 def test_angles_are_published_while_efforts_are_heard_and_diagnostics_say_when_none_is(
     node: Any, start_node: Any, tmp_path: Path
 ) -> None:
-    from diagnostic_msgs.msg import DiagnosticArray
-    from sensor_msgs.msg import JointState
-
     robot = tmp_path / "alone.yaml"
     text = ROBOT.read_text(encoding="utf-8")
     robot.write_text(text.replace("  - name: elbow", "  - name: elbow\n    measured: false"))

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import NodalForces
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from support.forked import Forked
 from support.remote import Remote
 
@@ -68,10 +71,6 @@ def arrays(payloads: list[bytes], topic: str) -> tuple[np.ndarray, dict[str, np.
 def test_every_published_number_equals_the_offline_path_bit_for_bit_also_after_a_reset(
     brisk_node: Any, start_node: Any, short_bag: str
 ) -> None:
-    from cdrj_msgs.msg import NodalForces
-    from sensor_msgs.msg import JointState
-    from std_srvs.srv import Trigger
-
     model = load_model(ROBOT)
     offline = estimate(model, condition_recording(model, read_inputs(short_bag, Topics(), model)))
     layout, values = offline.layout, offline.values
@@ -150,8 +149,6 @@ def test_the_exit_code_of_a_running_node_tells_an_interrupt_unless_it_is_supervi
     brisk_node: Any, start_executable: Any, options: tuple[str, ...], number: int, code: int
 ) -> None:
     """ros2 launch reports every code but 0 as a crash, even of a node that it has interrupted."""
-    from std_srvs.srv import Trigger
-
     remote = Remote(brisk_node, start_executable, "ended")
     remote.start(*options)
     assert remote.call(Trigger, "reset", Trigger.Request()).success, "it spins"

@@ -8,6 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import CableTensions
+from cdrj_msgs.srv import SetPreload
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from support.estimators import (
     BEGIN,
     JOINT,
@@ -28,6 +36,8 @@ from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import OK, UNSURE
+from cdrj_ros.nodes.inputs import PATIENCE_S
+from cdrj_ros.nodes.parameters import estimator_file, settings
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,16 +45,12 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def log(bench: Bench) -> list[tuple[int, str]]:
     """Severity and text of the estimators' log messages from now on."""
-    from rcl_interfaces.msg import Log
-
     lines: list[tuple[int, str]] = []
     bench.node.create_subscription(Log, "/rosout", lambda m: lines.append((m.level, m.msg)), 1000)
     return lines
 
 
 def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -> bool:
-    from rcl_interfaces.msg import Log
-
     severity = getattr(Log, level)
     return bench.until(lambda: any(one == severity and words in text for one, text in lines))
 
@@ -116,8 +122,6 @@ def test_efforts_are_a_sensor_only_where_preloads_are_tracked(bench: Bench) -> N
 def test_a_missing_name_is_reported_with_the_names_that_arrived(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
-    from cdrj_ros.nodes.inputs import PATIENCE_S
-
     estimator = bench.estimator()
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
     other = Template(JOINT_STATE, ("winch_motor",), ("position",))
@@ -137,8 +141,6 @@ def test_a_missing_name_is_reported_with_the_names_that_arrived(
 
 
 def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[int, str]]) -> None:
-    from cdrj_ros.nodes.inputs import PATIENCE_S
-
     estimator = bench.estimator(timeout=0.05)
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
 
@@ -195,9 +197,6 @@ def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> Non
 
 
 def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) -> None:
-    from rclpy.node import Node
-    from sensor_msgs.msg import JointState
-
     estimator = bench.estimator()
     others = [Node(name, namespace="/drives") for name in ("front", "rear")]
     try:
@@ -222,10 +221,6 @@ def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) 
 def test_several_estimators_or_several_stamps_are_a_warning_that_names_the_nodes(
     bench: Bench,
 ) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from rclpy.node import Node
-    from sensor_msgs.msg import JointState
-
     estimator = bench.estimator()
     other = Node("estimator_2", namespace="/cdrj")
     try:
@@ -265,9 +260,6 @@ def test_a_clock_that_differs_is_a_warning_with_its_size(bench: Bench) -> None:
 def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
     estimator = bench.estimator()
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     motors = bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
@@ -293,9 +285,6 @@ def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
 
 
 def test_parameters_show_the_values_in_force(bench: Bench) -> None:
-    from cdrj_msgs.srv import SetPreload
-    from rclpy.parameter import Parameter
-
     estimator = bench.estimator(**{"friction.rho": 0.35})
 
     def shown(name: str) -> Any:
@@ -323,8 +312,6 @@ def test_parameters_show_the_values_in_force(bench: Bench) -> None:
 
 
 def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
-    from cdrj_ros.nodes.parameters import estimator_file, settings
-
     path = ROOT / "config" / "estimator.params.yaml"
     assert path.read_text(encoding="utf-8") == estimator_file()
     estimator = bench.estimator("--params-file", str(path), timeout=0.5)
@@ -335,9 +322,6 @@ def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
 
 
 def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
-    from rclpy.qos import QoSProfile
-    from rosgraph_msgs.msg import Clock
-
     estimator = bench.estimator(use_sim_time=True)
     publisher = bench.node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
     assert bench.until(lambda: publisher.get_subscription_count() > 0)
@@ -364,9 +348,6 @@ def test_an_input_has_no_event_that_may_wait_while_its_subscription_is_replaced(
 def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
     name = "qos_overrides./cdrj/motor_states.subscription.reliability"
     estimator = bench.estimator(**{name: "reliable"})
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

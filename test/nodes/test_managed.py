@@ -7,6 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import CableTensions
+from cdrj_msgs.srv import SetPreload
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.parameter import Parameter
 from support.estimators import (
     INPUTS,
     ROBOT,
@@ -22,6 +27,7 @@ from support.estimators import (
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import STALE
+from cdrj_ros.nodes.managed import ManagedEstimator
 
 OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev", "tension_states")
 
@@ -30,10 +36,6 @@ class Managed:
     """A managed estimator in this process, and calls of its services."""
 
     def __init__(self, bench: Bench, **given: Any) -> None:
-        from rclpy.parameter import Parameter
-
-        from cdrj_ros.nodes.managed import ManagedEstimator
-
         given = {"robot": ROBOT, "timeout": 3600.0, **given}
         overrides = [Parameter(key, value=value) for key, value in given.items()]
         self.bench, self.node = bench, ManagedEstimator(parameter_overrides=overrides)
@@ -43,16 +45,11 @@ class Managed:
 
     def change(self, label: str) -> bool:
         """Ask for a transition by its label; True if it has been made."""
-        from lifecycle_msgs.msg import Transition
-        from lifecycle_msgs.srv import ChangeState
-
         request = ChangeState.Request(transition=Transition(label=label))
         return bool(self.bench.call(ChangeState, "/cdrj/estimator/change_state", request).success)
 
     @property
     def state(self) -> str:
-        from lifecycle_msgs.srv import GetState
-
         answer = self.bench.call(GetState, "/cdrj/estimator/get_state", GetState.Request())
         return str(answer.current_state.label)
 
@@ -100,9 +97,6 @@ def test_shutdown_ends_every_state(
 def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
     bench: Bench, start_node: Any
 ) -> None:
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState, GetState
-
     process = start_node("estimator", "--managed", "--ros-args", "-p", f"robot:={ROBOT}")
     states = bench.node.create_client(GetState, "/cdrj/estimator/get_state")
     client = bench.node.create_client(ChangeState, "/cdrj/estimator/change_state")
@@ -134,12 +128,9 @@ def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
 def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
     bench: Bench, managed: Callable[..., Managed]
 ) -> None:
-    from cdrj_msgs.msg import CableTensions
-
     one = managed(tracking_bandwidth=0.0)
     assert one.change("configure")
-    said: list[Any] = []
-    bench.node.create_subscription(CableTensions, "/cdrj/tensions", said.append, 1000)
+    said = bench.listen(CableTensions, "/cdrj/tensions")
     assert bench.until(lambda: one.estimation.outputs.tensions.get_subscription_count() == 1)
     assert one.change("activate")
     listen(one.estimation)
@@ -164,8 +155,6 @@ def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
 def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_corrected(
     managed: Callable[..., Managed],
 ) -> None:
-    from rclpy.parameter import Parameter
-
     one = managed(robot="nowhere.yaml")
     assert not one.change("configure")
     assert one.state == "unconfigured"
@@ -183,8 +172,6 @@ def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_
 def test_cleanup_returns_to_the_given_preload_and_friction(
     bench: Bench, managed: Callable[..., Managed]
 ) -> None:
-    from cdrj_msgs.srv import SetPreload
-
     one = managed(**{"friction.rho": 0.3})
     assert one.change("configure")
     request = SetPreload.Request(cable=["upper"], preload=[20.0])

@@ -8,7 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import CableTensions, NodalForces
+from cdrj_msgs.msg import CableTensions as T
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
+from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
 
 PATIENCE_S = 60.0
@@ -17,10 +26,6 @@ PATIENCE_S = 60.0
 @pytest.fixture
 def drawing(ros: None) -> Iterator[Callable[..., Any]]:
     """Create a markers node in this process."""
-    from rclpy.parameter import Parameter
-
-    from cdrj_ros.nodes.markers import MarkersNode
-
     opened: list[Any] = []
 
     def create(**parameters: Any) -> Any:
@@ -36,8 +41,6 @@ def drawing(ros: None) -> Iterator[Callable[..., Any]]:
 
 def hear(node: Any, topic: str, message: Any) -> dict[str, Any]:
     """The markers after a message, by namespace and number."""
-    from rclpy.serialization import serialize_message
-
     node.inputs.hear(topic, serialize_message(message))
     return markers_of(node)
 
@@ -53,9 +56,6 @@ def colour(marker: Any) -> tuple[float, float, float]:
 def test_colour_width_and_line_show_tension_and_status(
     drawing: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from cdrj_msgs.msg import CableTensions as T
-    from visualization_msgs.msg import Marker
-
     from cdrj_ros.nodes import view_inputs
 
     node = drawing()
@@ -80,8 +80,6 @@ def test_colour_width_and_line_show_tension_and_status(
 
 
 def test_the_picture_follows_the_joints_and_ignores_invalid_angles(drawing: Any) -> None:
-    from sensor_msgs.msg import JointState
-
     node = drawing()
 
     def last_point(message: Any) -> tuple[float, float]:
@@ -96,9 +94,6 @@ def test_the_picture_follows_the_joints_and_ignores_invalid_angles(drawing: Any)
 
 
 def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -> None:
-    from cdrj_msgs.msg import NodalForces
-    from visualization_msgs.msg import Marker
-
     node = drawing(labels=True, force_scale=0.001)
     name = node.model.layout.pulleys[0]
 
@@ -126,7 +121,6 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
     drawing: Any, robot: str
 ) -> None:
     from scipy.spatial.transform import Rotation
-    from visualization_msgs.msg import Marker
 
     from cdrj_ros.report.scene import scene_of
 
@@ -160,11 +154,6 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
 
 
 def test_nothing_is_heard_or_drawn_without_a_subscriber(drawing: Any) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
-    from visualization_msgs.msg import MarkerArray
-
     node, user = drawing(), Node("user", namespace="cdrj")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -198,8 +187,6 @@ def test_nothing_is_heard_or_drawn_without_a_subscriber(drawing: Any) -> None:
 
 
 def test_shapes_of_bodies_are_markers_of_their_size_and_place(drawing: Any, tmp_path: Any) -> None:
-    from visualization_msgs.msg import Marker
-
     (tmp_path / "part.stl").write_bytes(bytes(84))
     robot = tmp_path / "robot.yaml"
     robot.write_text("""

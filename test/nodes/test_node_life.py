@@ -6,6 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import CableTensions
+from cdrj_msgs.srv import SetPreload
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 from support.estimators import (
     BEGIN,
     MILLISECOND,
@@ -26,6 +30,7 @@ from support.estimators import (
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.nodes.diagnostics import Health, status_of
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +44,6 @@ def model() -> Model:
 def test_friction_may_change_while_running_and_the_history_stays(
     bench: Bench, model: Model
 ) -> None:
-    from rclpy.parameter import Parameter
-
     estimator = bench.estimator()
     feed(estimator, 0, 300)
     (result,) = estimator.node.set_parameters([Parameter("friction.rho", value=0.35)])
@@ -78,8 +81,6 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 
 def test_a_refused_change_states_the_reason_and_changes_nothing(bench: Bench, model: Model) -> None:
-    from rclpy.parameter import Parameter
-
     estimator, beside = bench.estimator(), bench.estimator("-r", "__ns:=/beside")
     for k, (change, words) in enumerate(REFUSED):
         feed(estimator, 10 * k, 10 * k + 10)
@@ -103,9 +104,6 @@ def test_a_refused_change_states_the_reason_and_changes_nothing(bench: Bench, mo
 
 
 def test_the_responses_of_the_services_describe_their_effect(bench: Bench) -> None:
-    from cdrj_msgs.srv import SetPreload
-    from std_srvs.srv import Trigger
-
     estimator = bench.estimator()
     tare, reset = "/cdrj/estimator/tare", "/cdrj/estimator/reset"
     early = bench.call(Trigger, tare, Trigger.Request())
@@ -159,24 +157,14 @@ def test_the_responses_of_the_services_describe_their_effect(bench: Bench) -> No
 
 def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
     """Ten simulated seconds pass quickly; the clock stops, then continues without inputs."""
-    from rclpy.qos import QoSProfile
-    from rosgraph_msgs.msg import Clock
-
     estimator = bench.estimator(use_sim_time=True, timeout=0.5)
     said: list[Any] = []
     hear_diagnostics(bench, said)
-    clock = bench.node.create_publisher(Clock, "/clock", QoSProfile(depth=100))
-    assert bench.until(lambda: clock.get_subscription_count() > 0)
+    clock = Clock(bench, estimator)
     assert bench.until(lambda: bench.node.count_publishers("/diagnostics") > 0)
 
-    def set_clock(ns: int) -> None:
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(ns, SECOND)
-        clock.publish(message)
-        assert bench.until(lambda: estimator.now_ns() == ns)
-
     for k in range(0, 4000, 50):
-        set_clock(BEGIN + k * MILLISECOND)
+        clock.set(BEGIN + k * MILLISECOND)
         feed(estimator, k, k + 50)
         bench.executor.spin_once(timeout_sec=0.0)
     assert bench.until(lambda: bool(said))
@@ -185,21 +173,18 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
     assert 900.0 < float(values["rate [Hz]"]) < 1100.0
     assert float(values["age [s]"]) <= 0.5
 
-    heard: list[Any] = []
-    from cdrj_msgs.msg import CableTensions
-
-    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 10)
+    heard = bench.listen(CableTensions, "/cdrj/tensions")
     assert bench.until(lambda: bench.node.count_publishers("/cdrj/tensions") > 0)
     # while the simulated clock stands still, the steady clock is used
     assert bench.until(lambda: bool(heard) and all(flags & STALE for flags in heard[-1].status))
-    set_clock(BEGIN + 4000 * MILLISECOND)
+    clock.set(BEGIN + 4000 * MILLISECOND)
     feed(estimator, 4000, 4001)
     assert bench.until(lambda: not any(flags & STALE for flags in heard[-1].status))
     heard.clear()
 
     last = BEGIN + 4000 * MILLISECOND
     for k in range(20):
-        set_clock(last + k * SECOND // 10)
+        clock.set(last + k * SECOND // 10)
         bench.executor.spin_once(timeout_sec=0.05)
     assert bench.until(lambda: bool(heard))
     assert all(flags & STALE for flags in heard[-1].status)
@@ -210,13 +195,8 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
 
 @pytest.mark.parametrize("service", ["reset", "tare", "set_preload"])
 def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: str) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from cdrj_msgs.srv import SetPreload
-    from std_srvs.srv import Trigger
-
     estimator = bench.estimator()
-    heard: list[Any] = []
-    bench.node.create_subscription(CableTensions, "/cdrj/tensions", heard.append, 1000)
+    heard = bench.listen(CableTensions, "/cdrj/tensions")
     assert bench.until(lambda: estimator.outputs.tensions.get_subscription_count() > 0)
     feed(estimator, 0, 10)
     hold(estimator, 9)
@@ -236,8 +216,6 @@ def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: 
 
 
 def test_a_tare_is_refused_while_the_inputs_are_silent(bench: Bench) -> None:
-    from std_srvs.srv import Trigger
-
     estimator = bench.estimator(use_sim_time=True, timeout=0.5)
     clock = Clock(bench, estimator)
     clock.set(BEGIN)
@@ -267,7 +245,6 @@ KEYS = {
 
 def test_diagnostics_describe_every_problem(bench: Bench) -> None:
     from cdrj_ros.estimation.reading_limits import REFUSALS
-    from cdrj_ros.nodes.diagnostics import Health, status_of
 
     estimator = bench.estimator(tension_sensors=True)
     said: list[Any] = []

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.srv import SetPreload
+from std_srvs.srv import Trigger
 from support.remote import ROBOT, Remote
 
 from cdrj_ros.estimation.estimator import initial_state, run
@@ -98,9 +100,6 @@ def test_values_set_by_services_survive_a_kill(
     brisk_node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
 ) -> None:
     """The process is killed right after the response, before any further sample."""
-    from cdrj_msgs.srv import SetPreload
-    from std_srvs.srv import Trigger
-
     k = np.minimum(np.arange(readings.stamp_ns.size), 400)
     still = Samples(readings.stamp_ns, readings.motor_angle[k], readings.joint_angle[k])
     one = Remote(brisk_node, start_node, "set")

@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import CableTensions, NodalForces
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState
 from support.estimators import (
     JOINT,
     MOTOR,
@@ -27,19 +30,14 @@ PLACED = str(Path(__file__).parents[2] / "config" / "robots" / "prototype_positi
 
 
 def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench: Bench) -> None:
-    from cdrj_msgs.msg import CableTensions, NodalForces
-    from geometry_msgs.msg import WrenchStamped
-    from sensor_msgs.msg import JointState
-
     estimator = bench.estimator(robot=PLACED, frame_id="arm")
-    states: list[Any] = []
     wrenches: list[Any] = []
     others: list[Any] = []
     for kind, topic in (
         (CableTensions, "tensions"), (NodalForces, "nodal_forces"), (JointState, "efforts"),
     ):  # fmt: skip
         bench.node.create_subscription(kind, f"/cdrj/{topic}", others.append, 10)
-    bench.node.create_subscription(JointState, "/cdrj/tension_states", states.append, 10)
+    states = bench.listen(JointState, "/cdrj/tension_states")
     bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", wrenches.append, 10)
     outputs = estimator.outputs
     assert bench.until(lambda: bool(outputs.wanted and outputs.states_wanted))
@@ -67,13 +65,9 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
 
 
 def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(bench: Bench) -> None:
-    from cdrj_msgs.msg import NodalForces
-    from geometry_msgs.msg import WrenchStamped
-
     estimator = bench.estimator()
-    wrenches: list[Any] = []
     forces: list[Any] = []
-    bench.node.create_subscription(WrenchStamped, "/cdrj/wrenches/lower_5", wrenches.append, 10)
+    wrenches = bench.listen(WrenchStamped, "/cdrj/wrenches/lower_5")
     bench.node.create_subscription(NodalForces, "/cdrj/nodal_forces", forces.append, 10)
     assert bench.until(lambda: bool(estimator.outputs.wanted))
     feed(estimator, 0, 1)
@@ -96,8 +90,6 @@ def efforts_of(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray]:
 def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_otherwise(
     bench: Bench,
 ) -> None:
-    from sensor_msgs.msg import JointState
-
     estimator = bench.estimator()
     heard: dict[str, list[bytes]] = {"efforts": [], "efforts_stddev": []}
     for topic, payloads in heard.items():

@@ -9,13 +9,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+from cdrj_msgs.msg import CableTensions
+
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
 
 
 def test_it_uses_reliable_tensions_and_refuses_all_others(node: Any, tmp_path: Path) -> None:
-    from cdrj_msgs.msg import CableTensions
-
     publisher = node.create_publisher(CableTensions, "/cdrj/tensions", 10)
     log = tmp_path / "log"
     with log.open("wb") as stream:

@@ -14,8 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
+from cdrj_msgs.msg import CableTensions
+from rosgraph_msgs.msg import Clock
 from support.forked import Forked, end
 
+from cdrj_ros.nodes.replay import main
+from cdrj_ros.nodes.replay_node import was_latched
 from cdrj_ros.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -78,8 +83,6 @@ class Replay:
 
 
 def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
-    import rclpy
-
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         if time.monotonic() > deadline:
@@ -149,9 +152,6 @@ def test_passes_agree_bit_for_bit(
 def test_another_topic_is_played_under_another_name_and_the_clock_follows(
     estimator: Any, replay: Any, short_bag: str, node: Any
 ) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from rosgraph_msgs.msg import Clock
-
     heard: list[float] = []
     clocks: list[float] = []
 
@@ -249,8 +249,6 @@ def test_invalid_options_of_replay_are_refused_in_one_line(
     short_bag: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from cdrj_ros.nodes.replay import main
-
     assert main([short_bag, "--robot", ROBOT, *arguments]) == 2
     errors = capsys.readouterr().err
     assert words in errors
@@ -268,6 +266,4 @@ def test_invalid_options_of_replay_are_refused_in_one_line(
     ],
 )
 def test_a_latched_topic_is_recognised(offered: str, latched: bool) -> None:
-    from cdrj_ros.nodes.replay_node import was_latched
-
     assert was_latched(offered) is latched

@@ -10,18 +10,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cdrj_msgs.msg import CableTensions
+from cdrj_msgs.srv import InjectFault, Push
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 from support.estimators import Bench
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.state import SLACK
+from cdrj_ros.nodes.rig import RigNode
 
 ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0
 
 
 def overrides(**given: Any) -> list[Any]:
-    from rclpy.parameter import Parameter
-
     return [Parameter(name, value=value) for name, value in {"robot": ROBOT, **given}.items()]
 
 
@@ -39,8 +50,6 @@ def spin_until(
 @pytest.fixture
 def bench(ros: None, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
     """Create rigs in this process; they are destroyed after the test."""
-    from cdrj_ros.nodes.rig import RigNode
-
     opened: list[Bench] = []
 
     def open_bench(text: str = "{}", **given: Any) -> Any:
@@ -58,20 +67,15 @@ def bench(ros: None, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
 
 
 def array_of(*values: float) -> Any:
-    from std_msgs.msg import Float64MultiArray
-
     return Float64MultiArray(data=list(values))
 
 
 def states(name: list[str], **fields: list[float]) -> Any:
-    from sensor_msgs.msg import JointState
-
     return JointState(name=name, **fields)
 
 
 def trajectory(*points: tuple[float, float]) -> Any:
     from builtin_interfaces.msg import Duration
-    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
     return JointTrajectory(
         joint_names=["winch"],
@@ -112,10 +116,6 @@ GEARED = (
 def test_an_estimator_beside_the_rig_finds_its_true_tensions(
     start_node: Any, node: Any, tmp_path: Path, robot: str, sensors: str, remaps: tuple[str, ...]
 ) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from rclpy.experimental import EventsExecutor
-    from trajectory_msgs.msg import JointTrajectory
-
     estimates: dict[int, np.ndarray] = {}
     truths: dict[int, np.ndarray] = {}
     for topic, kept in (("tensions", estimates), ("truth/tensions", truths)):
@@ -164,8 +164,6 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(
 
 
 def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path: Path) -> None:
-    from sensor_msgs.msg import JointState
-
     (tmp_path / "robot.yaml").write_text(GEARED)
     one = bench(
         "{ros2_control: {update_rate: 500}, motor_efforts: {noise: 0}, "
@@ -205,8 +203,6 @@ def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path:
 
 
 def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) -> None:
-    from diagnostic_msgs.msg import DiagnosticArray
-
     one = bench()
     heard = one.listen(DiagnosticArray, "/diagnostics")
     nan, inf = float("nan"), float("inf")
@@ -242,11 +238,6 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
 
 
 def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from cdrj_msgs.srv import InjectFault, Push
-    from sensor_msgs.msg import JointState
-    from std_srvs.srv import Trigger
-
     one = bench(truth_rate=100.0)
     tensions = one.listen(CableTensions, "truth/tensions")
     angles = one.listen(JointState, "motor_states")
@@ -290,12 +281,6 @@ def test_services_inject_faults_and_a_reset_removes_them(bench: Any) -> None:
 
 
 def test_load_cells_clock_and_payload(bench: Any) -> None:
-    from cdrj_msgs.msg import CableTensions
-    from rcl_interfaces.srv import SetParameters
-    from rclpy.parameter import Parameter
-    from rosgraph_msgs.msg import Clock
-    from sensor_msgs.msg import JointState
-
     text = "{load_cells: {elements: [upper/8, lower/1]}, motor_efforts: {}}"
     one = bench(text, drive_clock=True, speed=3)
     cells = one.listen(CableTensions, "tension_sensors")
@@ -327,8 +312,6 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
 
 
 def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None:
-    from diagnostic_msgs.msg import DiagnosticArray
-
     one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us per step cannot be reached
     heard = one.listen(DiagnosticArray, "/diagnostics")
     assert one.until(
@@ -341,8 +324,6 @@ def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None
 
 
 def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
-    from sensor_msgs.msg import JointState
-
     one = bench()
     heard = one.listen(JointState, "motor_states")
     assert one.until(lambda: len(heard) > 10)
@@ -368,10 +349,6 @@ def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any
 def test_an_invalid_parameter_is_refused_at_the_start(
     ros: None, given: dict[str, Any], words: str
 ) -> None:
-    from rclpy.node import Node
-
-    from cdrj_ros.nodes.rig import RigNode
-
     made: list[Node] = []
     with pytest.raises(CdrjError, match=words):
         made.append(RigNode(parameter_overrides=overrides(**given)))

@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.nodes.robot_description import KEPT, robot_description
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.robot.urdf import description_given
 
@@ -27,8 +31,6 @@ def robot_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def listening(ros: None) -> Iterator[Any]:
-    from rclpy.node import Node
-
     node = Node("reader")
     try:
         yield node
@@ -48,24 +50,16 @@ def test_without_a_node_one_line_says_where_to_get_it(robot_file: Path) -> None:
 
 
 def test_the_topic_of_robot_state_publisher_is_heard(listening: Any) -> None:
-    from std_msgs.msg import String
-
-    from cdrj_ros.nodes.robot_description import KEPT, robot_description
-
     listening.create_publisher(String, "/robot_description", KEPT).publish(String(data=URDF))
     assert robot_description(listening, wait_s=60.0) == URDF
 
 
 def test_the_parameter_comes_before_the_topic(listening: Any) -> None:
-    from cdrj_ros.nodes.robot_description import robot_description
-
     listening.declare_parameter("robot_description", URDF)
     assert robot_description(listening, wait_s=0.0) == URDF
 
 
 def test_silence_is_one_clear_line(listening: Any) -> None:
-    from cdrj_ros.nodes.robot_description import robot_description
-
     with pytest.raises(UsageError, match=r"no URDF on /robot_description within 0\.1 s"):
         robot_description(listening, wait_s=0.1)
 
@@ -76,8 +70,6 @@ RIG = {"payload": 0.01}
 
 def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
     """A node by the name of its executable, and the joints of its robot."""
-    from rclpy.parameter import Parameter
-
     options = [Parameter(key, value=value) for key, value in given.items()]
     if name == "estimator":
         from cdrj_ros.nodes.estimator import EstimatorNode
@@ -107,10 +99,6 @@ def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
 def test_every_node_of_a_robot_takes_the_description_of_the_topic(
     name: str, listening: Any, robot_file: Path
 ) -> None:
-    from std_msgs.msg import String
-
-    from cdrj_ros.nodes.robot_description import KEPT
-
     publisher = listening.create_publisher(String, "/robot_description", KEPT)
     sooner = threading.Timer(0.2, lambda: publisher.publish(String(data=URDF)))
     sooner.start()

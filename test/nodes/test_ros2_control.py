@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from support.estimators import Bench, sample_at
 from support.published import (
     EFFORT_SCALE,
@@ -60,9 +62,6 @@ def stack(folder: Path, text: str = PUBLISHED) -> str:
 def test_tensions_from_one_stream_at_500_hz_of_several_robots(
     bench: Bench, tmp_path: Path, reliable: bool
 ) -> None:
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from sensor_msgs.msg import JointState
-
     reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
     quality = QoSProfile(depth=10, reliability=reliability)
     publisher = bench.node.create_publisher(JointState, "/joint_states", quality)
@@ -140,8 +139,6 @@ def test_a_current_as_effort_is_answered_with_its_effort_scale(
 def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with_what_mends_them(
     bench: Bench, tmp_path: Path
 ) -> None:
-    from sensor_msgs.msg import JointState
-
     publisher = bench.node.create_publisher(JointState, "/joint_states", 10)
     estimation = bench.estimator(robot=stack(tmp_path))
     assert bench.until(lambda: bool(diagnosed(estimation)) and bool(estimation.inputs[0].remapping))

@@ -13,6 +13,20 @@ from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from visualization_msgs.msg import MarkerArray
+
+from cdrj_ros.nodes.feed import Choice
+from cdrj_ros.nodes.managed import ManagedEstimator
+from cdrj_ros.nodes.markers import MarkersNode
+from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
+from cdrj_ros.nodes.rig import RigNode
+from cdrj_ros.nodes.robot_description import listener_of
+from cdrj_ros.nodes.spinning import RANGE, REACH, stay_on_this_machine
+from cdrj_ros.nodes.watch import WatchNode
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "cdrj_ros"
@@ -63,20 +77,6 @@ def shortened(real: Any, allowed: Any) -> dict[tuple[str, str], set[str]]:
 @pytest.fixture
 def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     """An observer node, and one node of each executable with all their topics."""
-    from geometry_msgs.msg import WrenchStamped
-    from rclpy.experimental import EventsExecutor
-    from rclpy.node import Node
-    from rclpy.parameter import Parameter
-    from visualization_msgs.msg import MarkerArray
-
-    from cdrj_ros.nodes.feed import Choice
-    from cdrj_ros.nodes.managed import ManagedEstimator
-    from cdrj_ros.nodes.markers import MarkersNode
-    from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
-    from cdrj_ros.nodes.rig import RigNode
-    from cdrj_ros.nodes.robot_description import listener_of
-    from cdrj_ros.nodes.watch import WatchNode
-
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
     estimator = ManagedEstimator(
         parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]
@@ -109,9 +109,6 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
 def view(nodes: tuple[Any, Any]) -> Iterator[Any]:
     """The view as while a browser shows its page, and its listener to the robot's URDF."""
     pytest.importorskip("viser")
-    from rclpy.parameter import Parameter
-
-    from cdrj_ros.nodes.robot_description import listener_of
     from cdrj_ros.nodes.view import ViewNode
 
     given = {"robot": ROBOT, "port": 0}
@@ -229,8 +226,6 @@ def test_nothing_executable_is_loaded() -> None:
 
 
 def test_a_node_communicates_on_this_machine_only_unless_the_environment_differs() -> None:
-    from cdrj_ros.nodes.spinning import RANGE, REACH, stay_on_this_machine
-
     environment = {"PATH": "/bin", "ROS_STATIC_PEERS": ""}
     assert stay_on_this_machine(environment)
     assert environment[RANGE] == "LOCALHOST"

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.messages import topics
@@ -47,10 +50,6 @@ def shown(
     request: pytest.FixtureRequest, ros: None, tmp_path: Path
 ) -> Iterator[NDArray[np.float64]]:
     """Angles that a node draws after each reading, given one at a time."""
-    from rclpy.parameter import Parameter
-    from rclpy.serialization import serialize_message
-    from sensor_msgs.msg import JointState
-
     path = tmp_path / "turning.yaml"
     path.write_text(TEXT, encoding="utf-8")
     given: dict[str, Any] = {"robot": str(path)}

@@ -13,6 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
+from cdrj_msgs.msg import CableTensions
+from rcl_interfaces.srv import GetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from support.browser import addresses, chromium
 
 from cdrj_ros.model.state import INVALID
@@ -45,8 +51,6 @@ class Scene:
     """A view of the finger, a publisher of its tensions, an estimator, and a browser."""
 
     def __init__(self, view: Any, user: Any, browser: Any, program: Path) -> None:
-        from cdrj_msgs.msg import CableTensions
-
         self.view, self.user, self.browser, self._program = view, user, browser, program
         self.names = list(view.model.layout.elements)
         self.tension, self.status, self.publishing = 18.0, 0, True
@@ -55,8 +59,6 @@ class Scene:
         self.process: subprocess.Popen[bytes] | None = None
 
     def _publish(self) -> None:
-        from cdrj_msgs.msg import CableTensions
-
         if not self.publishing:
             return
         n = len(self.names)
@@ -110,11 +112,6 @@ class Scene:
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterator[Scene]:
     pytest.importorskip("viser")
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
-    from rclpy.parameter import Parameter
-
     from cdrj_ros.nodes.view import ViewNode
 
     with chromium(tmp_path_factory.mktemp("browser"), 1100, 620) as browser:
@@ -222,7 +219,6 @@ def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
 
 
 def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
-    from rcl_interfaces.srv import GetParameters
     from selenium.webdriver import Keys
 
     client = page.user.create_client(GetParameters, "/cdrj/estimator/get_parameters")

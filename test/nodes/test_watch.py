@@ -16,6 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cdrj_msgs.msg import CableTensions
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
 
 PATIENCE_S = 60.0
 
@@ -43,9 +46,6 @@ class Source:
     """A node that publishes tensions."""
 
     def __init__(self, node: Any, topic: str = "/cdrj/tensions", reliable: bool = True) -> None:
-        from cdrj_msgs.msg import CableTensions
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
-
         kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         self.node = node
         self.message = CableTensions(
@@ -166,8 +166,6 @@ def test_once_without_a_publisher_ends_with_code_2_and_one_line(
 def test_it_reports_why_no_message_arrives(
     start_executable: Any, node: Any, tmp_path: Path
 ) -> None:
-    from std_msgs.msg import String
-
     elsewhere = Source(node, "/left/cdrj/tensions")
     reader, writer = os.pipe()
     with (tmp_path / "errors").open("wb") as stream:
