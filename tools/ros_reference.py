@@ -60,7 +60,6 @@ def _overrides(**given):
 
 def _nodes():
     """Start every node with all its topics; yields name and node."""
-    from cdrj_ros.nodes.feed import Choice
     from cdrj_ros.nodes.managed import ManagedEstimator
     from cdrj_ros.nodes.markers import MarkersNode
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
@@ -81,7 +80,7 @@ def _nodes():
     )
     yield "rig", rig
     yield "replay", ReplayNode(Wiring(clock_hz=10.0))
-    yield "watch", WatchNode(forces=True, choice=Choice())
+    yield "watch", WatchNode(forces=True, pattern="*")
     markers = MarkersNode(parameter_overrides=_overrides(robot="prototype"))
     markers.inputs.listen(True)
     yield "markers", markers

@@ -80,9 +80,6 @@ def _parser() -> argparse.ArgumentParser:
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
     parser.add_argument("--json", metavar="FILE", help="write what each step brought as JSON")
-    parser.add_argument(
-        "--png", metavar="FILE", help="draw standard deviation over tension, step by step"
-    )
     add_topic_options(parser)
     return parser
 
@@ -91,7 +88,7 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     path = robot_path(arguments.robot)
     bags = [bag for bag in (arguments.rest, *arguments.motion, *arguments.cells) if bag]
-    outputs = {"--out": arguments.out, "--json": arguments.json, "--png": arguments.png}
+    outputs = {"--out": arguments.out, "--json": arguments.json}
     check_outputs(outputs, [*bags, path])
     check_new({"--out": arguments.out}, force=arguments.force)
     now = begin(path.read_text(encoding="utf-8"), str(path))
@@ -194,26 +191,6 @@ def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Ste
             for one in steps
         ]
         write_text(arguments.json, json.dumps({"steps": rows}, indent=2) + "\n")
-    if arguments.png:
-        _draw(steps, arguments.png)
-
-
-def _draw(steps: Sequence[Step], path: str) -> None:
-    """Standard deviation over tension of every cable, step by step."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((7.0, 4.0), layout="constrained")
-    axes = figure.add_subplot()
-    places = range(len(steps))
-    for name in steps[0].judged.relative:
-        shares = [100.0 * one.judged.relative[name] for one in steps]
-        axes.plot(places, shares, marker="o", label=name)
-    axes.set_yscale("log")
-    axes.set_ylabel("standard deviation over tension [%]")
-    axes.set_xticks(list(places), [f"{one.name}\nOK {one.judged.ok:.0%}" for one in steps])
-    axes.grid(alpha=0.3)
-    axes.legend()
-    figure.savefig(path, format="png", dpi=120)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -29,7 +29,6 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
@@ -91,15 +90,6 @@ def _add_motion_options(parser: argparse.ArgumentParser) -> None:
         help="frequency of the motion; for a random motion, the highest one; HZ,HZ,... (0.1)",
     )  # fmt: skip
     group.add_argument("--recorded", metavar="BAG", help="repeat the joint angles of a bag instead")
-    group.add_argument(
-        "--joint-topic", default=Topics().joints, metavar="TOPIC",
-        help="topic of the joint angles in that bag (default %(default)s)",
-    )  # fmt: skip
-    group.add_argument(
-        "--warm-up", type=float, default=0.0, metavar="S",
-        help="duration of motion before the recording [s]; the friction state is then unknown (0: "
-        "the recording starts at rest in the reference pose at the preload)",
-    )  # fmt: skip
 
 
 def _add_physics_options(parser: argparse.ArgumentParser) -> None:
@@ -114,9 +104,6 @@ def _add_physics_options(parser: argparse.ArgumentParser) -> None:
         "--cells", type=int, default=8, help="contact cells per simulated pulley (8)"
     )
     group.add_argument(
-        "--payload", type=float, metavar="KG", help="mass of the payload [kg] (the rig file's; 0.3)"
-    )
-    group.add_argument(
         "--allow-slack", action="store_true", help="permit motions in which a cable becomes slack"
     )
 
@@ -127,12 +114,12 @@ def _body(argv: Sequence[str]) -> int:
     _check_output(Path(arguments.out))
     model = load_model(arguments.robot, arguments.preload)
     rig = load_rig(arguments.rig)
-    record = Recorder(model, rig.sensors, arguments.seed, arguments.warm_up)
+    record = Recorder(model, rig.sensors, arguments.seed)
     plan, truth, reason = _simulated(model, rig, arguments)
     record.write(arguments.out, truth)
     notes = [
         *truth.notes,
-        *_slack_notes(model, truth, arguments.warm_up),
+        *_slack_notes(model, truth),
         *_motion_notes(model.robot, arguments, plan, reason),
     ]
     for note in notes:
@@ -188,7 +175,7 @@ def _simulated(
         except MotionError:
             continue
     if isinstance(refused, SlackError):
-        raise UsageError(_slack_advice(model, plan, arguments.warm_up, refused)) from refused
+        raise UsageError(_slack_advice(model, plan, refused)) from refused
     raise refused
 
 
@@ -212,9 +199,9 @@ def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Tru
     return simulate(robot, plan.time, plan.joints, torque, plan.motor_speed, **given)
 
 
-def _slack_advice(model: Model, plan: Plan, warm_up: float, error: SlackError) -> str:
+def _slack_advice(model: Model, plan: Plan, error: SlackError) -> str:
     """Where a cable became slack, and a preload with which it was simulated to stay taut."""
-    where = f"t = {error.time - warm_up:.4g} s{', ' + error.pose if error.pose else ''}"
+    where = f"t = {error.time:.4g} s{', ' + error.pose if error.pose else ''}"
     text = f"a cable becomes slack: element {error.element} has no tension at {where}"
     robot = model.robot
     if not any(cable.preload > 0.0 for cable in robot.cables):
@@ -236,20 +223,18 @@ def _slack_advice(model: Model, plan: Plan, warm_up: float, error: SlackError) -
     )
 
 
-def _slack_notes(model: Model, truth: Truth, warm_up: float) -> list[str]:
+def _slack_notes(model: Model, truth: Truth) -> list[str]:
     """When each cable was slack in the recording."""
     notes = []
     element = 0
-    shown = truth.time >= warm_up
     for cable in model.robot.cables:
         count = len(cable.nodes) - 1
-        slack = truth.slack[:, element : element + count].any(axis=1) & shown
+        slack = truth.slack[:, element : element + count].any(axis=1)
         element += count
         if slack.any():
-            first = truth.time[np.argmax(slack)] - warm_up
             notes.append(
                 f"{cable.name} is slack for {slack.sum() / TRUTH_RATE:.4g} s, first at "
-                f"t = {first:.4g} s"
+                f"t = {truth.time[np.argmax(slack)]:.4g} s"
             )
     return notes
 

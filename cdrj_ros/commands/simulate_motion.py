@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -16,7 +16,7 @@ from cdrj_ros.recordings import Topics, read_recording
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.faults import Fault
-from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, make_load, usual_load
+from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
 from cdrj_ros.simulation.sensors import angle_of
 
@@ -62,7 +62,7 @@ class Plan:
     """What is to be simulated."""
 
     time: Vector
-    """[s], with the warm-up, shape (n,)."""
+    """[s], shape (n,)."""
     joints: NDArray[np.float64]
     """Prescribed angles [rad], shape (n, joints)."""
     moved: int
@@ -116,18 +116,11 @@ def make_plan(
     else:
         swings = _swings(robot, indices, arguments, share)
         motions, duration = _motions(swings, arguments)
-    time = np.arange(round((arguments.warm_up + duration) * TRUTH_RATE) + 1) / TRUTH_RATE
+    time = np.arange(round(duration * TRUTH_RATE) + 1) / TRUTH_RATE
     joints = _prescribed(robot, time, motions)
-    payload = arguments.payload if arguments.payload is not None else rig.load.payload
-    load = make_load(
-        rig.load.kind or usual_load(robot, moved),
-        USUAL_PAYLOAD if payload is None else payload,
-        rig.load.damping or 0.0,
-        rig.load.gravity,
-    )
-    faults = tuple(replace(one, begin=one.begin + arguments.warm_up) for one in rig.faults)
+    load = rig.load.made(usual_load(robot, moved), USUAL_PAYLOAD, damping=0.0)
     return Plan(
-        time, joints, moved, load, mode, faults, arguments.allow_slack,
+        time, joints, moved, load, mode, rig.faults, arguments.allow_slack,
         rig.drives.get("speed", USUAL_SPEED), swings,
     )  # fmt: skip
 
@@ -152,7 +145,7 @@ def _prescribed(
 def _motions(
     swings: Sequence[Swing], arguments: argparse.Namespace
 ) -> tuple[dict[int, motion.Motion], float]:
-    """The motion of every moving joint, and the simulated time without the warm-up [s]."""
+    """The motion of every moving joint, and the simulated time [s]."""
     frequencies = numbers("frequency", arguments.frequency, len(swings), 1e-4, 50.0)
     motions = {
         swing.joint: motion.named_motion(
@@ -244,8 +237,8 @@ def _recorded(
 ) -> tuple[dict[int, motion.Motion], float]:
     """The recorded motion of every moving joint, and how long to simulate [s]."""
     names = [robot.joints[index].name for index in chosen]
-    topics = Topics(arguments.joint_topic, arguments.joint_topic, ())
-    series = read_recording(arguments.recorded, topics, joint_names=names).joints
+    topic = Topics().joints
+    series = read_recording(arguments.recorded, Topics(topic, topic, ()), joint_names=names).joints
     motions = {}
     lengths = []
     start = min(int(one.stamp_ns[0]) for one in series.values() if one.stamp_ns.size)
@@ -259,14 +252,12 @@ def _recorded(
         time = np.asarray((stamps - start) * 1e-9, dtype=np.float64)
         motions[index] = motion.recorded(time, angle_of(sensor, readings), DWELL_S)
         lengths.append(DWELL_S + motion.recorded_duration(time))
-    longest = min(lengths) - arguments.warm_up
+    longest = min(lengths)
     if arguments.duration is not None and arguments.duration > longest:
         raise UsageError(
             f"--duration {arguments.duration:g} is longer than the recorded motion allows: "
-            f"{max(longest, 0.0):.4g} s"
+            f"{longest:.4g} s"
         )
-    if not longest >= 0.01:
-        raise UsageError(f"--warm-up leaves nothing of the recorded motion in {arguments.recorded}")
     return motions, longest if arguments.duration is None else arguments.duration
 
 
@@ -276,9 +267,6 @@ def check_ranges(arguments: argparse.Namespace) -> None:
     Raises:
         UsageError: names the option and its range.
     """
-    _require("warm_up", arguments.warm_up, 0.0, 1e6)
-    if arguments.payload is not None:
-        _require("payload", arguments.payload, 0.0, 1e6)
     if arguments.duration is not None:
         _require("duration", arguments.duration, 0.01, 1e6)
     _require("cells", arguments.cells, 1, 200)
@@ -287,9 +275,7 @@ def check_ranges(arguments: argparse.Namespace) -> None:
 
 def _require(name: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high:
-        raise UsageError(
-            f"--{name.replace('_', '-')} must be in [{low:g}, {high:g}], got {value:g}"
-        )
+        raise UsageError(f"--{name} must be in [{low:g}, {high:g}], got {value:g}")
 
 
 def numbers(name: str, text: str, count: int, low: float, high: float) -> list[float]:

@@ -1,9 +1,8 @@
-"""The topics that ``watch`` subscribes to, with their last messages as table entries."""
+"""The last messages of topics, and those that ``watch`` shows as table entries."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from time import monotonic
@@ -25,23 +24,6 @@ LEAST_S: Final = 0.5
 """Shortest time over which a rate is reported [s]."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Which entries are shown, and the tensions at which their bars end."""
-
-    pattern: str = "*"
-    limits: Mapping[str, float] = field(default_factory=dict)
-    """Limit of the tension by cable [N]."""
-
-    def wants(self, name: str) -> bool:
-        """Whether an entry is shown."""
-        return fnmatchcase(name, self.pattern)
-
-    def limit(self, name: str) -> float:
-        """Limit of an element [N]; infinite if there is none."""
-        return self.limits.get(name.rpartition("/")[0], float("inf"))
-
-
 @dataclass
 class Rate:
     """The rate of a counter."""
@@ -60,8 +42,29 @@ class Rate:
 
 
 @dataclass
-class Feed:
-    """One topic: its last message and its message rate."""
+class LastMessage:
+    """The last message of a topic, undecoded."""
+
+    payload: bytes | None = None
+    heard_s: float = field(default_factory=monotonic)
+    """Steady time of the last message, or of the construction before the first [s]."""
+    count: int = 0
+    """Number of messages."""
+
+    def hear(self, payload: bytes) -> None:
+        """Store a received message."""
+        self.payload = payload
+        self.heard_s = monotonic()
+        self.count += 1
+
+    def silent(self, after_s: float = SILENCE_S) -> bool:
+        """Whether no message has been received for a time."""
+        return monotonic() - self.heard_s > after_s
+
+
+@dataclass(kw_only=True)
+class Feed(LastMessage):
+    """One topic of ``watch``: its last message and its message rate."""
 
     topic: str
     """Resolved name."""
@@ -70,30 +73,14 @@ class Feed:
     """What an entry describes: ``element`` or ``pulley``."""
     value: str
     """Name of the field that is shown."""
-    limited: bool
-    """Whether the tension limits apply to the value."""
-    payload: bytes | None = None
-    heard_s: float = field(default_factory=monotonic)
-    """Steady time of the last message, or of the construction before the first [s]."""
-    count: int = 0
     rate: Rate = field(default_factory=Rate)
-
-    def hear(self, payload: bytes) -> None:
-        """Store a received message."""
-        self.payload = payload
-        self.heard_s = monotonic()
-        self.count += 1
 
     def rate_hz(self) -> float | None:
         """Message rate [Hz]; None if it is not known yet."""
         return self.rate.hz(self.count)
 
-    def silent(self) -> bool:
-        """Whether no message has been received for ``SILENCE_S``."""
-        return monotonic() - self.heard_s > SILENCE_S
-
-    def read(self, choice: Choice) -> tuple[int, Section]:
-        """Stamp [ns] and entries of the last message; all are stale if the topic is silent.
+    def read(self, pattern: str = "*") -> tuple[int, Section]:
+        """Stamp [ns] and the entries of these names; all are stale if the topic is silent.
 
         Raises:
             MessageError: the arrays differ in length, or the message cannot be decoded.
@@ -118,10 +105,9 @@ class Feed:
                 float(values[k]),
                 float(stddev[k]) if len(stddev) else None,
                 int(status[k]) | also,
-                choice.limit(name) if self.limited else float("inf"),
             )
             for k, name in enumerate(names)
-            if choice.wants(name)
+            if fnmatchcase(name, pattern)
         )
         seconds, rest = (int(arrays[f"header.stamp.{part}"][0]) for part in ("sec", "nanosec"))
         return seconds * 1_000_000_000 + rest, Section(self.title, lines)

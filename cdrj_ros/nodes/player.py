@@ -41,6 +41,9 @@ CHORES_S: Final = 0.02
 PRESENCE_S: Final = 0.5
 """Time between two checks that the estimator is still there [s]."""
 
+PATIENCE_S: Final = 120.0
+"""Time after which a replay without an estimator is given up [s]."""
+
 NEWS_S: Final = 3.0
 """Time between two messages that list what is still missing [s]."""
 
@@ -95,11 +98,11 @@ class Player:
         self._reached_ns = 0
         self._gone = False
 
-    def wait_for_estimator(self, patience_s: float) -> bool:
+    def wait_for_estimator(self) -> bool:
         """Wait until the estimator is connected in both directions; False if the user stops.
 
         Raises:
-            NoEstimatorError: the estimator is not connected after ``patience_s``.
+            NoEstimatorError: the estimator is not connected after ``PATIENCE_S``.
             UsageError: the estimator does not publish every estimate.
         """
         begin = monotonic()
@@ -110,9 +113,9 @@ class Player:
             if self._stop:
                 return False
             now = monotonic()
-            if now - begin > patience_s:
+            if now - begin > PATIENCE_S:
                 raise NoEstimatorError(
-                    f"no estimator within {patience_s:g} s ({'; '.join(missing)}): start one with "
+                    f"no estimator within {PATIENCE_S:g} s ({'; '.join(missing)}): start one with "
                     "'ros2 run cdrj_ros estimator --ros-args -p robot:=FILE' in the same ROS domain"
                 )
             if now > news:

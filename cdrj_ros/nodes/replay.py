@@ -92,10 +92,6 @@ def replay_parser() -> argparse.ArgumentParser:
         "--estimator", default=in_namespace("estimator"), metavar="NAME",
         help="full name of the estimator node (default %(default)s)",
     )  # fmt: skip
-    group.add_argument(
-        "--patience", type=_seconds, default=120.0, metavar="S",
-        help="how long to wait for the estimator [s] (default %(default)g)",
-    )  # fmt: skip
     add_topic_options(parser)
     add_result_options(parser)
     return parser
@@ -108,12 +104,10 @@ def _add_playback_options(parser: argparse.ArgumentParser) -> None:
         help=f"rate as a multiple of real time, {MIN_RATE:g} to {MAX_RATE:g} "
         "(default: as fast as the estimator keeps up)",
     )  # fmt: skip
-    repeat = group.add_mutually_exclusive_group()
-    repeat.add_argument(
-        "-l", "--loop", action="store_true",
-        help="repeat until Ctrl-C; the estimator is reset before every pass",
+    group.add_argument(
+        "-l", "--loop", type=int, nargs="?", const=0, default=1, metavar="N",
+        help="play N times, or until Ctrl-C; the estimator is reset before every pass",
     )  # fmt: skip
-    repeat.add_argument("--passes", type=int, default=1, metavar="N", help="play N times")
     group.add_argument(
         "--start-offset", type=_seconds, default=0.0, metavar="S",
         help="start this long after the beginning of the bag [s]",
@@ -222,7 +216,7 @@ def _play_all(
     wiring = player.node.wiring
     topics = [wiring.topics.motors, wiring.topics.joints, *(one.topic for one in wiring.extras)]
     outcomes = [Outcome(player.model) for _ in bags]
-    passes = math.inf if arguments.loop else arguments.passes
+    passes = arguments.loop or math.inf
     ending, done = Ending.END, 0
     while done < passes and ending is Ending.END:
         done += 1
@@ -266,7 +260,7 @@ def _play_and_report(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
 ) -> int:
     print(f"waiting for {arguments.estimator} ...", flush=True)
-    if not player.wait_for_estimator(arguments.patience):
+    if not player.wait_for_estimator():
         announce_interruption("replay")
         return INTERRUPTED
     if words := preload_difference(player.model, player.estimator):
@@ -355,8 +349,8 @@ def _body(argv: Sequence[str]) -> int:
     arguments = replay_parser().parse_args(own)
     if arguments.rate is not None:
         checked_rate(arguments.rate)
-    if arguments.passes < 1:
-        raise UsageError(f"--passes must be at least 1, got {arguments.passes}")
+    if arguments.loop < 0:
+        raise UsageError(f"--loop must be at least 1, got {arguments.loop}")
     model = load_model(arguments.robot, arguments.preload)
     wiring = _wiring(arguments)
     bags = [_open(arguments, model, wiring.topics, path) for path in arguments.bags]

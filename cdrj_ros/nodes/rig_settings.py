@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Final, cast
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -17,7 +17,7 @@ from cdrj_ros.simulation.commands import DriveLimits
 from cdrj_ros.simulation.drives import drive_limits
 from cdrj_ros.simulation.follow import MOTIONS, Demonstration
 from cdrj_ros.simulation.live import LiveSettings
-from cdrj_ros.simulation.load import Load, make_load, usual_load, usual_payload
+from cdrj_ros.simulation.load import Load, usual_load, usual_payload
 from cdrj_ros.simulation.rig_file import LoadChoice, load_rig
 from cdrj_ros.simulation.sensor_groups import SensorSettings
 
@@ -75,8 +75,8 @@ class RigOptions:
     settings: LiveSettings
     limits: DriveLimits
     demonstration: Demonstration
-    load: LoadChoice
-    """The load with kind, payload and damping set."""
+    load_of: Callable[[float], Load]
+    """The load by the parameter ``payload`` [kg]."""
     sensors: SensorSettings
     truth_rate: float
     """Rate of the truth topics [Hz]; 0: they are not published."""
@@ -101,17 +101,17 @@ def declare_rig(node: Node) -> tuple[Model, RigOptions]:
             f"speed {given['speed']:g} needs drive_clock:=true: stamps would leave the clock"
         )
     rig = load_rig(given["rig"])
-    load = _load(model, joint, rig.load, given["payload"])
+    load_of = _loads(model, joint, rig.load)
     rate = given["rate"]
-    lower, upper = load.stops or (None, None)
+    lower, upper = rig.load.stops or (None, None)
     settings = LiveSettings(
-        load_of(load), given["cells"], rate, joint, lower, upper, faults=rig.faults
+        load_of(given["payload"]), given["cells"], rate, joint, lower, upper, faults=rig.faults
     )
     return model, RigOptions(
         settings,
         drive_limits(model.robot, rate, **rig.drives),
         Demonstration(given["motion"], seed=given["seed"]),
-        load,
+        load_of,
         rig.sensors,
         given["truth_rate"],
         given["drive_clock"],
@@ -120,23 +120,11 @@ def declare_rig(node: Node) -> tuple[Model, RigOptions]:
     )
 
 
-def load_of(choice: LoadChoice, payload: float | None = None) -> Load:
-    """The load of a choice of which everything is set, or with another payload [kg].
-
-    Raises:
-        UsageError: the load is invalid.
-    """
-    mass = choice.payload if payload is None else payload
-    kind, damping = cast(Any, choice.kind), cast(float, choice.damping)
-    return make_load(kind, cast(float, mass), damping, choice.gravity)
-
-
 def changed_payload(options: RigOptions, changes: Sequence[Parameter]) -> Load | None:
     """The load after a change of parameters; None if the change does not concern it."""
     for change in changes:
         if change.name == "payload":
-            payload = float(change.value)
-            return load_of(options.load, None if payload < 0.0 else payload)
+            return options.load_of(float(change.value))
     return None
 
 
@@ -154,11 +142,13 @@ def _joint(model: Model, name: str) -> int:
     return joints.index(name) if name else 0
 
 
-def _load(model: Model, joint: int, given: LoadChoice, payload: float) -> LoadChoice:
-    """The choice with its defaults."""
+def _loads(model: Model, joint: int, given: LoadChoice) -> Callable[[float], Load]:
+    """The load by the parameter ``payload``."""
     kind = given.kind or usual_load(model.robot, joint)
-    mass = given.payload if payload < 0.0 else payload
-    if mass is None:
-        mass = usual_payload(model.robot, joint, kind, given.gravity)
-    damping = USUAL_DAMPING if given.damping is None else given.damping
-    return LoadChoice(kind, mass, given.gravity, damping, given.stops)
+    usual = usual_payload(model.robot, joint, kind, given.gravity)
+
+    def load_of(payload: float) -> Load:
+        chosen = given if payload < 0.0 else replace(given, payload=payload)
+        return chosen.made(kind, usual, USUAL_DAMPING)
+
+    return load_of

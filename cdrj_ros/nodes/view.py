@@ -116,7 +116,7 @@ class ViewNode(Node):
         there = self.link.poll()
         try:
             shown, heard = self.inputs.snapshot(), self.heard
-            heard.last_s = self.inputs.heard_s.get(topics.TENSIONS, heard.last_s)
+            heard.last_s = max(heard.last_s, self.inputs.heard_s)
             heard.count = self.inputs.count
             heard.fresh, heard.stamp_ns = self.inputs.fresh, shown.stamp_ns
             heard.stale = bool(np.all(shown.status & STALE))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from time import monotonic
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +17,7 @@ from sensor_msgs.msg import JointState
 from cdrj_ros.messages import topics
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import STALE
+from cdrj_ros.nodes.feed import LastMessage
 from cdrj_ros.view.history import (
     Snapshot,
     joint_angles,
@@ -45,10 +45,8 @@ class Inputs:
         self._node, self._model, self._references = node, model, tuple(references)
         self._joints = joint_axes(model.robot)
         self._opened: list[Any] = []
-        self._payloads: dict[str, bytes] = {}
+        self._heard: dict[str, LastMessage] = {}
         self._shown = nothing_known(model)
-        self.heard_s: dict[str, float] = {}
-        """Steady time of the last message of every topic [s]."""
         self.count = 0
         """Number of messages with tensions."""
 
@@ -62,8 +60,15 @@ class Inputs:
         """Whether tensions are not older than ``SILENCE_S``."""
         return self._fresh(topics.TENSIONS)
 
+    @property
+    def heard_s(self) -> float:
+        """Steady time of the last message with tensions [s]."""
+        found = self._heard.get(topics.TENSIONS)
+        return -float("inf") if found is None else found.heard_s
+
     def _fresh(self, topic: str) -> bool:
-        return monotonic() - self.heard_s.get(topic, -float("inf")) <= SILENCE_S
+        found = self._heard.get(topic)
+        return found is not None and not found.silent(SILENCE_S)
 
     def listen(self, wanted: bool) -> bool:
         """Subscribe, or end the subscriptions and forget the messages; returns ``wanted``."""
@@ -82,17 +87,17 @@ class Inputs:
             for one in self._opened:
                 self._node.destroy_subscription(one)
             self._opened.clear()
-            self._payloads.clear()
+            self._heard.clear()
         return wanted
 
     def hear(self, topic: str, payload: bytes) -> None:
         """Keep a serialised message."""
-        self._payloads[topic], self.heard_s[topic] = payload, monotonic()
+        self._heard.setdefault(topic, LastMessage()).hear(payload)
         self.count += topic == topics.TENSIONS
 
     def _last(self, kind: Any, topic: str) -> Any:
-        payload = self._payloads.get(topic)
-        return None if payload is None else deserialize_message(payload, kind)
+        found = self._heard.get(topic)
+        return None if found is None else deserialize_message(found.payload, kind)
 
     def snapshot(self) -> Snapshot:
         """The values of the last messages, STALE after ``SILENCE_S``."""

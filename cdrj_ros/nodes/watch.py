@@ -27,15 +27,13 @@ from rich.console import Console
 from rich.live import Live
 
 from cdrj_ros.commands.running import DONE, CommandParser, run_command
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
-from cdrj_ros.model.loading import robot_path
-from cdrj_ros.nodes.feed import Choice, Feed
+from cdrj_ros.nodes.feed import Feed
 from cdrj_ros.nodes.qos import remapping
 from cdrj_ros.nodes.spinning import RANGE, ros_context, starting
 from cdrj_ros.report.live_table import View, live_table, plain_line
-from cdrj_ros.robot.reader import load_robot
 
 DRAW_S: Final = 0.125
 """Time between two updates of the table in a terminal [s]."""
@@ -57,22 +55,23 @@ class NothingHeardError(CdrjError):
 class WatchNode(Node):
     """Stores the last message of every topic."""
 
-    def __init__(self, forces: bool, choice: Choice, **options: Any) -> None:
+    def __init__(self, forces: bool, pattern: str, **options: Any) -> None:
         """Subscribe best-effort, which matches every publisher; offer no parameter services."""
         super().__init__(
             "watch", namespace=topics.NAMESPACE, start_parameter_services=False, **options
         )
-        self._choice = choice
+        self._pattern = pattern
         self._diagnosed: dict[str, DiagnosticStatus] = {}
         self._qos: dict[str, QoSProfile] = {}
         topic = self.resolve_topic_name(topics.TENSIONS)
-        self.tensions = Feed(topic, CABLE_TENSIONS, "element", "tension", limited=True)
+        self.tensions = Feed(topic=topic, message=CABLE_TENSIONS, title="element", value="tension")
         self.feeds = [self.tensions]
         self._listen(CableTensions, self.tensions)
         if forces:
             topic = self.resolve_topic_name(topics.NODAL_FORCES)
-            self.feeds.append(Feed(topic, NODAL_FORCES, "pulley", "magnitude", limited=False))
-            self._listen(NodalForces, self.feeds[1])
+            forces_on = Feed(topic=topic, message=NODAL_FORCES, title="pulley", value="magnitude")
+            self.feeds.append(forces_on)
+            self._listen(NodalForces, forces_on)
         self.create_subscription(
             DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, topics.FEW
         )
@@ -105,13 +104,13 @@ class WatchNode(Node):
             if feed.payload is None:
                 continue
             try:
-                stamp_ns, section = feed.read(self._choice)
+                stamp_ns, section = feed.read(self._pattern)
             except MessageError as error:
                 notes.append(f"{feed.topic}: {error}")
                 continue
             sections.append(section)
             if not section.lines:
-                notes.append(f"no {feed.title} matches {self._choice.pattern!r}")
+                notes.append(f"no {feed.title} matches {self._pattern!r}")
             if feed is self.tensions:
                 age = (now_ns - stamp_ns) * 1e-9
         publishers = self._endpoints(self.tensions)
@@ -197,21 +196,7 @@ def _parser() -> argparse.ArgumentParser:
         "--only", default="*", metavar="PATTERN",
         help="show the elements and pulleys of these names, for instance 'upper/*'",
     )  # fmt: skip
-    parser.add_argument(
-        "--robot", metavar="ROBOT",
-        help="robot file, or the name of an installed one: bars end at the cables' max_tension",
-    )  # fmt: skip
     return parser
-
-
-def _choice(arguments: argparse.Namespace) -> Choice:
-    limits = {}
-    if arguments.robot:
-        cables = load_robot(robot_path(arguments.robot)).cables
-        limits = {c.name: c.maximum_tension for c in cables if c.maximum_tension < float("inf")}
-        if not limits:
-            raise UsageError(f"--robot: no cable of {arguments.robot} has a max_tension")
-    return Choice(arguments.only, limits)
 
 
 def _never() -> bool:
@@ -261,11 +246,10 @@ def _body(argv: Sequence[str]) -> int:
     everything = ["watch", *argv]
     with starting():
         arguments = _parser().parse_args(remove_ros_args(everything)[1:])
-    choice = _choice(arguments)
     with ros_context(everything):
         signal.signal(signal.SIGTERM, _end)
         with starting():
-            node = WatchNode(arguments.forces, choice)
+            node = WatchNode(arguments.forces, arguments.only)
         executor = EventsExecutor()
         executor.add_node(node)
         try:

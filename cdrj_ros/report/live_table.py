@@ -52,8 +52,6 @@ class Line:
     """Standard deviation [N]; None if unknown."""
     status: int
     """Bitwise combination of the flags of cdrj_msgs/CableTensions."""
-    limit: float = float("inf")
-    """Value at the full length of the bar [N]; infinite if there is no limit."""
 
     @property
     def valid(self) -> bool:
@@ -157,22 +155,20 @@ def _facts(view: View) -> Iterator[tuple[str, str]]:
 
 def _table(section: Section) -> Table:
     scale = round_scale(max((one.value for one in section.lines if one.valid), default=0.0))
-    limited = any(isfinite(line.limit) for line in section.lines)
     table = Table(box=box.SIMPLE_HEAD, expand=True, pad_edge=False)
     table.add_column(Text(section.title), overflow="ellipsis", max_width=40)
     table.add_column("N", justify="right", no_wrap=True)
     table.add_column("±2σ", justify="right", no_wrap=True, style="dim")
-    table.add_column("0 ... limit" if limited else f"0 ... {scale:.4g} N", ratio=1)
+    table.add_column(f"0 ... {scale:.4g} N", ratio=1)
     table.add_column("status", max_width=24)
     for line in section.lines:
         words = status_words(line.status)
-        end = line.limit if isfinite(line.limit) else scale
-        value = min(max(line.value, 0.0), end) if line.valid else 0.0
+        value = max(line.value, 0.0) if line.valid else 0.0
         table.add_row(
             Text(printable(line.name)),
             Text(f"{line.value:.2f}" if line.valid else "-"),
             Text(f"{line.spread:.2f}" if line.valid and line.spread is not None else ""),
-            Bar(end, 0.0, value, color=words[0][1].split()[-1]),
+            Bar(scale, 0.0, value, color=words[0][1].split()[-1]),
             Text(" ").join(Text(word, style=style) for word, style in words),
         )
     return table

@@ -35,7 +35,6 @@ class Recorder:
         model: Model,
         sensors: SensorSettings = IDEAL_SENSORS,
         seed: int = 0,
-        begin: float = 0.0,
     ) -> None:
         """Prepare the sensors.
 
@@ -43,14 +42,13 @@ class Recorder:
             model: the robot.
             sensors: what is read, and with which errors; see ``load_rig``.
             seed: of all random numbers.
-            begin: time of the simulation at which the recording begins [s].
 
         Raises:
             UsageError: the sensors do not fit the robot.
         """
-        self._model, self._begin, self._seed = model, begin, seed
-        self._encoders = encoder_groups(model, sensors, seed, begin)
-        self._cells = CellGroup(model, sensors, seed, begin)
+        self._model, self._seed = model, seed
+        self._encoders = encoder_groups(model, sensors, seed)
+        self._cells = CellGroup(model, sensors, seed)
         self._references = sensors.references
 
     def write(self, path: str | Path, truth: Truth) -> None:
@@ -69,7 +67,7 @@ class Recorder:
 
     def _stamps(self, times: Vector, offset_s: float = 0.0) -> NDArray[np.int64]:
         """Stamps [ns] of times of the simulation [s]."""
-        stamp: NDArray[np.int64] = EPOCH_NS + np.round((times - self._begin) * 1e9).astype(np.int64)
+        stamp: NDArray[np.int64] = EPOCH_NS + np.round(times * 1e9).astype(np.int64)
         return stamp + round(offset_s * 1e9)
 
     def _write_readings(self, bag: BagWriter, truth: Truth) -> None:
@@ -99,7 +97,7 @@ class Recorder:
         """Write the true tensions, forces and efforts with the errors of reference sensors."""
         sensors, layout = self._references, self._model.layout
         generator = np.random.default_rng(self._seed)
-        plan = ReadingTimes(sensors, self._begin, [self._seed, 3]).until(float(truth.time[-1]))
+        plan = ReadingTimes(sensors, 0.0, [self._seed, 3]).until(float(truth.time[-1]))
 
         def readings_of(values: Table, noise: float, step: float, bias: float) -> Table:
             return read_cells(values, truth.time, plan.times, noise, step, generator, bias)

@@ -16,7 +16,7 @@ from cdrj_ros.robot.document import (
     si_document,
 )
 from cdrj_ros.simulation.faults import Fault, check_amount
-from cdrj_ros.simulation.load import LoadKind
+from cdrj_ros.simulation.load import Load, LoadKind, make_load
 from cdrj_ros.simulation.sensor_groups import IDEAL_SENSORS, Freeze, SensorSettings
 from cdrj_ros.simulation.sensors import LOAD_CELLS, Encoder
 
@@ -61,6 +61,19 @@ class LoadChoice:
     """[N m s/rad]."""
     stops: tuple[float, float] | None = None
     """Lower and upper end stop [rad] or [m]."""
+
+    def made(self, kind: LoadKind, payload: float, damping: float) -> Load:
+        """The load, with these defaults for what was not chosen.
+
+        Raises:
+            UsageError: the load is invalid.
+        """
+        return make_load(
+            self.kind or kind,
+            payload if self.payload is None else self.payload,
+            damping if self.damping is None else self.damping,
+            self.gravity,
+        )
 
 
 @dataclass(frozen=True)

@@ -91,10 +91,8 @@ class Messages(NamedTuple):
 class _Sampler:
     """Columns of the truth at the times at which a sensor reads."""
 
-    def __init__(
-        self, sensor: Sampling, columns: Sequence[int], begin: float, seed: Sequence[int]
-    ) -> None:
-        self._times = ReadingTimes(sensor, begin, seed)
+    def __init__(self, sensor: Sampling, columns: Sequence[int], seed: Sequence[int]) -> None:
+        self._times = ReadingTimes(sensor, 0.0, seed)
         self._columns = list(columns)
         self._before: tuple[Vector, Table] | None = None
 
@@ -122,7 +120,6 @@ class EncoderGroup:
         columns: Sequence[int],
         settings: SensorSettings,
         seed: Sequence[int],
-        begin: float = 0.0,
     ) -> None:
         """Start without readings.
 
@@ -131,7 +128,6 @@ class EncoderGroup:
             columns: indices of the group's axes among all motors, then all joints.
             settings: the sensors.
             seed: seed of the random generators.
-            begin: time from which readings are taken [s].
         """
         axes, motors = model.robot.axes, len(model.robot.motors)
         self.axes = tuple(axes[k] for k in columns)
@@ -155,7 +151,7 @@ class EncoderGroup:
             if field in self.fields
             for column in columns
         ]
-        self._sampler = _Sampler(timing, wanted, begin, [*seed, 0])
+        self._sampler = _Sampler(timing, wanted, [*seed, 0])
         self._errors = np.random.default_rng([*seed, 1])
         self._effort_errors = np.random.default_rng([*seed, 2])
         self._last: Vector = np.full(len(self.axes), np.nan)
@@ -171,7 +167,7 @@ class EncoderGroup:
             for fault in settings.freezes
             if fault.name in self.names
         }
-        self.restart(begin)
+        self.restart(0.0)
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -231,9 +227,7 @@ class EncoderGroup:
         return read / self._effort_scale
 
 
-def encoder_groups(
-    model: Model, settings: SensorSettings, seed: int, begin: float = 0.0
-) -> list[EncoderGroup]:
+def encoder_groups(model: Model, settings: SensorSettings, seed: int) -> list[EncoderGroup]:
     """Groups of the encoders that share messages: a message has one stamp, so one clock.
 
     Raises:
@@ -254,16 +248,14 @@ def encoder_groups(
     for kind, columns in kinds.items():
         for offset in dict.fromkeys(clock[k] for k in columns):
             alike = [k for k in columns if clock[k] == offset]
-            groups.append(EncoderGroup(model, alike, settings, [seed, 1 + kind, alike[0]], begin))
+            groups.append(EncoderGroup(model, alike, settings, [seed, 1 + kind, alike[0]]))
     return groups
 
 
 class CellGroup:
     """The load cells, which are read together."""
 
-    def __init__(
-        self, model: Model, settings: SensorSettings, seed: int, begin: float = 0.0
-    ) -> None:
+    def __init__(self, model: Model, settings: SensorSettings, seed: int) -> None:
         """Start without readings; arguments as of ``encoder_groups``.
 
         Raises:
@@ -284,7 +276,7 @@ class CellGroup:
         self._cells = cells
         first = 3 * len(model.robot.axes)
         wanted = [first + element for element in self.elements]
-        self._sampler = _Sampler(cells, wanted, begin, [seed, 3, 0])
+        self._sampler = _Sampler(cells, wanted, [seed, 3, 0])
         self._errors = np.random.default_rng([seed, 3, 1])
 
     def take(self, time: Vector, truth: Table) -> tuple[Vector, Table]:

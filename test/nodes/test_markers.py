@@ -56,7 +56,7 @@ def colour(marker: Any) -> tuple[float, float, float]:
 def test_colour_width_and_line_show_tension_and_status(
     drawing: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from cdrj_ros.nodes import view_inputs
+    from cdrj_ros.nodes import feed, view_inputs
 
     node = drawing()
     names = list(node.model.layout.elements)
@@ -73,7 +73,7 @@ def test_colour_width_and_line_show_tension_and_status(
         assert marker.type == Marker.LINE_LIST
         assert colour(marker) != pytest.approx(LIMIT_COLOUR)
     later = monotonic() + view_inputs.SILENCE_S + 0.1
-    monkeypatch.setattr(view_inputs, "monotonic", lambda: later)
+    monkeypatch.setattr(feed, "monotonic", lambda: later)
     cables = [marker for marker in node.picture().markers if marker.ns == "cables"]
     assert {marker.type for marker in cables} == {Marker.LINE_LIST}
     assert len(cables) == len(names)

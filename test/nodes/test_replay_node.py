@@ -141,7 +141,7 @@ def test_passes_agree_bit_for_bit(
 ) -> None:
     figures = tmp_path / "f.json"
     code, out = replay(
-        short_bag, "--passes", "3", "--playback-duration", "0.5", "--json", str(figures)
+        short_bag, "--loop", "3", "--playback-duration", "0.5", "--json", str(figures)
     ).finish()
     assert code == 0, out
     facts = _facts(figures)
@@ -209,7 +209,7 @@ def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     ))  # fmt: skip
     mortal = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *other)
     one = replay(
-        longer_bag, "--rate", "1", "--estimator", name, "--patience", f"{PATIENCE_S}",
+        longer_bag, "--rate", "1", "--estimator", name,
         "--ros-args", *other[2:],
     )  # fmt: skip
     one.wait_for(ANSWERED, 2 * PATIENCE_S)
@@ -221,10 +221,15 @@ def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     assert "Traceback" not in out
 
 
-def test_without_an_estimator_the_missing_parts_are_named(replay: Any, short_bag: str) -> None:
-    one = replay(short_bag, "--patience", "1", "--estimator", "/nobody")
-    code, out = one.finish()
-    assert code == 2
+def test_without_an_estimator_the_missing_parts_are_named(
+    short_bag: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from cdrj_ros.nodes import player
+    from cdrj_ros.nodes.replay import main
+
+    monkeypatch.setattr(player, "PATIENCE_S", 1.0)
+    assert main([short_bag, "--robot", ROBOT, "--estimator", "/nobody"]) == 2
+    out = capfd.readouterr().err
     assert "no estimator within 1 s" in out
     assert "no service /nobody/reset" in out
     assert "Traceback" not in out
@@ -236,7 +241,7 @@ def test_without_an_estimator_the_missing_parts_are_named(replay: Any, short_bag
         (("--rate", "0"), "--rate"),
         (("--rate", "-1"), "--rate"),
         (("--rate", "nan"), "--rate"),
-        (("--passes", "0"), "--passes"),
+        (("--loop", "-1"), "--loop"),
         (("--start-offset", "1e6"), "--start-offset"),
         (("--remap", "/a:=/b"), "--remap: /a is not played"),
         (("--remap", "nonsense"), "--remap takes OLD:=NEW"),

@@ -19,7 +19,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from visualization_msgs.msg import MarkerArray
 
-from cdrj_ros.nodes.feed import Choice
 from cdrj_ros.nodes.managed import ManagedEstimator
 from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
@@ -85,7 +84,7 @@ def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
     estimator.trigger_activate()
     replay = ReplayNode(Wiring(clock_hz=10.0))
     clock = [Parameter("use_sim_time", value=True)]
-    watch = WatchNode(forces=True, choice=Choice(), parameter_overrides=clock)
+    watch = WatchNode(forces=True, pattern="*", parameter_overrides=clock)
     given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}
     given |= {"rig": "load_cells"}
     asked = [Parameter(name, value=value) for name, value in given.items()]
