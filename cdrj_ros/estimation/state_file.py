@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import zipfile
 import zlib
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.estimator import EarlierRun, State
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.foundation.files import write_bytes
+from cdrj_ros.foundation.files import InputError, read_regular, write_bytes
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 
@@ -123,6 +124,8 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
             arrays |= live.ensemble.memory()
     buffer = BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe that nobody reads never ends
+        raise StateFileError(f"cannot write the state file {path}: it is not a regular file")
     try:
         write_bytes(path, with_checksum(buffer.getvalue()))
     except OSError as error:
@@ -142,13 +145,11 @@ def read_state(live: LiveEstimator, path: Path) -> str:
         StateFileError: the file is not a usable state file, or belongs to another robot.
     """
     try:
-        if path.stat().st_size > MAXIMUM_BYTES:
-            raise StateFileError(f"{path} is too large for a state file")
-        content = path.read_bytes()
-    except FileNotFoundError:
-        return ""
-    except OSError as error:
-        raise StateFileError(f"cannot read the state file {path}: {error.strerror}") from error
+        content = read_regular(path, MAXIMUM_BYTES)
+    except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            return ""
+        raise StateFileError(f"cannot read the state file {path}: {error}") from error
     arrays = _arrays(content, path)
     if arrays.get("robot", np.empty(0)).tobytes() != _digest(live.started).tobytes():
         raise StateFileError(f"{path} belongs to another robot, or to other parameters")

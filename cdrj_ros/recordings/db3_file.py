@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.recordings.batch import (
     DEFINITION_BYTES,
     LEAD,
@@ -57,9 +58,10 @@ class Db3File:
         _require_sound(path)
         with self._reading() as reader:
             self._read_channels(reader)
-            first, last, count = reader.start_time, reader.end_time - 1, reader.message_count
-        borders = np.linspace(first, last + 1, 1 + -(-count // _AT_ONCE), dtype=np.int64)
-        self.stretches = tuple(Stretch(0, 0, 0, a, b - 1) for a, b in pairwise(borders.tolist()))
+            first, beyond = int(reader.start_time), int(reader.end_time)
+            parts = max(-(-reader.message_count // _AT_ONCE), 1)
+            borders = [first + (beyond - first) * k // parts for k in range(parts + 1)]
+        self.stretches = tuple(Stretch(0, 0, 0, a, b - 1) for a, b in pairwise(borders))
 
     def declare_all(self) -> None:
         """Do nothing: all channels are known from the start."""
@@ -90,7 +92,7 @@ class Db3File:
         except (BagError, GeneratorExit):
             raise
         except Exception as error:  # noqa: BLE001  rosbags names no error of its own for damage
-            words = " ".join(str(error).split())
+            words = printable(" ".join(str(error).split()))
             raise BagError(f"{self.path} is not a bag stored as sqlite3 ({words})") from None
 
     def _read_channels(self, reader: Any) -> None:
@@ -154,11 +156,12 @@ def _require_sound(path: Path) -> None:
             unsound = connection.execute(_UNSOUND).fetchone()
             if unsound:
                 raise BagError(
-                    f"{path} is not a bag stored as sqlite3 ({unsound[0]} is a view or is computed)"
+                    f"{path} is not a bag stored as sqlite3 "
+                    f"({printable(unsound[0])} is a view or is computed)"
                 )
             (words,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    except sqlite3.Error as error:
-        words = str(error)
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite's words quote the file
+        words = printable(str(error))
     if words != "ok":
         raise BagError(
             f"{path} is damaged ({' '.join(words.split())}); `sqlite3 {path} .recover` prints what "

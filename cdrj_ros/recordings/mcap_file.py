@@ -62,7 +62,9 @@ _RUN_BYTES: Final = 1 << 22
 """Size of a run of messages outside chunks that is read at once."""
 _AT_A_TIME: Final = 1 << 20
 """Number of bytes decompressed at a time."""
-_DAMAGES: Final = (McapError, EndOfFile, struct.error, ValueError, LookupError, OSError)
+_DAMAGES: Final = (
+    McapError, EndOfFile, struct.error, ValueError, LookupError, OSError, OverflowError,
+)  # fmt: skip
 """What `mcap` raises at damage."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -291,6 +292,18 @@ def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
     assert "\n" not in str(caught.value)
     fresh = LiveEstimator(other.model).take(_sample(readings, 10)).values
     assert np.array_equal(other.take(_sample(readings, 10)).values, fresh)
+
+
+def test_a_pipe_is_neither_read_nor_written_as_a_state_file(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    """Both would wait for ever."""
+    os.mkfifo(tmp_path / "state")
+    live = LiveEstimator(model)
+    live.take(_sample(readings, 0))
+    for use in (read_state, write_state):
+        with pytest.raises(StateFileError, match="it is not a regular file"):
+            use(live, tmp_path / "state")
 
 
 def test_without_a_state_file_nothing_is_restored(model: Model, tmp_path: Path) -> None:

@@ -60,10 +60,20 @@ def test_a_sqlite3_file_that_is_cut_or_damaged_is_refused_with_what_recovers_it(
     at = content.index(b"motor", len(content) // 2) // 4096 * 4096
     damaged[at : at + 4096] = bytes(4096)
     cuts = [content[: len(content) * percent // 100] for percent in range(1, 100, 7)]
-    for wrong in (*cuts, bytes(damaged)):
+    for wrong in (*cuts, bytes(damaged), content.replace(b"TABLE messages", b"\xffABLE messages")):
         file.write_bytes(wrong)
         with pytest.raises(BagError, match=r"is damaged \(.*; `sqlite3 .*\.db3 \.recover` prints"):
             read_recording(file, ONE_TOPIC)
+
+
+@pytest.mark.parametrize("stamp", [2**63 - 1, 1e300])
+def test_stamps_that_no_clock_has_are_refused_in_one_line(folder, stamp):
+    (file,) = folder.glob("*.db3")
+    with closing(sqlite3.connect(file)) as connection:
+        connection.execute(f"UPDATE messages SET timestamp = {stamp} WHERE id % 3 = 0")
+        connection.commit()
+    with pytest.raises(BagError, match="is not a bag stored as sqlite3"):
+        read_recording(file, ONE_TOPIC)
 
 
 @pytest.mark.parametrize(

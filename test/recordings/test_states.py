@@ -150,11 +150,19 @@ def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression
             assert counts[percent] >= 500 * (percent - 8) / 100
 
 
+@pytest.mark.parametrize("claims", [False, True])
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_a_chunk_that_fails_its_checksum_is_left_out_and_noted(make, tmp_path, compression):
+def test_a_chunk_that_is_damaged_is_left_out_and_noted(make, tmp_path, compression, claims):
+    """One byte fails its checksum; or its records claim more bytes than a number of them can be."""
     path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT), compression=compression)
     content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 0xFF
+    if claims:
+        with path.open("rb") as stream:
+            chunk = make_reader(stream).get_summary().chunk_indexes[1]
+        size = chunk.chunk_start_offset + 1 + 8 + 3 * 8 + 4 + 4 + len(chunk.compression)
+        content[size : size + 8] = b"\xff" * 8
+    else:
+        content[len(content) // 3] ^= 0xFF
     path.write_bytes(content)
     read = read_recording(path, ONE_TOPIC)
     assert any("left out" in note for note in read.notes)
