@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import zipfile
 import zlib
@@ -124,9 +123,9 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
             arrays |= live.ensemble.memory()
     buffer = BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    if os.path.exists(path) and not os.path.isfile(path):  # a pipe that nobody reads never ends
-        raise StateFileError(f"cannot write the state file {path}: it is not a regular file")
     try:
+        if path.exists() and not path.is_file():  # a pipe that nobody reads takes nothing, for ever
+            raise StateFileError(f"cannot write the state file {path}: it is not a regular file")
         write_bytes(path, with_checksum(buffer.getvalue()))
     except OSError as error:
         raise StateFileError(f"cannot write the state file {path}: {error.strerror}") from error
