@@ -4,82 +4,62 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from support.turned_forces import ROBOT, turned_bag
 
-from cdrj_ros.commands import validate
+from cdrj_ros.commands import simulate, validate
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.evaluation.inputs import condition_recording
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import BagWriter, Topics, read_recording
 
 DEGREES = 7.5
 CHORD = 2.0 * np.sin(np.radians(DEGREES) / 2.0)
 """Relative vector error of a force turned by DEGREES."""
 
 
-@pytest.fixture(scope="module")
-def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return turned_bag(tmp_path_factory.mktemp("turned"), DEGREES)
+def turned_bag(folder: Path, robot: str, frame_id: str) -> Path:
+    """Two seconds of the rig whose recorded forces are the estimates, turned in the plane."""
+    inputs, topics, model = folder / "inputs", Topics(), load_model(robot)
+    words = ["--duration", "2", "--cells", "1"]
+    assert simulate.main([str(inputs), "--robot", "prototype", *words]) == 0
+    estimates = estimate(model, condition_recording(model, read_recording(inputs)))
+    layout = model.layout
+    x, y = estimates.values[:, layout.force_x], estimates.values[:, layout.force_y]
+    cosine, sine = np.cos(np.radians(DEGREES)), np.sin(np.radians(DEGREES))
+    with BagWriter(folder / "turned") as bag:
+        bag.copy(inputs, [topics.motors, topics.joints])
+        bag.write_nodal_forces(
+            topics.references[1], estimates.stamp_ns, layout.pulleys, np.hypot(x, y),
+            force_x=cosine * x - sine * y, force_y=sine * x + cosine * y,
+            force_z=np.zeros_like(x), frame_id=frame_id,
+        )  # fmt: skip
+    return folder / "turned"
 
 
-def run(
-    folder: Path, bag: Path, *arguments: object, robot: Path = ROBOT
-) -> tuple[int, dict[str, Any]]:
-    out = folder / "figures.json"
-    code = validate.main(
-        [str(bag), "--robot", str(robot), "--json", str(out), *map(str, arguments)]
-    )
-    return code, json.loads(out.read_text())
-
-
-def split(figures: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Channels of magnitudes and channels of vectors."""
-    channels = figures["all"]["channels"]
-    return (
-        {name: one for name, one in channels.items() if name.startswith("nodal_force/")},
-        {name: one for name, one in channels.items() if name.startswith("force_vector/")},
-    )
-
-
-def test_a_turned_reference_is_seen_in_the_vectors_and_not_in_the_magnitudes(
-    turned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("robot", "frame_id"),
+    [("prototype", ""), ("prototype", "base"), ("prototype_positions", "base")],
+)
+def test_a_turned_force_is_seen_where_both_vectors_are_in_one_frame(
+    robot: str, frame_id: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, figures = run(tmp_path, turned)
-    assert code == 0
-    magnitudes, vectors = split(figures)
-    assert len(magnitudes) == len(vectors) == 14
-    for one in magnitudes.values():
-        assert one["mean_relative_error"] < 1e-12
-        assert one["mean_direction_error_deg"] is None
-    for one in vectors.values():
-        assert one["unit"] == "N"
-        assert one["mean_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
+    out, bag = tmp_path / "figures.json", turned_bag(tmp_path, robot, frame_id)
+    assert validate.main([str(bag), "--robot", robot, "--json", str(out)]) == 0
+    figures = json.loads(out.read_text())
+    channels, notes = figures["all"]["channels"], figures["bags"][0]["notes"]
+    magnitudes = [one for name, one in channels.items() if name.startswith("nodal_force/")]
+    vectors = [one for name, one in channels.items() if name.startswith("force_vector/")]
+    assert len(magnitudes) == 14
+    assert max(one["mean_relative_error"] for one in magnitudes) < 1e-12
+    if (robot, frame_id) == ("prototype", "base"):  # whose file gives no positions
+        assert not vectors
+        assert notes[0].startswith("The recorded forces are in the frame base, but the robot file")
+        return
+    assert notes == []
+    assert len(vectors) == 14
+    for one in vectors:
         assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
         assert one["mean_relative_error"] == pytest.approx(CHORD, rel=1e-9)
-        assert one["reversal_error"] is not None or one["smooth_error"] is not None
-    table = capsys.readouterr().out
-    assert "Force vector [N]" in table
-    assert "mean direction" in table
-    assert "7.5°" in table
-
-
-def test_forces_in_a_named_frame_are_compared_only_with_a_robot_that_has_positions(
-    tmp_path: Path,
-) -> None:
-    code, figures = run(tmp_path, turned_bag(tmp_path, DEGREES, frame_id="base"))
-    assert code == 0
-    magnitudes, vectors = split(figures)
-    assert len(magnitudes) == 14
-    assert not vectors
-    (note,) = figures["bags"][0]["notes"]
-    assert note.startswith("The recorded forces are in the frame base, but the robot file gives no")
-    positions = ROBOT.with_name("prototype_positions.yaml")
-    (tmp_path / "placed").mkdir()
-    bag = turned_bag(tmp_path / "placed", DEGREES, robot=positions, frame_id="base")
-    code, figures = run(tmp_path, bag, robot=positions)
-    assert code == 0
-    _, vectors = split(figures)
-    assert figures["bags"][0]["notes"] == []
-    assert vectors
-    for one in vectors.values():
-        assert one["max_direction_error_deg"] == pytest.approx(DEGREES, rel=1e-9)
+    assert "Force vector [N]" in capsys.readouterr().out
