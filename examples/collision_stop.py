@@ -87,22 +87,23 @@ class CollisionNode(Between):
 
     def on_joint(self, message):
         """Keep the joint's angle."""
-        if self.joint in message.name:
+        if self.joint in message.name[: len(message.position)]:
             self.angle = message.position[message.name.index(self.joint)]
 
     def on_stddev(self, message):
         """Keep the standard deviation of the cables' torque."""
-        if self.joint in message.name and message.effort:
+        if self.joint in message.name[: len(message.effort)]:
             self.stddev = message.effort[message.name.index(self.joint)]
 
     def changed(self, wished, dt, message):
         """The wished speeds; zero after a push, or if the effort is unknown."""
         stop = np.zeros_like(wished)
-        if message is None or self.angle is None or not message.effort:
+        efforts = {} if message is None else dict(zip(message.name, message.effort, strict=False))
+        effort = self.sign * efforts.get(self.joint, np.nan)
+        if self.angle is None or not np.isfinite([self.angle, effort]).all():
             return stop, "stopped: the efforts or the joint's angle are unknown"
         if not np.isfinite(self.stddev):  # a push would not be noticed
             return stop, "stopped: the standard deviation of the efforts is unknown"
-        effort = self.sign * message.effort[message.name.index(self.joint)]
         if dt > 0.0:
             torque = self.observer.update(dt, self.angle, effort)
             if abs(torque) > self.threshold + 2.0 * self.stddev and not self.reason:

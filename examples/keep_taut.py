@@ -54,8 +54,8 @@ class KeepTaut:
             dt: time since the last call [s].
             tension, stddev, status: of every element, shape (elements,); empty: unknown.
         """
-        unknown = len(tension) != self.elements or len(stddev) != self.elements
-        if unknown or np.any(status & REFUSED):
+        known = len(tension) == len(stddev) == self.elements
+        if not known or np.any(status & REFUSED) or not np.isfinite([tension, stddev]).all():
             missing = -self.share
         else:
             missing = float(np.max((self.floor - tension + 2.0 * stddev) / self.strength))

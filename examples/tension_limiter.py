@@ -54,7 +54,8 @@ class TensionLimiter:
             tension, stddev, status: of every element, shape (elements,); empty: unknown.
         """
         stop = np.zeros_like(wished)
-        if len(tension) != len(self.cable_of) or len(stddev) != len(tension):
+        known = len(tension) == len(stddev) == len(self.cable_of)
+        if not known or not np.isfinite([tension, stddev]).all():
             return stop, "no tensions with standard deviations"
         if np.any(status & (STALE | INVALID)):
             return stop, "tensions are STALE or INVALID"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite
 from time import monotonic
 from typing import Any, Final
 
@@ -181,9 +181,9 @@ class Player:
         """Whether table and curves have not been updated since the picture changed."""
         gui = page.gui
         digits = 2 if estimates.duration_s >= 10.0 else 3  # more do not fit beside the slider
-        end = max(ceil(estimates.duration_s * 10**digits), 1) / 10**digits
+        self._end_s = max(ceil(estimates.duration_s * 10**digits), 1) / 10**digits
         with page.above:
-            self._slider = gui.add_slider("time [s]", 0.0, end, 10.0**-digits, 0.0)
+            self._slider = gui.add_slider("time [s]", 0.0, self._end_s, 10.0**-digits, 0.0)
             self._button = gui.add_button("pause")
             self._rate = gui.add_dropdown("rate", RATES, initial_value="1")
         page.above.visible = True
@@ -198,9 +198,10 @@ class Player:
         self._button.label = "pause" if wanted else "play"
 
     def _on_slider(self, event: Any) -> None:
-        if event.client is not None:  # moved by hand
+        wanted = float(self._slider.value)
+        if event.client is not None and isfinite(wanted):  # moved by hand
             self._touched_s = monotonic()
-            self.time_s = min(float(self._slider.value), self.estimates.duration_s)
+            self.time_s = min(max(wanted, 0.0), self.estimates.duration_s)
 
     def tick(self) -> None:
         """Advance by the time since the last call, and draw if a browser shows the page."""
@@ -208,14 +209,14 @@ class Player:
         passed, self._before_s = now_s - self._before_s, now_s
         if not self.page.watched:
             return
-        if self.playing:
+        if self.playing and self._rate.value in RATES:
             self.time_s = min(
                 self.time_s + passed * float(self._rate.value), self.estimates.duration_s
             )
             if self.time_s >= self.estimates.duration_s:
                 self.play(False)
         if now_s - self._touched_s > TOUCH_S:
-            self._slider.value = min(self.time_s, self._slider.max)
+            self._slider.value = min(self.time_s, self._end_s)
         shown = self.estimates.at(self.time_s)
         state = (shown.stamp_ns, self.page.chosen, self.page.settings())
         if state != self._drawn:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from cdrj_msgs.msg import CableTensions
 from rclpy.parameter import Parameter
@@ -83,6 +84,22 @@ def test_the_limiter_forwards_reduces_and_reverses_speeds(controller: Any) -> No
     for flag in (CableTensions.UNSURE, CableTensions.STALE, CableTensions.INVALID):
         assert bench.commanded(lambda c: c == [2.0], *send(tensions(40.0, 30.0)))
         assert bench.commanded(lambda c: c == [0.0], *send(tensions(40.0, 30.0, flag)))
+    for field in ("tension", "stddev"):
+        assert bench.commanded(lambda c: c == [2.0], *send(tensions(40.0, 30.0)))
+        unknown = tensions(40.0, 30.0)
+        getattr(unknown, field)[3] = np.nan
+        assert bench.commanded(lambda c: c == [0.0], *send(unknown))
+
+
+def test_the_preloads_of_the_file_return_while_a_tension_is_not_known(controller: Any) -> None:
+    bench = controller("keep_taut", "TautNode", "position", floor=50.0)
+
+    def send(lower: float) -> tuple[Callable[[], None], Callable[[], None]]:
+        return lambda: bench.wish(0.0), lambda: bench.tell("tensions", tensions(40.0, lower))
+
+    assert bench.commanded(lambda c: abs(c[0]) > 0.0, *send(30.0))
+    most = abs(bench.commands[-1].data[0])
+    assert bench.commanded(lambda c: abs(c[0]) < 0.9 * most, *send(np.nan))
 
 
 def test_the_motors_stop_without_commands_and_without_tensions(controller: Any) -> None:
@@ -118,3 +135,13 @@ def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> Non
     assert bench.commanded(lambda _: done.done(), *calm)
     assert "push" in done.result().message
     assert bench.commanded(lambda c: c == [1.0] and not bench.controller.reason, *calm)
+
+
+def test_the_motors_stop_while_an_effort_is_not_known(controller: Any) -> None:
+    bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
+    calm = _stop_feed(bench, 0.0, None)
+    for unknown in (JointState(name=["elbow"], effort=[np.nan]), JointState(effort=[1.0])):
+        assert bench.commanded(lambda c: c == [1.0], *calm)
+        no_effort = (*calm[:3], lambda message=unknown: bench.tell("efforts", message))
+        assert bench.commanded(lambda c: c == [0.0], *no_effort)
+        assert not bench.controller.reason

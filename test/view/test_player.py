@@ -25,7 +25,6 @@ def player(clock: list[float]) -> Player:
     page.watched = True
     page.settings.return_value = ()
     page.plot_is_due.return_value = True
-    page.gui.add_slider.return_value.max = 4.0
     page.gui.add_dropdown.return_value.value = "2"
     estimates.duration_s = 4.0
     estimates.at.side_effect = lambda time_s: MagicMock(stamp_ns=round(time_s * 1e9))
@@ -47,6 +46,24 @@ def test_time_passes_at_the_chosen_rate_up_to_the_end(player: Player, clock: lis
     clock[0] += 0.25
     player.tick()
     assert player.time_s == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, -1e308])
+def test_what_a_page_may_send_leaves_the_time_within_the_recording(
+    value: float, player: Player, clock: list[float]
+) -> None:
+    """A page of its own may send any number for the slider, and any text for the rate."""
+    page: Any = player.page
+    slider, rate = page.gui.add_slider.return_value, page.gui.add_dropdown.return_value
+    (moved,), _ = slider.on_update.call_args
+    slider.value, slider.max, rate.value = value, value, str(value)
+    moved(MagicMock())
+    player.tick()
+    rate.value = "1"
+    clock[0] += 0.5
+    player.tick()
+    assert 0.0 <= player.time_s <= 4.0
+    assert 0.0 <= slider.value <= 4.0
 
 
 def test_a_picture_that_does_not_change_is_not_drawn_again(
