@@ -60,7 +60,7 @@ def _overrides(**given):
 
 def _nodes():
     """Start every node with all its topics; yields name and node."""
-    from cdrj_ros.nodes.managed import ManagedEstimator
+    from cdrj_ros.nodes.estimator import ManagedEstimator
     from cdrj_ros.nodes.markers import MarkersNode
     from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
     from cdrj_ros.nodes.rig import RigNode

@@ -10,8 +10,8 @@ from math import isfinite
 from typing import Any
 
 from cdrj_ros.commands.check_robot_text import print_inspection
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
-from cdrj_ros.estimation.encoder_errors import slips
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
+from cdrj_ros.estimation.reading_limits import slips
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import printable

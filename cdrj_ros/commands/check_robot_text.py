@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cdrj_ros.estimation.encoder_errors import slips
+from cdrj_ros.estimation.reading_limits import slips
 from cdrj_ros.foundation.output import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.shares import Cause, Shares

@@ -21,8 +21,8 @@ from cdrj_ros.commands.commission_steps import (
     provenance,
     tared,
 )
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.identify import recorded
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.foundation.errors import UsageError

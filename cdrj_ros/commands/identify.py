@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+from cdrj_ros.commands.entry import DONE, run_command
 from cdrj_ros.commands.identify_results import (
     Compared,
     Outcome,
@@ -26,7 +27,6 @@ from cdrj_ros.commands.identify_uncertainty import (
     model_errors,
     uncertainty_section,
 )
-from cdrj_ros.commands.running import DONE, run_command
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.inputs import TAKEN, read_inputs, require_references
 from cdrj_ros.evaluation.metrics import pooled_errors

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from cdrj_ros.commands.running import CommandParser
+from cdrj_ros.commands.entry import CommandParser
 from cdrj_ros.commands.shared import add_scheduler_option, add_topic_options, topics_of
 from cdrj_ros.evaluation.parallel import check_address
 from cdrj_ros.foundation.errors import UsageError

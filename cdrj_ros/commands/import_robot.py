@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import counted, printable

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option
 from cdrj_ros.commands.simulate_motion import (
     MODES,

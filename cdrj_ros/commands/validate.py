@@ -9,7 +9,7 @@ from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
-from cdrj_ros.commands.running import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
+from cdrj_ros.commands.entry import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,

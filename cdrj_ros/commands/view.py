@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from cdrj_ros.commands.running import CommandParser, run_command
+from cdrj_ros.commands.entry import CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.errors import UsageError

@@ -6,7 +6,6 @@
 #include "bind.hpp"
 #include "cable.hpp"
 #include "friction.hpp"
-#include "friction_law.hpp"
 #include "guide.hpp"
 #include "laws.hpp"
 #include "state_records.hpp"

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "friction.hpp"
-#include "friction_law.hpp"
 
 namespace cdrj {
 namespace {

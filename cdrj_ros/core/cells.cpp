@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "angles.hpp"
+#include "vectors.hpp"
 #include "friction.hpp"
 #include "route.hpp"
 

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "cable.hpp"
-#include "friction_law.hpp"
+#include "friction.hpp"
 #include "laws.hpp"
 #include "robot.hpp"
 

@@ -1,9 +1,9 @@
 // A cylinder: the cable is a helix, straight on the unrolled surface (G5).
 #include <cmath>
 
-#include "angles.hpp"
-#include "guide_round.hpp"
+#include "guide.hpp"
 #include "tangents.hpp"
+#include "vectors.hpp"
 
 namespace cdrj {
 namespace {

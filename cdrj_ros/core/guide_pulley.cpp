@@ -1,7 +1,7 @@
 // A pulley whose groove holds the cable in its plane; also drums and sectors at the ends.
 #include <cmath>
 
-#include "angles.hpp"
+#include "vectors.hpp"
 #include "guide.hpp"
 #include "tangents.hpp"
 

@@ -1,4 +1,4 @@
-#include "guide_round.hpp"
+#include "guide.hpp"
 
 #include "tangents.hpp"
 

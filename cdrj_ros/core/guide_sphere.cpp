@@ -1,9 +1,9 @@
 // A sphere: the cable lies on a great circle in the plane of the centre, a and b.
 #include <cmath>
 
-#include "angles.hpp"
-#include "guide_round.hpp"
+#include "guide.hpp"
 #include "tangents.hpp"
+#include "vectors.hpp"
 
 namespace cdrj {
 namespace {

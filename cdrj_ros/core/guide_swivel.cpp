@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "angles.hpp"
+#include "vectors.hpp"
 #include "guide.hpp"
 
 namespace cdrj {

@@ -4,7 +4,7 @@
 // with breakaway = 1 it is an elastic, perfectly plastic contact whose minor loops close exactly.
 #include <cmath>
 
-#include "friction_law.hpp"
+#include "friction.hpp"
 
 namespace cdrj {
 namespace {

@@ -1,5 +1,5 @@
 // No friction.
-#include "friction_law.hpp"
+#include "friction.hpp"
 
 namespace cdrj {
 namespace {

@@ -4,7 +4,7 @@
 // bound shrinks by exp(-sigma0 |x| / g).
 #include <cmath>
 
-#include "friction_law.hpp"
+#include "friction.hpp"
 
 namespace cdrj {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "cable.hpp"
 #include "cells.hpp"
-#include "frames.hpp"
+#include "layout.hpp"
 #include "report.hpp"
 #include "route.hpp"
 

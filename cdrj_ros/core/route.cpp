@@ -10,9 +10,9 @@
 #include <cmath>
 #include <limits>
 
-#include "angles.hpp"
-#include "frames.hpp"
 #include "guide.hpp"
+#include "layout.hpp"
+#include "vectors.hpp"
 
 namespace cdrj {
 namespace {

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "angles.hpp"
 #include "vectors.hpp"
 
 namespace cdrj {

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
-from cdrj_ros.estimation.encoder_errors import worth_of
-from cdrj_ros.estimation.reading_limits import axes_of
+from cdrj_ros.estimation.reading_limits import axes_of, worth_of
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError

@@ -24,7 +24,14 @@ from cdrj_ros.estimation.innovation_gate import (
     SensorState,
     finite,
 )
-from cdrj_ros.estimation.lasting_error import BIAS, CELL, EFFORT, FRICTION, LastingError
+from cdrj_ros.estimation.lasting_error import (
+    BIAS,
+    CELL,
+    EFFORT,
+    FRICTION,
+    LastingError,
+    MotorFriction,
+)
 from cdrj_ros.estimation.measurements import (
     Measurement,
     PastEstimates,
@@ -32,7 +39,6 @@ from cdrj_ros.estimation.measurements import (
     WaitingMeasurements,
     quantities_of,
 )
-from cdrj_ros.estimation.motor_friction import MotorFriction
 from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.sensor_health import SensorHealth, enough

@@ -8,8 +8,7 @@ from typing import Any, Final
 
 from cdrj_ros.inspection.checks import CableCheck, PulleyCheck, Suspicion
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
-from cdrj_ros.robot.description import Cable, Friction, Pulley
-from cdrj_ros.robot.laws import FRICTION_LAWS
+from cdrj_ros.robot.description import FRICTION_LAWS, Cable, Friction, Pulley
 
 LARGEST_UNSTATED: Final = 0.01
 """Relative error of the tension beyond a pulley that an unstated moving end may cause without being

@@ -33,8 +33,7 @@ from cdrj_ros.model.elasticity import (
 )
 from cdrj_ros.model.filling import RIGID_BRISTLE, bearing_drag, friction_numbers
 from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
-from cdrj_ros.robot.laws import FRICTION_LAWS
+from cdrj_ros.robot.description import FRICTION_LAWS, Cable, Pulley, Robot, Winch
 
 POSES_PER_JOINT: Final = (81, 21, 9, 5)
 """Grid points per joint for a robot with one, two, three or four joints."""

@@ -12,8 +12,7 @@ from math import ceil
 from typing import Any, Final
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.robot.description import Cable, Node, Pulley, Robot
-from cdrj_ros.robot.laws import FRICTION_LAWS
+from cdrj_ros.robot.description import FRICTION_LAWS, Cable, Node, Pulley, Robot
 
 EXPONENT_PER_CELL: Final = 0.13
 """Largest capstan exponent of one cell [-]."""

@@ -26,8 +26,10 @@ from cdrj_ros.model.packing import (
     plan_views,
 )
 from cdrj_ros.robot.description import (
+    FRICTION_LAWS,
     TABLE_INTERVALS,
     Cable,
+    FrictionLaw,
     MovingEnd,
     Node,
     Profile,
@@ -35,7 +37,6 @@ from cdrj_ros.robot.description import (
     Robot,
     Winch,
 )
-from cdrj_ros.robot.laws import FRICTION_LAWS, FrictionLaw
 
 MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
 """Motion of the middle of an arc per growth of the arc, by the end that moves [-]."""

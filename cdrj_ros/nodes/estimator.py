@@ -1,4 +1,4 @@
-"""The estimator node and its command line."""
+"""The estimator node, also as a lifecycle node, and its command line."""
 
 from __future__ import annotations
 
@@ -6,23 +6,28 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
-from cdrj_ros.commands.running import DONE, run_command
+from cdrj_ros.commands.entry import DONE, run_command
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
 from cdrj_ros.nodes.parameters import estimator_file
 from cdrj_ros.nodes.spinning import (
     CheckedClock,
     OneLineParser,
+    StopRequest,
     add_node_options,
     exit_code,
     ros_context,
     spin_until_stopped,
     starting,
 )
+
+SUCCESS: Final = TransitionCallbackReturn.SUCCESS
 
 
 class EstimatorNode(CheckedClock):
@@ -42,6 +47,80 @@ class EstimatorNode(CheckedClock):
         self.estimation = Estimation(self, state_file)
         self.estimation.configure()
         self.estimation.activate()
+
+
+class ManagedEstimator(CheckedClock, LifecycleNode):
+    """A lifecycle node with an ``Estimation``, whose states are those of the node.
+
+    - ``configure`` reads the parameters and the robot file and opens outputs and services.  If the
+      robot file is invalid, the node logs why and stays unconfigured.
+    - ``activate`` subscribes to the inputs: every sample is estimated and published.
+    - ``deactivate`` publishes the last estimate as STALE and closes the inputs.  The next
+      activation continues as a new process with the same state file does.
+    - ``cleanup`` closes outputs and services and unloads the robot.  Every parameter may then be
+      changed, and applies from the next ``configure``.
+    - ``shutdown`` does both from any state.
+    """
+
+    def __init__(self, state_file: Path | None = None, **options: Any) -> None:
+        """Start unconfigured; arguments as of ``EstimatorNode``."""
+        super().__init__("estimator", namespace=NAMESPACE, **options)
+        self.estimation = Estimation(self, state_file, managed=True)
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the robot."""
+        try:
+            with starting():
+                self.estimation.configure()
+        except CdrjError as error:
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        return SUCCESS
+
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Start estimating."""
+        self.estimation.activate()
+        return SUCCESS
+
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop estimating."""
+        self.estimation.deactivate()
+        return SUCCESS
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Unload the robot."""
+        self.estimation.clean_up()
+        return SUCCESS
+
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop estimating and unload the robot."""
+        self.estimation.shut_down()
+        return SUCCESS
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured after an unexpected error in a transition."""
+        self.get_logger().fatal("a transition failed unexpectedly: unconfigured")
+        if self.estimation.configured:
+            self.estimation.clean_up()
+        return SUCCESS
+
+
+def spin_managed(state_file: Path | None, stop: StopRequest) -> None:
+    """Run a managed estimator until ``stop`` is set; arguments as of ``spin_until_stopped``."""
+    with starting():
+        node = ManagedEstimator(state_file)
+
+    def survives(error: RuntimeError) -> bool:
+        """Go on after a request for a transition that the present state does not have.
+
+        rclpy raises where such a request gives the transition's number, and does not answer.
+        """
+        known = "Transition is not registered" in str(error)
+        if known:
+            node.get_logger().error(f"{node.estimation.state}: {error}")
+        return known
+
+    spin_until_stopped(node, stop, node.estimation.write_state, survives)
 
 
 def _arguments(arguments: list[str]) -> argparse.Namespace:
@@ -76,8 +155,6 @@ def _body(argv: Sequence[str]) -> int:
         return DONE
     with ros_context(arguments) as stop:
         if own.managed:
-            from cdrj_ros.nodes.managed import spin_managed
-
             spin_managed(own.state_file, stop)
         else:
             with starting():

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import (

@@ -15,7 +15,7 @@ from typing import Final
 
 from rclpy.experimental import EventsExecutor
 
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
-from cdrj_ros.commands.running import DONE
+from cdrj_ros.commands.entry import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say

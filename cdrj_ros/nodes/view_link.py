@@ -19,8 +19,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.feed import Rate
 from cdrj_ros.nodes.parameters import FRICTION, settings
 from cdrj_ros.report.live_table import FOREIGN_S
-from cdrj_ros.view.html import filled
-from cdrj_ros.view.panels import Controls, SliderRange
+from cdrj_ros.view.panels import Controls, SliderRange, filled
 
 READ_S: Final = 1.0
 """Time between two readings of the parameters in force [s]."""

@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
 
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError

@@ -5,14 +5,46 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import hypot, pi
+from types import MappingProxyType
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.robot.laws import Law
 from cdrj_ros.robot.space import Frame, Place
 from cdrj_ros.robot.visuals import Visual
+
+Law = Literal["none", "euler", "steady", "lugre", "elastoplastic"]
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """The constants of a law, which is in ``core/law_*.cpp``, that have an effect.
+
+    The simpler laws are limiting cases: what a law does not take has its neutral value.
+    """
+
+    sliding: bool = True
+    """Sliding friction ``mu_c``; without it there is no friction at all."""
+    static: bool = True
+    """Static friction ``mu_s`` and how it fades with the slip speed."""
+    bearing: bool = True
+    """Friction of bearings: ``rho``, ``bearing_friction`` and ``bearing_torque``."""
+    bristles: bool = True
+    """Pre-sliding and viscous friction; otherwise the contact is rigid."""
+
+
+FRICTION_LAWS: Final[Mapping[Law, FrictionLaw]] = MappingProxyType(
+    {
+        "none": FrictionLaw(sliding=False, static=False, bearing=False, bristles=False),
+        "euler": FrictionLaw(static=False, bearing=False, bristles=False),
+        "steady": FrictionLaw(bristles=False),
+        "lugre": FrictionLaw(),
+        "elastoplastic": FrictionLaw(),
+    }
+)
+"""All laws by their names in a robot file, see docs/model.md, section 4."""
+
 
 StribeckForm = Literal["printed", "capstan"]
 """Forms of static friction."""

@@ -18,8 +18,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.laws import FRICTION_LAWS, Law
+from cdrj_ros.robot.description import FRICTION_LAWS, Law, Robot, Uncertainty
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
 

@@ -13,8 +13,7 @@ from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.view.drawing import Drawing, Labels
 from cdrj_ros.view.history import History, Snapshot, Table, choices, nothing_known
-from cdrj_ros.view.html import paragraphs, table_of
-from cdrj_ros.view.panels import Plots, TimeAxis
+from cdrj_ros.view.panels import Plots, TimeAxis, paragraphs, table_of
 from cdrj_ros.view.picture import Picture, picture_of
 from cdrj_ros.view.server import address_of, open_server
 

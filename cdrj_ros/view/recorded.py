@@ -23,8 +23,8 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.prepared import TENSION, Layout, Model
 from cdrj_ros.recordings import Recording, Series
 from cdrj_ros.view.history import Flags, Snapshot, Table, usable
-from cdrj_ros.view.html import filled
 from cdrj_ros.view.page import Page
+from cdrj_ros.view.panels import filled
 
 MOST: Final = 20_000
 """Maximum number of pictures of a recording; of longer ones every n-th estimate is kept."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Final
 
-from cdrj_ros.commands.running import DONE, CommandParser, run_command
+from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.interruption import run_interruptibly

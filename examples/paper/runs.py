@@ -23,8 +23,7 @@ from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import NODAL_FORCE, TENSION, prepare
-from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot
-from cdrj_ros.robot.laws import Law
+from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,

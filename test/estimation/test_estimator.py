@@ -15,8 +15,7 @@ from cdrj_ros.estimation.estimator import State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.laws import FRICTION_LAWS
+from cdrj_ros.robot.description import FRICTION_LAWS, Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")

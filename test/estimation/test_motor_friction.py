@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.motor_friction import MotorFriction
+from cdrj_ros.estimation.lasting_error import MotorFriction
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.loading import load_model

@@ -17,7 +17,7 @@ from cdrj_ros.model.state import UNSURE
 PATIENCE_S = 30.0
 PRELUDE = """
 import atexit, os, signal, threading, time
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import run_interruptibly
 from cdrj_ros.foundation.interruption import thread_pool

@@ -11,7 +11,7 @@ from typing import TextIO
 import numpy as np
 import pytest
 
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import say
 

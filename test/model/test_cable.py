@@ -15,8 +15,7 @@ from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, state_views
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.laws import FRICTION_LAWS
+from cdrj_ros.robot.description import FRICTION_LAWS, Robot
 from cdrj_ros.simulation.assembly import divide_contacts
 
 Variant = Callable[..., Robot]

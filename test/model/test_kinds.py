@@ -12,8 +12,7 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot, StribeckForm
-from cdrj_ros.robot.laws import FRICTION_LAWS, Law
+from cdrj_ros.robot.description import FRICTION_LAWS, Law, Robot, StribeckForm
 from cdrj_ros.robot.space import GUIDES, ContactKind, FrameMotion
 
 Variant = Callable[..., Robot]

@@ -12,8 +12,7 @@ from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.laws import FRICTION_LAWS
+from cdrj_ros.robot.description import FRICTION_LAWS, Robot
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., Samples]

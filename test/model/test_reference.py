@@ -35,8 +35,7 @@ from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.packing import plan_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.model.state import OK, SLACK, state_views
-from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
-from cdrj_ros.robot.laws import FRICTION_LAWS, Law
+from cdrj_ros.robot.description import FRICTION_LAWS, Law, Node, PassiveTorque, Pulley, Robot, Winch
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation import assembly
 

@@ -27,7 +27,7 @@ from support.estimators import (
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import STALE
-from cdrj_ros.nodes.managed import ManagedEstimator
+from cdrj_ros.nodes.estimator import ManagedEstimator
 
 OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev", "tension_states")
 

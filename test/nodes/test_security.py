@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from visualization_msgs.msg import MarkerArray
 
-from cdrj_ros.nodes.managed import ManagedEstimator
+from cdrj_ros.nodes.estimator import ManagedEstimator
 from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
 from cdrj_ros.nodes.rig import RigNode

@@ -16,9 +16,8 @@ from support.browser import chromium
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.view import page as pages
 from cdrj_ros.view.history import Curves, History, nothing_known
-from cdrj_ros.view.html import table_of
 from cdrj_ros.view.page import Page
-from cdrj_ros.view.panels import Controls, Plots, TimeAxis
+from cdrj_ros.view.panels import Controls, Plots, TimeAxis, table_of
 from cdrj_ros.view.picture import picture_of
 from cdrj_ros.view.recorded import Player
 from cdrj_ros.view.server import open_server

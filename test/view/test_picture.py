@@ -13,7 +13,7 @@ from cdrj_ros.model.state import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing
 from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known
-from cdrj_ros.view.html import table_of
+from cdrj_ros.view.panels import table_of
 from cdrj_ros.view.picture import (
     PALE,
     SLIPPING,
