@@ -3,15 +3,12 @@
 import sqlite3
 from contextlib import closing
 
-import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
+from support.foreign_bags import COUNT, ONE_TOPIC, check_whole
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import BagWriter, Topics, list_topics, read_messages, read_recording
-
-ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
-COUNT = 600
+from cdrj_ros.recordings import BagWriter, read_recording
 
 
 @pytest.fixture(params=[8, 9])
@@ -25,18 +22,6 @@ def folder(make, tmp_path, request):
         for _, log_ns, payload in make.swing(COUNT):
             writer.write(channel, log_ns, payload)
     return path
-
-
-def check_whole(path):
-    read = read_recording(path, ONE_TOPIC)
-    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(COUNT))
-    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(COUNT))
-    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(COUNT))
-    assert [info.count for info in list_topics(path)] == [COUNT]
-    times = [message.log_ns for message in read_messages(path, ["/joint_states"])]
-    assert times == sorted(times)
-    assert len(times) == COUNT
-    return read.notes
 
 
 def test_a_sqlite3_bag_is_read_with_and_without_its_metadata(folder):

@@ -16,11 +16,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin, Writer
+from support.foreign_bags import ONE_TOPIC, attempt
 
-from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
+from cdrj_ros.recordings import list_topics, read_messages, read_recording
 
-ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 COUNT = 40
 SOAKED = "CDRJ_DAMAGES" in os.environ
 MOST_MEMORY = 300e6
@@ -60,14 +59,6 @@ def originals(make, tmp_path_factory):
     (database,) = (folder / "bag").glob("*.db3")
     files["a.db3"] = database.read_bytes()
     return files
-
-
-def attempt(read):
-    """What `read` returns, and the text of the refusal; any other exception passes."""
-    try:
-        return read(), ""
-    except BagError as error:
-        return None, str(error)
 
 
 def read_every_way(path: Path) -> None:

@@ -5,32 +5,10 @@ import pytest
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
+from support.foreign_bags import COUNT, ONE_TOPIC, attempt, check_whole
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
-
-ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
-COUNT = 600
-
-
-def attempt(read):
-    """What `read` returns, and the text of the refusal; any other exception passes."""
-    try:
-        return read(), ""
-    except BagError as error:
-        return None, str(error)
-
-
-def check_whole(path, count=COUNT):
-    """Check that every way of reading returns all messages of `swing`; returns the notes."""
-    read = read_recording(path, ONE_TOPIC)
-    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(count))
-    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(count))
-    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(count))
-    assert read.malformed == {"/joint_states": 0}
-    assert [info.count for info in list_topics(path)] == [count]
-    assert len(list(read_messages(path, ["/joint_states"]))) == count
-    return read.notes
+from cdrj_ros.recordings import read_messages, read_recording
 
 
 @pytest.mark.parametrize("chunked", [True, False])

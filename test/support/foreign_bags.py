@@ -1,6 +1,6 @@
 """Bags from third-party writers, so that our reader is not tested only against our writer."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +10,9 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
+
 ROOT = Path(__file__).parents[2]
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for _name in ("CableTensions", "NodalForces"):
@@ -18,6 +21,9 @@ for _name in ("CableTensions", "NodalForces"):
 TOPIC = "/joint_states"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 START_NS = 1_700_000_000_000_000_000
+ONE_TOPIC = Topics(TOPIC, TOPIC, (TOPIC,))
+COUNT = 600
+"""Messages of a bag that is read whole."""
 
 
 def header(stamp_ns: int, frame_id: str = "") -> Any:
@@ -116,6 +122,28 @@ def swing(count: int, *, little_endian: bool = True) -> list[tuple[str, int, byt
         )
         for i in range(count)
     ]
+
+
+def attempt(read: Callable[[], Any]) -> tuple[Any, str]:
+    """What `read` returns, and the text of the refusal; any other exception passes."""
+    try:
+        return read(), ""
+    except BagError as error:
+        return None, str(error)
+
+
+def check_whole(path: Path, count: int = COUNT) -> tuple[str, ...]:
+    """Check that every way of reading returns all messages of `swing`; returns the notes."""
+    read = read_recording(path, ONE_TOPIC)
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(count))
+    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(count))
+    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(count))
+    assert read.malformed == {TOPIC: 0}
+    assert [info.count for info in list_topics(path)] == [count]
+    times = [message.log_ns for message in read_messages(path, [TOPIC])]
+    assert times == sorted(times)
+    assert len(times) == count
+    return read.notes
 
 
 @pytest.fixture(scope="session")
