@@ -12,12 +12,12 @@ constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;     // the velocity is avera
 constexpr Nanoseconds SHORTEST_WINDOW_NS = 10'000'000;  // and not over less where readings are lost
 constexpr std::size_t RECENT = 1000;       // readings kept for it at most
 constexpr int STRAGGLERS = 100;            // that a channel may deliver after a jump back
+constexpr double FINER = 0.22;             // logarithm of 1.25
 
-/// The next of few values, four in every octave, so that changes are few.
+/// The next of few values, each a quarter above the one before, so that changes are few.
 double level(double value) {
-    int octave = 0;
-    const double part = std::frexp(value, &octave);
-    return std::ldexp(std::ceil(8.0 * part) / 8.0, octave);
+    if (!(value > 0.0)) return 0.0;
+    return std::exp(FINER * std::ceil(std::log(value) / FINER));
 }
 
 /// The nearest whole number, the even one of two; the current rounding mode is the default.
@@ -195,10 +195,14 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
     return steps.take(motion, axis.worth, next, off) || stepped;
 }
 
-Offset Channel::offset() const {
+Offset Channel::offset() {
     const double clock = DEVIATION * lag.most_ns() * 1e-9;
-    return {
-        level(steps.offset(motion)), level(clock * motion.fastest), level(clock * motion.range())};
+    const Offset now{steps.offset(motion), clock * motion.fastest, clock * motion.range()};
+    if (now != exact_) {
+        exact_ = now;
+        rounded_ = {level(now.slipped), level(now.late), level(now.swung)};
+    }
+    return rounded_;
 }
 
 double Channel::between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle) {

@@ -118,8 +118,8 @@ public:
         return axis.worth > 0.0 && lag.lag_ns * 1e-9 * motion.fastest > 0.5 * axis.worth;
     }
 
-    /// Standard deviations that the readings so far do not show.
-    Offset offset() const;
+    /// Standard deviations that the readings so far do not show, rounded up.
+    Offset offset();
 
     /// Tracked angle at an accepted reading; call before it becomes the last one.
     double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);
@@ -153,6 +153,7 @@ private:
     std::int64_t first_turn(const Axis& axis, double reading) const;
     bool straggles(Nanoseconds stamp_ns, std::span<const Channel> channels);
 
+    Offset exact_, rounded_;        // the last ones, before and after rounding
     std::deque<Extrapolation> tested_;  // those that wait for a reading to be compared with
     Turns before_;                  // those before a reset, until the first reading after it
     int stragglers_ = 0;            // readings from before a jump back that arrived after it

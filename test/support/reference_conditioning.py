@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import ceil, exp, frexp, hypot, inf, isfinite, ldexp, pi, sqrt
+from math import ceil, exp, hypot, inf, isfinite, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -226,8 +226,7 @@ class Steps:
 
 
 def level(value: float) -> float:
-    part, octave = frexp(value)
-    return ldexp(ceil(8.0 * part) / 8.0, octave)
+    return exp(0.22 * ceil(log(value) / 0.22)) if value > 0.0 else 0.0
 
 
 @dataclass
