@@ -102,7 +102,7 @@ class BuildExt(build_ext):
 # `watch` would shadow the system's, and pip cannot install the ROS packages that the nodes import.
 AS_WHEEL = bool({"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv))
 
-NODES = ("estimator", "markers", "replay", "rig", "view", "watch")
+NODES = ("commission", "estimator", "markers", "replay", "rig", "view", "watch")
 
 about = ElementTree.parse("package.xml").getroot()
 maintainer = about.find("maintainer")
@@ -147,13 +147,12 @@ setup(
             *scripts(
                 "commands",
                 "check_robot",
-                "commission",
                 "identify",
                 "import_robot",
                 "simulate",
                 "validate",
             ),
-            *(scripts("commands", "view") if AS_WHEEL else scripts("nodes", *NODES)),
+            *(scripts("commands", "commission", "view") if AS_WHEEL else scripts("nodes", *NODES)),
         ],
     },
     cmdclass={"build_ext": BuildExt},

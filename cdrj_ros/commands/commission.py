@@ -7,8 +7,9 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
@@ -44,6 +45,15 @@ ASKED: Final = {
 }
 """What each step asks for, the cheapest first."""
 
+LIVE: Final = "live"
+"""In place of a bag: record it from the running robot."""
+
+LIVE_S: Final = {"rest": 3.0, "motion": 60.0, "cells": 60.0}
+"""How long a step is recorded [s]."""
+
+Record = Callable[[Path, Topics, float], None]
+"""Records the topics of a robot into a new bag, for some seconds."""
+
 
 class Step(NamedTuple):
     """A step that was taken."""
@@ -58,7 +68,8 @@ def _parser() -> argparse.ArgumentParser:
         description="Lead from a new robot file to tensions with status OK: tare, preloads by "
         "spring scale, a motion with the motors' efforts, the same with borrowed load cells. "
         "After each step it says what the file knows, and what the next step would bring.",
-        epilog="Record bags with `ros2 bag record`. docs/commission.md",
+        epilog="Record bags with `ros2 bag record`, or give `live` for a bag: it is recorded now, "
+        "beside the new file. docs/commission.md",
     )
     parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
     parser.add_argument("--out", required=True, metavar="FILE", help="robot file to write")
@@ -80,27 +91,44 @@ def _parser() -> argparse.ArgumentParser:
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
     parser.add_argument("--json", metavar="FILE", help="write what each step brought as JSON")
+    parser.add_argument(
+        "--png", metavar="FILE", help="draw standard deviation over tension, step by step"
+    )
     add_topic_options(parser)
     return parser
 
 
-def _body(argv: Sequence[str]) -> int:
+def body(argv: Sequence[str], record: Record | None = None) -> int:
+    """The command.
+
+    Args:
+        argv: its arguments.
+        record: records what is to be measured ``live``; None: bags only.
+
+    Raises:
+        CdrjError: an argument, a file or a measurement is none.
+    """
     arguments = _parser().parse_args(argv)
     path = robot_path(arguments.robot)
-    bags = [bag for bag in (arguments.rest, *arguments.motion, *arguments.cells) if bag]
-    outputs = {"--out": arguments.out, "--json": arguments.json}
+    named = (arguments.rest, *arguments.motion, *arguments.cells)
+    bags = [bag for bag in named if bag and bag != LIVE]
+    outputs = {"--out": arguments.out, "--json": arguments.json, "--png": arguments.png}
     check_outputs(outputs, [*bags, path])
     check_new({"--out": arguments.out}, force=arguments.force)
     now = begin(path.read_text(encoding="utf-8"), str(path))
     steps = [Step("new file", judged(now.model))]
     _show(steps[-1])
-    for name, take in _measurements(topics_of(arguments)):
+    topics = topics_of(arguments)
+    for name, take in _measurements(topics):
         given = getattr(arguments, name)
         if not given and not arguments.yes:
             say(f"the next step would bring: {_words(foretold(now, name))}")
-            given = _asked(name)
+            given = _asked(name, live=record is not None and name in LIVE_S)
         if not given:
             continue
+        if name in LIVE_S:
+            words = [given] if isinstance(given, str) else given
+            given = [_bag(one, name, arguments.out, topics, record) for one in words]
         now = take(now, given)
         steps.append(Step(name, judged(now.model)))
         for sentence in lacking(now.found.unexplained) if now.found else ():
@@ -117,22 +145,36 @@ def _body(argv: Sequence[str]) -> int:
 SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the tare?"
 """Where the residual of a fit is large although preloads were measured."""
 
-Taken = Callable[[Commissioned, str], Commissioned]
+
+def _bag(given: str, name: str, out: str, topics: Topics, record: Record | None) -> str:
+    """The bag of a step, which is recorded beside the new robot file if it is to be ``live``."""
+    if given != LIVE:
+        return given
+    if record is None:
+        raise UsageError(f"--{name} {LIVE} needs ROS 2; give a bag")
+    first = Path(out).with_name(f"{Path(out).stem}_{name}")
+    later = (first.with_name(f"{first.name}_{k}") for k in count(2))
+    path = next(one for one in chain([first], later) if not one.exists())
+    record(path, topics, LIVE_S[name])
+    say(f"recorded: {path}")
+    return str(path)
+
+
+Taken = Callable[[Commissioned, Any], Commissioned]
 
 
 def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
     """The steps in their order, each with the function that takes what was measured."""
 
-    def rest(now: Commissioned, bag: str) -> Commissioned:
-        return tared(now, _read(now, bag, topics))
+    def rest(now: Commissioned, bags: Sequence[str]) -> Commissioned:
+        return tared(now, _read(now, bags[0], topics))
 
     def preload(now: Commissioned, text: str) -> Commissioned:
         return preloaded(now, _tensions(text))
 
-    def recordings(now: Commissioned, bags: str | Sequence[str]) -> Commissioned:
-        listed = [bags] if isinstance(bags, str) else bags
+    def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
         with progress_text(lambda text: "samples" in text) as progress:
-            return fitted(now, [_read(now, bag, topics) for bag in listed], progress)
+            return fitted(now, [_read(now, bag, topics) for bag in bags], progress)
 
     return [("rest", rest), ("preload", preload), ("motion", recordings), ("cells", recordings)]
 
@@ -165,10 +207,11 @@ def _tensions(text: str) -> dict[str, float]:
     return found
 
 
-def _asked(name: str) -> str:
+def _asked(name: str, *, live: bool) -> str:
     """The user's answer; empty to leave the step out."""
+    ways = f"{LIVE}: record {LIVE_S[name]:.0f} s now; " if live else ""
     try:
-        return input(f"{ASKED[name]} (empty: leave it out) > ").strip()
+        return input(f"{ASKED[name]} ({ways}empty: leave it out) > ").strip()
     except EOFError:
         return ""
 
@@ -191,11 +234,31 @@ def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Ste
             for one in steps
         ]
         write_text(arguments.json, json.dumps({"steps": rows}, indent=2) + "\n")
+    if arguments.png:
+        _draw(steps, arguments.png)
+
+
+def _draw(steps: Sequence[Step], path: str) -> None:
+    """Standard deviation over tension of every cable, step by step."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((7.0, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    places = range(len(steps))
+    for name in steps[0].judged.relative:
+        shares = [100.0 * one.judged.relative[name] for one in steps]
+        axes.plot(places, shares, marker="o", label=name)
+    axes.set_yscale("log")
+    axes.set_ylabel("standard deviation over tension [%]")
+    axes.set_xticks(list(places), [f"{one.name}\nOK {one.judged.ok:.0%}" for one in steps])
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path, format="png", dpi=120)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    return run_command("commission", _body, argv)
+    return run_command("commission", body, argv)
 
 
 if __name__ == "__main__":

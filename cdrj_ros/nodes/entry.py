@@ -29,6 +29,11 @@ def _run(name: str) -> NoReturn:
     )
 
 
+def commission() -> NoReturn:
+    """Run ``commission``, which is no node until it records."""
+    run_module("commission", "cdrj_ros.nodes.commission")
+
+
 def estimator() -> NoReturn:
     """Run the estimator node."""
     _run("estimator")

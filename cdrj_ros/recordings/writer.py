@@ -75,6 +75,18 @@ class _Copied:
 
 
 @dataclass(frozen=True)
+class _Given:
+    """Messages of one topic that are encoded already."""
+
+    topic: str
+    given: Sequence[tuple[int, bytes]]
+
+    def messages(self) -> Iterator[Queued]:
+        for log_ns, data in self.given:
+            yield log_ns, self.topic, data
+
+
+@dataclass(frozen=True)
 class _InPieces:
     """Messages of which a part at a time is made when the file is written."""
 
@@ -111,7 +123,7 @@ class BagWriter:
         self._compression = _COMPRESSIONS[compression]
         self._chunk_bytes = chunk_bytes
         self._channels: dict[str, Channel] = {}
-        self._queue: list[_Encoded | _Copied | _InPieces] = []
+        self._queue: list[_Encoded | _Copied | _Given | _InPieces] = []
         self._closed = False
 
     def __enter__(self) -> BagWriter:
@@ -218,6 +230,19 @@ class BagWriter:
             self._declare(channel)
         if chosen:
             self._queue.append(_Copied(path, tuple(chosen)))
+
+    def write_messages(
+        self, topic: str, msgtype: str, messages: Sequence[tuple[int, bytes]]
+    ) -> None:
+        """Write messages as they were received.
+
+        Args:
+            topic: their topic.
+            msgtype: one of the types that this package writes.
+            messages: log times [ns], never decreasing, and payloads in CDR.
+        """
+        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", own_definition(msgtype).text))
+        self._queue.append(_Given(topic, messages))
 
     def write_pieces(
         self,

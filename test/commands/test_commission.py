@@ -97,7 +97,7 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Pat
             "--preload", "upper=32.3,lower=26.8",
             "--motion", write(tmp_path / "motion", stamps, readings, effort),
             "--cells", write(tmp_path / "cells", stamps, readings, effort, cell),
-            "--json", str(tmp_path / "steps.json"),
+            "--json", str(tmp_path / "steps.json"), "--png", str(tmp_path / "steps.png"),
         ]
     )  # fmt: skip
     assert code == 0
@@ -107,6 +107,7 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Pat
     assert np.all(np.diff(relative) < 0.01), relative
     assert rows[0]["ok"] == 0.0
     assert rows[-1]["ok"] > 0.85
+    assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
     written = yaml.safe_load(out.read_text(encoding="utf-8"))
     origin = written["identified"]["numbers"]
     assert origin["motors.winch.reference_angle"] == "tare, rest"

@@ -40,5 +40,5 @@ def test_every_parameter_has_a_description(written: str) -> None:
 
 def test_every_node_of_the_package_has_a_section(written: str) -> None:
     entry = (ROOT / "cdrj_ros" / "nodes" / "entry.py").read_text()
-    nodes = set(re.findall(r"^def ([a-z]\w*)\(\) -> NoReturn", entry, re.MULTILINE))
+    nodes = set(re.findall(r"^    _run\(\"(\w+)\"\)", entry, re.MULTILINE))
     assert nodes == {line[3:] for line in written.splitlines() if line.startswith("## ")}
