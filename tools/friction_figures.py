@@ -18,10 +18,10 @@ from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Robot, Sensor
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, read_encoder, reading_times
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, counted
 from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).parents[1]
@@ -81,17 +81,18 @@ def on_the_rig(law: str, duration: float) -> tuple[np.ndarray, np.ndarray, np.nd
         truth = simulate(robot, time, angle, torque, progress=report)
     motor = np.reshape(truth.motor_angle, (time.size, -1))[:, 0]
     joint = np.reshape(truth.joint_angle, (time.size, -1))[:, 0]
-    times = reading_times(0.0, duration, JOINT_ENCODER.rate)
+    times = np.arange(int(duration * JOINT_ENCODER.rate + 1e-9) + 1) / JOINT_ENCODER.rate
     true = np.interp(times, time, truth.tension[:, 7])
-    exact = estimated(robot, times, np.interp(times, time, motor), np.interp(times, time, joint))
-    counted = estimated(
+    motor, joint = np.interp(times, time, motor), np.interp(times, time, joint)
+    exact = estimated(robot, times, motor, joint)
+    coarse = estimated(
         robot,
         times,
-        read_encoder(MOTOR_ENCODER, times, time, motor),
-        read_encoder(JOINT_ENCODER, times, time, joint),
+        counted(MOTOR_ENCODER, motor, 0.0, Sensor()),
+        counted(JOINT_ENCODER, joint, 0.0, Sensor()),
     )
     column = exact.layout.tension.start + 7
-    return times, exact.values[:, column] - true, counted.values[:, column] - true
+    return times, exact.values[:, column] - true, coarse.values[:, column] - true
 
 
 def main() -> None:

@@ -130,46 +130,6 @@ Reference = tuple[ArrayLike, ArrayLike]
 """(stamps [ns] as integers, values), both of shape (k,); values of vectors (k, 3)."""
 
 
-def compare(
-    estimate_stamp_ns: ArrayLike,
-    estimates: Mapping[str, ArrayLike],
-    references: Mapping[str, Reference],
-    *,
-    max_gap_ns: int,
-    angle: Angle | Mapping[str, Angle] | None = None,
-    stddev: Mapping[str, ArrayLike] | None = None,
-    zones: Stamps | None = None,
-) -> tuple[Channel, ...]:
-    """Interpolate every estimate that has a reference at the stamps of that reference.
-
-    Args:
-        estimate_stamp_ns: stamps of the estimates [ns], integers, strictly increasing, shape (m,).
-        estimates: estimated values by channel name [unit of the channel], shape (m,) each, or
-            (m, 3) of vectors.
-        references: stamps [ns] and values [unit] by channel name, in any order.
-        max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
-        angle: the angle to plot over, one for all channels or by channel name.
-        stddev: standard deviation of the estimates by channel name [unit], shape (m,) each;
-            values that are negative or not finite are treated as unknown.
-        zones: time intervals of reversals [ns], shape (k, 2), see ``reversal_zones``.
-
-    Returns:
-        The channels that are both estimated and recorded, in the order of ``estimates``, including
-        empty ones; see ``unknown_references`` for channels that are only recorded.
-
-    Raises:
-        ValueError: a channel name without a known prefix.
-    """
-    own_stamps = np.asarray(estimate_stamp_ns, np.int64)
-    comparing = Comparing(list(estimates), own_stamps, references, max_gap_ns)
-    comparing.add(
-        {name: np.asarray(values, np.float64) for name, values in estimates.items()},
-        {name: np.asarray(values, np.float64) for name, values in (stddev or {}).items()},
-        len(own_stamps),
-    )
-    return comparing.channels(angle, zones)
-
-
 class _Target(NamedTuple):
     """A channel's reference, and the estimates at its stamps received so far."""
 
@@ -201,10 +161,11 @@ class Comparing:
             names: names of the estimated channels.
             own_stamps: stamps of all estimates that will be added [ns], strictly increasing,
                 shape (m,).
-            references, max_gap_ns: as for ``compare``.
+            references: stamps [ns] and values [unit] by channel name, in any order.
+            max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
 
         Raises:
-            ValueError: as ``compare``.
+            ValueError: a channel name without a known prefix.
         """
         self._max_gap_ns = max_gap_ns
         self._taken = 0

@@ -95,13 +95,6 @@ JOINT_ENCODER = Encoder(counts=16_384, rate=500.0, phase_s=0.0003)
 LOAD_CELLS = LoadCells()
 
 
-def reading_times(begin: float, end: float, rate: float, phase_s: float = 0.0) -> Vector:
-    """Times [s] at which a sensor of this rate reads within [begin, end]."""
-    count = int(np.floor((end - begin - phase_s) * rate + 1e-9)) + 1
-    times: Vector = begin + phase_s + np.arange(max(count, 0)) / rate
-    return times
-
-
 class ReadingTimes:
     """The times at which a sensor reads, with jitter and without lost readings."""
 
@@ -207,32 +200,6 @@ def reading_of(sensor: Sensor, angle: Vector) -> Vector:
         angle = angle - np.interp(angle, correction + sensor.corrected_at, correction)
     reading: Vector = (angle - sensor.offset) / sensor.scale
     return reading
-
-
-def read_encoder(
-    encoder: Encoder,
-    times: Vector,
-    truth_time: Vector,
-    angle: Vector,
-    generator: np.random.Generator | None = None,
-    sensor: Sensor | None = None,
-) -> Vector:
-    """Readings as whole counts at the given times [s], in the unit that the robot file converts.
-
-    Args:
-        encoder: encoder with its counts, noise and bias.
-        times: times of the readings [s], shape (n,).
-        truth_time, angle: the truth [s], [rad].
-        generator: random generator; required if the encoder has noise.
-        sensor: the robot file's conversion of readings into angles, whose inverse is applied;
-            None for no conversion.
-    """
-    noise: float | Vector = 0.0
-    if encoder.noise > 0.0:
-        if generator is None:
-            raise ValueError("noise needs a generator")
-        noise = generator.normal(0.0, encoder.noise, times.size)
-    return counted(encoder, np.interp(times, truth_time, angle), noise, sensor or Sensor())
 
 
 def counted(encoder: Encoder, angle: Vector, noise: float | Vector, sensor: Sensor) -> Vector:

@@ -18,21 +18,20 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.channels import FRICTION, Angle, Channel
-from cdrj_ros.evaluation.comparison import compare
+from cdrj_ros.evaluation.comparison import Comparing
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import NODAL_FORCE, TENSION, prepare
-from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot
+from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot, Sensor
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
     Encoder,
     LoadCells,
+    counted,
     read_cells,
-    read_encoder,
-    reading_times,
 )
 from cdrj_ros.simulation.truth import simulate
 from examples.paper.joint import RollingLoad
@@ -204,6 +203,11 @@ def with_constant_wraps(robot: Robot) -> Robot:
     )
 
 
+def _times(end: float, rate: float, phase_s: float = 0.0) -> NDArray[np.float64]:
+    """Times [s] at which a sensor of this rate reads within [0, end]."""
+    return phase_s + np.arange(int((end - phase_s) * rate + 1e-9) + 1) / rate
+
+
 def record(
     robot: Robot, motion: Motion, *, cells: int = 8, seed: int = 0, progress: Progress | None = None
 ) -> Recording:
@@ -221,9 +225,10 @@ def record(
     end = float(truth.time[-1])
 
     def angles(encoder: Encoder, values: NDArray[np.float64]) -> Series:
-        times = reading_times(0.0, end, min(encoder.rate, motion.rate), encoder.phase_s)
+        times = _times(end, min(encoder.rate, motion.rate), encoder.phase_s)
         stamps = _stamps(times)
-        return Series(stamps, stamps, read_encoder(encoder, times, truth.time, _column(values)))
+        angle = np.interp(times, truth.time, _column(values))
+        return Series(stamps, stamps, counted(encoder, angle, 0.0, Sensor()))
 
     conditioned = condition(
         robot,
@@ -231,7 +236,7 @@ def record(
         {layout.joints[0]: angles(JOINT_ENCODER, truth.joint_angle)},
     )
     cell = LoadCells()
-    times = reading_times(0.0, end, cell.rate)
+    times = _times(end, cell.rate)
     generator = np.random.default_rng(seed)
     readings, noiseless = {}, {}
     for prefix, names, values in (
@@ -280,8 +285,9 @@ def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
         for name, reading in recording.readings.items()
     }
     angle = Angle(layout.joints[0], samples.stamp_ns, samples.joint_angle[:, 0])
-    channels = compare(samples.stamp_ns, named, references, max_gap_ns=MAX_GAP_NS, angle=angle)
-    return {channel.name: channel for channel in channels}
+    comparing = Comparing(list(named), samples.stamp_ns, references, MAX_GAP_NS)
+    comparing.add(named, {}, len(samples.stamp_ns))
+    return {channel.name: channel for channel in comparing.channels(angle, None)}
 
 
 def move_freely(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.compared import compare
 
 from cdrj_ros.evaluation.channels import QUANTITIES, Angle, Channel, unit_of
 from cdrj_ros.evaluation.comparison import (
     DROP_CAUSES,
     Comparing,
-    compare,
     summed_up,
     unknown_references,
 )

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.compared import compare
 
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation import estimating
 from cdrj_ros.evaluation.channels import estimate_channels
-from cdrj_ros.evaluation.comparison import compare
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, write_estimates
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.evaluation.validation import (

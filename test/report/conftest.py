@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from support.compared import compare
 
 from cdrj_ros.evaluation.channels import Angle, BagComparison
-from cdrj_ros.evaluation.comparison import compare, summed_up
+from cdrj_ros.evaluation.comparison import summed_up
 
 EPOCH_NS = 1_722_000_000_123_456_789
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.compared import compare
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
-from cdrj_ros.evaluation.comparison import compare, summed_up
+from cdrj_ros.evaluation.comparison import summed_up
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.inspection.checks import Inspection

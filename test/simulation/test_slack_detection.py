@@ -13,14 +13,15 @@ from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import SLACK
+from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import Motion, dwell, ramps, random, sine
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
     Encoder,
-    read_encoder,
-    reading_times,
+    ReadingTimes,
+    counted,
 )
 from cdrj_ros.simulation.truth import simulate
 
@@ -68,9 +69,9 @@ class Watched:
 
 def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Series:
     """Readings of the rig's encoder, with stamps that start at one second."""
-    when = reading_times(0.0, time[-1], encoder.rate, encoder.phase_s)
+    when = ReadingTimes(encoder, 0.0, [0]).until(time[-1]).times
     stamps = 1_000_000_000 + np.round(when * 1e9).astype(np.int64)
-    return Series(stamps, stamps, read_encoder(encoder, when, time, angle))
+    return Series(stamps, stamps, counted(encoder, np.interp(when, time, angle), 0.0, Sensor()))
 
 
 def watch(
