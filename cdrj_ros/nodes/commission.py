@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.commands.commission import body
-from cdrj_ros.commands.running import run_command
+from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.progress import progress_bar
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
