@@ -56,35 +56,9 @@ def finger() -> Robot:
     )
 
 
-def platform() -> Robot:
-    """A point held by four cables over fixed pulleys, a motor each: spans depend on x and y."""
-    corners = ((1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"), (1, -1, "cw"))
-    cables = "".join(
-        f"""
-          - name: c{k}
-            axial_stiffness: 5000
-            preload: 20
-            nodes:
-              - {{type: winch, motor: m{k}, radius_mm: 20, winding: 1, position_mm: [{600 * x}, 0],
-                 turn: {turn}}}
-              - {{type: pulley, radius_mm: 15, position_mm: [{500 * x}, {400 * y}], turn: {turn}}}
-              - {{type: anchor, frame: point, position_mm: [{30 * x}, {30 * y}]}}
-        """
-        for k, (x, y, turn) in enumerate(corners)
-    )
-    return parse_robot(
-        """
-        name: platform
-        motors: [{name: m0}, {name: m1}, {name: m2}, {name: m3}]
-        joints: [{name: x, range_mm: [-100, 100]}, {name: y, range_mm: [-100, 100]}]
-        frames:
-          - {name: slide, motion: prismatic, joint: x}
-          - {name: point, parent: slide, motion: prismatic, joint: y, direction: [0, 1]}
-        friction: {mu_c: 0.1}
-        cables:
-        """
-        + cables
-    )
+def parallel() -> Robot:
+    """A platform held by cables over fixed pulleys, a motor each: spans depend on its place."""
+    return load_robot(PROTOTYPE.with_name("parallel.yaml"))
 
 
 def hoist() -> Robot:
@@ -110,7 +84,7 @@ def hoist() -> Robot:
 @pytest.fixture(scope="session")
 def robots() -> SimpleNamespace:
     """The robots above, by name."""
-    return SimpleNamespace(prototype=prototype, finger=finger, platform=platform, hoist=hoist)
+    return SimpleNamespace(prototype=prototype, finger=finger, parallel=parallel, hoist=hoist)
 
 
 @pytest.fixture(scope="session")

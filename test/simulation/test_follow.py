@@ -40,10 +40,10 @@ def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robo
     assert fixed(robots.prototype()) == 2 * [False, False, False, False, True, False, False]
     assert fixed(robots.hoist()) == [False], "the hook moves straight down"
     assert all(fixed(robots.finger()))
-    assert all(fixed(robots.platform()))
+    assert all(fixed(robots.parallel()))
 
 
-@pytest.mark.parametrize("name", ["prototype", "finger", "platform"])
+@pytest.mark.parametrize("name", ["prototype", "finger", "parallel"])
 def test_following_motors_keep_the_preload_of_frictionless_cables(
     robots: Robots, name: str
 ) -> None:

@@ -90,7 +90,7 @@ def test_every_robot_of_the_package(name: str) -> None:
 
 
 @pytest.mark.parametrize("planned", [False, True], ids=["commanded", "planned"])
-@pytest.mark.parametrize("name", ["finger", "platform", "round_bodies"])
+@pytest.mark.parametrize("name", ["finger", "round_bodies"])
 def test_cables_by_positions(name: str, planned: bool, robots: Robots) -> None:
     robot = round_bodies() if name == "round_bodies" else getattr(robots, name)()
     assert_same_digits(robot, make_load("pendulum", 0.02, 0.05), planned)
