@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from itertools import product
-from math import pi, sqrt
+from math import pi
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -61,19 +61,9 @@ class PlacedVisual:
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
         """Its orientation: w, x, y, z."""
-        # the largest of the four components is computed from the diagonal, the others from it
-        r = self.rotation
-        squares = 1.0 + np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) @ np.diag(r)
-        skew = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-        even = [r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] + r[1, 2]]
-        k = int(np.argmax(squares))
-        rows = [
-            [squares[0], *skew],
-            [skew[0], squares[1], even[0], even[1]],
-            [skew[1], even[0], squares[2], even[2]],
-            [skew[2], even[1], even[2], squares[3]],
-        ]
-        w, x, y, z = (0.5 * float(one) / sqrt(squares[k]) for one in rows[k])
+        from scipy.spatial.transform import Rotation  # slow
+
+        x, y, z, w = map(float, Rotation.from_matrix(self.rotation).as_quat())
         return w, x, y, z
 
 

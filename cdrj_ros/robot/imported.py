@@ -24,7 +24,8 @@ from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.robot.urdf import ROOT, UrdfJoint, joints_of, urdf_element
+from cdrj_ros.robot.space import UrdfJoint
+from cdrj_ros.robot.urdf import ROOT, joints_of, urdf_element
 
 _PLAIN: Final = re.compile(r"(?i)^(?!(y|n|yes|no|on|off|true|false|null)$)[a-z_][a-z0-9_./-]*$")
 """Texts that YAML takes as they are."""

@@ -119,3 +119,19 @@ def quaternion_rotation(x: float, y: float, z: float, w: float) -> Matrix3:
         2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
         2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint of a URDF and the link that it carries."""
+
+    name: str
+    motion: str
+    parent: str
+    child: str
+    origin: list[float]
+    rpy: list[float]
+    axis: list[float]
+    limits: tuple[float, float] | None
+    mimic: tuple[str, float, float] | None
+    """Joint, multiplier and offset."""

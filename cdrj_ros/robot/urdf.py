@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as Xml
@@ -15,6 +15,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.names import prefixed, renamed
+from cdrj_ros.robot.space import UrdfJoint
 from cdrj_ros.robot.visuals import urdf_visuals
 
 MAXIMUM_BYTES: Final = 20_000_000
@@ -43,22 +44,6 @@ def description_given(text: Callable[[], str]) -> Iterator[None]:
         yield
     finally:
         _description.reset(token)
-
-
-@dataclass(frozen=True)
-class UrdfJoint:
-    """A joint of a URDF and the link that it carries."""
-
-    name: str
-    motion: str
-    parent: str
-    child: str
-    origin: list[float]
-    rpy: list[float]
-    axis: list[float]
-    limits: tuple[float, float] | None
-    mimic: tuple[str, float, float] | None
-    """Joint, multiplier and offset."""
 
 
 def with_urdf_frames(document: Document, source: str) -> Document:

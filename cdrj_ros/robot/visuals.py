@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from math import asin, atan2
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import Final, Literal, get_args
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -14,11 +14,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.space import Matrix3, Vector3, rpy_rotation
-
-if TYPE_CHECKING:
-    from cdrj_ros.robot.urdf import UrdfJoint
-
+from cdrj_ros.robot.space import Matrix3, UrdfJoint, Vector3, rpy_rotation
 
 VisualShape = Literal["box", "cylinder", "sphere", "mesh"]
 SHAPES: Final[tuple[VisualShape, ...]] = get_args(VisualShape)
