@@ -16,7 +16,7 @@ import numpy as np
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.output import progress_bar
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot, Sensor
 from cdrj_ros.robot.reader import load_robot, parse_robot

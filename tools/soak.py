@@ -195,7 +195,7 @@ class Feeder:
 def _run(feeder: Feeder, process: subprocess.Popen[bytes], minutes: float, rate: float) -> Soak:
     import psutil
 
-    from cdrj_ros.foundation.progress import progress_bar
+    from cdrj_ros.foundation.output import progress_bar
 
     soak = Soak()
     resident = psutil.Process(process.pid)

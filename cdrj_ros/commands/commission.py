@@ -28,8 +28,7 @@ from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
-from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.progress import progress_text
+from cdrj_ros.foundation.output import progress_text, say
 from cdrj_ros.identification.fit import lacking
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.loading import robot_path

@@ -25,8 +25,7 @@ from cdrj_ros.commands.simulate_motion import (
     swing_text,
 )
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.output import progress_bar, say
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot

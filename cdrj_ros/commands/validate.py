@@ -40,8 +40,7 @@ from cdrj_ros.evaluation.parallel import (
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
-from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.output import progress_bar, say
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.recordings import open_source
 from cdrj_ros.robot.description import Robot

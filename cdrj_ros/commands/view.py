@@ -11,8 +11,7 @@ from cdrj_ros.commands.entry import CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.output import progress_bar, say
 from cdrj_ros.model.loading import load_model
 
 

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from cdrj_ros.commands.commission import body
 from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.output import progress_bar
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
 from cdrj_ros.messages.topics import NAMESPACE, TENSION_SENSORS, in_namespace
 from cdrj_ros.nodes.qos import DEPTH, remapping

@@ -15,7 +15,7 @@ from rclpy.task import Future
 from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.evaluation.answers import Answers, Run, Tally
 from cdrj_ros.evaluation.replayed import NodeSettings, require_every_sample
-from cdrj_ros.foundation.progress import LabelledBar
+from cdrj_ros.foundation.output import LabelledBar
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest

@@ -20,9 +20,8 @@ from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
 from cdrj_ros.nodes.diagnostics import diagnostic_array
-from cdrj_ros.nodes.rig_commands import CommandListener
-from cdrj_ros.nodes.rig_outputs import RigOutputs
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
+from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.simulation.commands import Command, Trajectory
 from cdrj_ros.simulation.drives import Drives

@@ -18,8 +18,7 @@ from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.interruption import run_interruptibly
-from cdrj_ros.foundation.output import say
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation.output import progress_bar, say
 from cdrj_ros.model.loading import load_model
 from examples.paper.runs import Motion
 from examples.paper.study import Study, numbers, work

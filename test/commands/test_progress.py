@@ -12,8 +12,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from cdrj_ros.foundation import progress
-from cdrj_ros.foundation.progress import progress_bar
+from cdrj_ros.foundation import output as progress
+from cdrj_ros.foundation.output import progress_bar
 
 
 def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdrj_ros.commands.shared import FORMAT, VERSION, results, write_results
 from cdrj_ros.evaluation.channels import BagComparison, Channel
 from cdrj_ros.evaluation.metrics import FIGURES, errors_of, pooled_errors
-from cdrj_ros.report.results_json import FORMAT, VERSION, results, write_results
 
 
 def refuse(constant: str) -> None:
