@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -27,8 +26,12 @@ from cdrj_ros.inspection.motor_travel import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health
-from cdrj_ros.nodes.qos import default_profile, remapping
-from cdrj_ros.nodes.settings import given_parameter
+from cdrj_ros.nodes.qos import (
+    default_profile,
+    publishing_nodes,
+    reliability_parameter,
+    remapping,
+)
 from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.robot.description import Joint, Robot
 
@@ -157,22 +160,6 @@ class InputTopic:
         )
 
 
-def reliability_parameter(topic: str) -> str:
-    """Name of the parameter by which the user may choose the reliability of a subscription."""
-    return f"qos_overrides.{topic}.subscription.reliability"
-
-
-def has_chosen(node: Node, topic: str) -> bool:
-    """Whether the user has chosen a reliability; ask before the first subscription, which declares.
-
-    Args:
-        node: the node.
-        topic: relative name.
-    """
-    name = reliability_parameter(node.resolve_topic_name(topic))
-    return given_parameter(node, name).type_ != Parameter.Type.NOT_SET
-
-
 # --- what is missing or refused -----------------------------------------------------------------
 
 
@@ -257,12 +244,6 @@ def _refusals(refused: Mapping[str, int]) -> str:
         for cause, count in sorted(refused.items(), key=lambda item: -item[1])
         if count
     )
-
-
-def publishing_nodes(node: Node, topic: str) -> list[str]:
-    """Full names of the nodes that publish on a topic, one per publisher."""
-    publishers = node.get_publishers_info_by_topic(topic)
-    return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in publishers)
 
 
 class InputWatch:

@@ -1,11 +1,14 @@
-"""Quality of service, the default of all nodes, and where else a topic may be found."""
+"""Quality of service, that of all nodes or a chosen one, and who publishes on which topic."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from cdrj_ros.nodes.settings import given_parameter
 
 DEPTH: Final = 1000
 """Queue depth of a topic [messages]."""
@@ -32,3 +35,25 @@ def remapping(node: Node, topic: str, msgtype: str) -> str:
         if other != topic and there - {node.get_name()}:
             return f"there is {other}: --ros-args -r {name}:={other}"
     return ""
+
+
+def reliability_parameter(topic: str) -> str:
+    """Name of the parameter by which the user may choose the reliability of a subscription."""
+    return f"qos_overrides.{topic}.subscription.reliability"
+
+
+def has_chosen(node: Node, topic: str) -> bool:
+    """Whether the user has chosen a reliability; ask before the first subscription, which declares.
+
+    Args:
+        node: the node.
+        topic: relative name.
+    """
+    name = reliability_parameter(node.resolve_topic_name(topic))
+    return given_parameter(node, name).type_ != Parameter.Type.NOT_SET
+
+
+def publishing_nodes(node: Node, topic: str) -> list[str]:
+    """Full names of the nodes that publish on a topic, one per publisher."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in publishers)

@@ -26,8 +26,7 @@ from cdrj_ros.evaluation.channels import QUANTITIES, Channel, quantity_of
 from cdrj_ros.evaluation.metrics import COVERAGE_SIGMAS
 from cdrj_ros.evaluation.reversals import envelope, turning_points
 from cdrj_ros.foundation.arrays import Floats, Stamps
-from cdrj_ros.foundation.output import printable
-from cdrj_ros.report.table import format_amount, scale_for
+from cdrj_ros.foundation.output import format_amount, printable, scale_for
 
 COLOURS: Final[Mapping[str, str]] = MappingProxyType(
     {

@@ -33,7 +33,13 @@ from cdrj_ros.evaluation.metrics import (
 )
 from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.output import printable
+from cdrj_ros.foundation.output import (
+    format_amount,
+    format_angle,
+    format_percent,
+    format_r2,
+    printable,
+)
 from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import EFFORT, NODAL_FORCE, TENSION
@@ -42,10 +48,6 @@ from cdrj_ros.report.table import (
     OUTSIDE_HEADINGS,
     Beside,
     cause_in_words,
-    format_amount,
-    format_angle,
-    format_percent,
-    format_r2,
     headings_of,
     health_lines,
     limits_sentence,
