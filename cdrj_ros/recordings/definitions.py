@@ -1,19 +1,22 @@
-"""Message definitions: parsing those embedded in a bag, and providing our own for embedding."""
+"""What a bag says of itself: definitions of messages, read and our own, and its metadata."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from importlib import resources
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.messages.cdr import MESSAGE_TYPES, TEXT, Field, MessageType
 from cdrj_ros.recordings.batch import (
     ARRAY_VALUES,
     DEFINITION_BYTES,
     DEFINITION_DEPTH,
     DEFINITION_FIELDS,
+    Channel,
 )
 
 OWN_PACKAGE: Final = "cdrj_msgs"
@@ -173,3 +176,78 @@ def own_definition(msgtype: str) -> Definition:
     if found is None:
         raise BagError(f"no definition of {msgtype}; there are {sorted(_definitions())}")
     return found
+
+
+def channel_metadata(channel: Channel) -> dict[str, str]:
+    """What an MCAP file states of a topic, as rosbag2 writes it."""
+    return {
+        "offered_qos_profiles": yaml_text([_qos()], block=True).strip(),
+        "topic_type_hash": _type_hash(channel),
+    }
+
+
+def bag_metadata(
+    file_name: str, start_ns: int, end_ns: int, channels: Iterable[Channel],
+    counts: Mapping[str, int],
+) -> str:  # fmt: skip
+    """Metadata of a bag of one file as rosbag2 of ROS 2 Jazzy writes it (version 9), in YAML."""
+
+    def extent() -> dict[str, Any]:
+        return {
+            "duration": {"nanoseconds": end_ns - start_ns},
+            "starting_time": {"nanoseconds_since_epoch": start_ns},
+            "message_count": sum(counts.values()),
+        }
+
+    return yaml_text(
+        {
+            "version": 9,
+            "storage_identifier": "mcap",
+            **extent(),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": channel.topic,
+                        "type": channel.msgtype,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": [_qos()],
+                        "type_description_hash": _type_hash(channel),
+                    },
+                    "message_count": counts[channel.topic],
+                }
+                for channel in channels
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file_name],
+            "files": [{"path": file_name, **extent()}],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        },
+        block=True,
+    )
+
+
+def _type_hash(channel: Channel) -> str:
+    """The type's hash: from the copied bag, or as computed for this project's types; else empty."""
+    copied = dict(channel.metadata).get("topic_type_hash")
+    if copied is not None:
+        return copied
+    try:
+        own = own_definition(channel.msgtype)
+    except BagError:
+        return ""
+    return own.hash if own.text == channel.definition else ""
+
+
+def _qos() -> dict[str, Any]:
+    """Reliable with depth 10; a new object for each call, so that YAML writes no anchors."""
+    durations = ("deadline", "lifespan", "liveliness_lease_duration")
+    return {
+        "history": "keep_last",
+        "depth": 10,
+        "reliability": "reliable",
+        "durability": "volatile",
+        "liveliness": "automatic",
+        "avoid_ros_namespace_conventions": False,
+    } | {name: {"sec": 9223372036, "nsec": 854775807} for name in durations}

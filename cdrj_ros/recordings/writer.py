@@ -19,11 +19,16 @@ import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
-from cdrj_ros.recordings.definitions import message_type, own_definition, parse_definition
+from cdrj_ros.recordings.definitions import (
+    bag_metadata,
+    channel_metadata,
+    message_type,
+    own_definition,
+    parse_definition,
+)
 from cdrj_ros.recordings.source import METADATA, open_source, read_messages
 
 if TYPE_CHECKING:
@@ -311,7 +316,7 @@ class BagWriter:
                 writer.add_message(numbers[topic], log_ns, data, log_ns)
         except struct.error:
             raise BagError(f"{self.path}: a log time before {last_ns} ns is negative") from None
-        text = _information(name, first_ns or 0, last_ns, self._channels.values(), counts)
+        text = bag_metadata(name, first_ns or 0, last_ns, self._channels.values(), counts)
         writer.add_metadata("rosbag2", {"serialized_metadata": text})
         writer.finish()  # type: ignore[no-untyped-call]
         return text
@@ -325,10 +330,7 @@ class BagWriter:
             if key not in schemas:
                 name, encoding, text = key
                 schemas[key] = writer.register_schema(name, encoding, text.encode())
-            metadata = {
-                "offered_qos_profiles": yaml_text([_qos()], block=True).strip(),
-                "topic_type_hash": _type_hash(channel),
-            }
+            metadata = channel_metadata(channel)
             numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
         return numbers
 
@@ -384,70 +386,3 @@ def _fields(channel: Channel) -> object:
         return message_type(channel.msgtype, channel.definition_encoding, channel.definition)
     except BagError:
         return channel.definition
-
-
-def _type_hash(channel: Channel) -> str:
-    """The type's hash: from the copied bag, or as computed for this project's types; else empty."""
-    copied = dict(channel.metadata).get("topic_type_hash")
-    if copied is not None:
-        return copied
-    try:
-        own = own_definition(channel.msgtype)
-    except BagError:
-        return ""
-    return own.hash if own.text == channel.definition else ""
-
-
-def _information(
-    file_name: str, start_ns: int, end_ns: int, channels: Iterable[Channel],
-    counts: Mapping[str, int],
-) -> str:  # fmt: skip
-    """Metadata of a bag of one file as rosbag2 of ROS 2 Jazzy writes it (version 9), in YAML."""
-
-    def extent() -> dict[str, Any]:
-        return {
-            "duration": {"nanoseconds": end_ns - start_ns},
-            "starting_time": {"nanoseconds_since_epoch": start_ns},
-            "message_count": sum(counts.values()),
-        }
-
-    return yaml_text(
-        {
-            "version": 9,
-            "storage_identifier": "mcap",
-            **extent(),
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": channel.topic,
-                        "type": channel.msgtype,
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": [_qos()],
-                        "type_description_hash": _type_hash(channel),
-                    },
-                    "message_count": counts[channel.topic],
-                }
-                for channel in channels
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file_name],
-            "files": [{"path": file_name, **extent()}],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        },
-        block=True,
-    )
-
-
-def _qos() -> dict[str, Any]:
-    """Reliable with depth 10; a new object for each call, so that YAML writes no anchors."""
-    durations = ("deadline", "lifespan", "liveliness_lease_duration")
-    return {
-        "history": "keep_last",
-        "depth": 10,
-        "reliability": "reliable",
-        "durability": "volatile",
-        "liveliness": "automatic",
-        "avoid_ros_namespace_conventions": False,
-    } | {name: {"sec": 9223372036, "nsec": 854775807} for name in durations}
