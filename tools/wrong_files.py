@@ -26,6 +26,7 @@ from scipy.ndimage import gaussian_filter1d
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from cdrj_ros.estimation.changes import narrowed  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble, mark_unsure  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
 from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
@@ -39,7 +40,6 @@ from cdrj_ros.model.state import OK  # noqa: E402
 from cdrj_ros.recordings import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot  # noqa: E402
-from cdrj_ros.robot.tolerances import narrowed  # noqa: E402
 from cdrj_ros.simulation.assembly import divide_contacts  # noqa: E402
 
 Table = NDArray[np.float64]

@@ -22,7 +22,13 @@ from cdrj_ros.commands.identify_uncertainty import (
     stated_lines,
     uncertainty_section,
 )
-from cdrj_ros.estimation.changes import RestWatch, preloads_of, reference_at
+from cdrj_ros.estimation.changes import (
+    SPRING_SCALE_NOW,
+    RestWatch,
+    narrowed,
+    preloads_of,
+    reference_at,
+)
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, mark_unsure, preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Sample, Samples
@@ -38,7 +44,6 @@ from cdrj_ros.inspection.shares import DURATION_S, sweep, tension_effects
 from cdrj_ros.model.prepared import EFFORT, TENSION, Model, channel_columns, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW, narrowed
 from cdrj_ros.robot.writer import number_of_urdf, with_numbers_in_text, with_section, yaml_number
 
 SWEEP_SAMPLES: Final = 2000

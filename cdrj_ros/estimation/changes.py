@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,10 +13,13 @@ from cdrj_ros.estimation.reading_limits import half_width
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.document import LARGEST, document_complaints
-from cdrj_ros.robot.parameters import allowed_range, find_number, with_numbers
+from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.document import LARGEST, allowed_range, document_complaints
+from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
+
+SPRING_SCALE_NOW: Final = 0.03
+"""Error of a preload that was measured just now, as a fraction."""
 
 REST_NS: Final = 300_000_000
 """Time for which every axis must have stood still before a tare [ns]."""
@@ -133,3 +137,37 @@ class RestWatch:
                     f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed{key}"
                 )
         return ""
+
+
+def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
+    """The robot's uncertainty after reference angles and preloads were set at run time.
+
+    A tare reads the reference angles from the encoders: their errors become those of the encoders'
+    zeros, ``offset``, as the geometry is evaluated at the reading in every pose.  A preload set at
+    run time counts as measured just now, unless it was known better.
+
+    Args:
+        robot: the robot with the changed numbers.
+        changed: their values by path [SI].
+    """
+    known = robot.uncertainty
+    if known is None:
+        return None
+    index = {path: k for k, path in enumerate(known.parameters)}
+    errors = np.eye(len(index))  # those of the numbers, from those before
+    stated = [k < known.stated for k in index.values()]
+    for path in changed.keys() & index.keys():
+        k, own = index[path], 0.0
+        stddev = float(np.sqrt(known.covariance[k, k]))
+        if path.endswith(".preload") and stddev > 0.0:
+            own = min(1.0, SPRING_SCALE_NOW * changed[path] / stddev)
+        errors[k] *= own
+        zero = index.get(path.replace(".reference_angle", ".offset"), k)
+        if zero != k:
+            errors[k, zero], stated[k] = 1.0, stated[zero]
+    covariance = errors @ known.covariance @ errors.T
+    order = sorted(index.values(), key=lambda k: not stated[k])
+    return replace(
+        known, parameters=tuple(known.parameters[k] for k in order),
+        covariance=covariance[np.ix_(order, order)], stated=sum(stated),
+    )  # fmt: skip

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.changes import (
     RestWatch,
+    narrowed,
     preloads_of,
     reference_at,
     with_other_numbers,
@@ -35,7 +36,6 @@ from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.tolerances import narrowed
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import HealthMonitor
@@ -17,7 +18,6 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, UNSURE
-from cdrj_ros.robot.tolerances import narrowed
 
 WINDOW: Final = 4096
 """Number of latest steps over which the percentiles of the step time are computed."""

@@ -16,8 +16,8 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
 from cdrj_ros.nodes.settings import Setting, as_double, parameter_file, values_of
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
-from cdrj_ros.robot.document import schema
-from cdrj_ros.robot.parameters import allowed_range, number_at
+from cdrj_ros.robot.document import allowed_range, schema
+from cdrj_ros.robot.parameters import number_at
 
 UNSET: Final = -1.0
 """Value of a number for which the robot file's value is used."""

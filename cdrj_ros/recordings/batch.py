@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import stat
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -23,6 +24,8 @@ MESSAGE_BYTES: Final = 1 << 26
 CHUNK_BYTES: Final = 1 << 26
 """Size of one unpacked chunk of an MCAP file, and total size of the chunks unpacked ahead.  Writers
 make chunks of 1 to 4 MB."""
+RECORD_BYTES: Final = CHUNK_BYTES + (1 << 16)
+"""Size of a record of an MCAP file."""
 UNPACKED_FREE: Final = 1 << 28
 """Bytes to which any file may unpack in one pass: chunks, single messages or the whole file."""
 UNPACKED_RATIO: Final = 1000
@@ -68,6 +71,32 @@ class Unpacked:
                 f"{self._path} unpacks to more than {self.limit} bytes, "
                 f"more than {UNPACKED_RATIO} times its size: refused as damaged or malicious"
             )
+
+
+class BoundedReader(BufferedReader):
+    """A file of which at most `RECORD_BYTES` are read between two calls of `renew`.
+
+    A damaged record may claim to be, or to hold a list, of any length.
+    """
+
+    left = RECORD_BYTES
+
+    def renew(self) -> int:
+        """Allow the next record; returns the current offset in the file."""
+        self.left = RECORD_BYTES
+        return self.tell()
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most `size` bytes, and at most as many as are left.
+
+        Raises:
+            ValueError: `mcap` subtracts the size of a header from that of a smaller record.
+        """
+        if size is None or size < 0:
+            raise ValueError("a record is shorter than its kind requires")
+        data = super().read(min(size, self.left))
+        self.left -= len(data)
+        return data
 
 
 Int64s = npt.NDArray[np.int64]

@@ -16,7 +16,7 @@ from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from io import BufferedReader, BytesIO, FileIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import IO, Final
 
@@ -34,8 +34,10 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings.batch import (
     CHUNK_BYTES,
     DEFINITION_BYTES,
+    RECORD_BYTES,
     UNPACKED_FILE,
     Batch,
+    BoundedReader,
     Channel,
     Int64s,
     Stretch,
@@ -56,8 +58,6 @@ _MESSAGE_HEAD: Final = 31
 """Bytes of a message record before its payload: code, length, channel, sequence and two times."""
 _CHUNK_HEAD: Final = 49
 """Bytes of a chunk record before its data, without the name of the compression."""
-_RECORD_BYTES: Final = CHUNK_BYTES + (1 << 16)
-"""Maximum size of a record that is read."""
 _RUN_BYTES: Final = 1 << 22
 """Size of a run of messages outside chunks that is read at once."""
 _AT_A_TIME: Final = 1 << 20
@@ -66,32 +66,6 @@ _DAMAGES: Final = (
     McapError, EndOfFile, struct.error, ValueError, LookupError, OSError, OverflowError,
 )  # fmt: skip
 """What `mcap` raises at damage."""
-
-
-class _BoundedReader(BufferedReader):
-    """A file of which at most `_RECORD_BYTES` are read between two calls of `renew`.
-
-    A damaged record may claim to be, or to hold a list, of any length.
-    """
-
-    left = _RECORD_BYTES
-
-    def renew(self) -> int:
-        """Allow the next record; returns the current offset in the file."""
-        self.left = _RECORD_BYTES
-        return self.tell()
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """At most `size` bytes, and at most as many as are left.
-
-        Raises:
-            ValueError: `mcap` subtracts the size of a header from that of a smaller record.
-        """
-        if size is None or size < 0:
-            raise ValueError("a record is shorter than its kind requires")
-        data = super().read(min(size, self.left))
-        self.left -= len(data)
-        return data
 
 
 class McapFile:
@@ -223,9 +197,9 @@ class McapFile:
             raise BagError(f"{self.path} holds no data that can be decompressed")
 
     @contextmanager
-    def _reading(self) -> Iterator[_BoundedReader]:
+    def _reading(self) -> Iterator[BoundedReader]:
         """The file at its start."""
-        with _BoundedReader(FileIO(os.dup(self._descriptor))) as stream:
+        with BoundedReader(FileIO(os.dup(self._descriptor))) as stream:
             stream.seek(0)
             yield stream
 
@@ -233,7 +207,7 @@ class McapFile:
         """The file's index; None if it has none that covers the whole file."""
         with self._reading() as stream:
             try:
-                reader = SeekingReader(stream, record_size_limit=_RECORD_BYTES)
+                reader = SeekingReader(stream, record_size_limit=RECORD_BYTES)
                 summary = reader.get_summary()
             except _DAMAGES:
                 return None
@@ -262,7 +236,7 @@ class McapFile:
         """Find the stretches of a file without an index, up to its end or to the first damage."""
         found: list[Stretch] = []
         with self._reading() as stream:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_BYTES)
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_BYTES)
             at = stream.renew()
             try:
                 for record in reader.records:
@@ -282,14 +256,14 @@ class McapFile:
     def _fitting(self, found: Iterable[Stretch]) -> Iterator[Stretch]:
         """The stretches that are not too large."""
         for stretch in found:
-            if stretch.size > CHUNK_BYTES or stretch.length > _RECORD_BYTES:
+            if stretch.size > CHUNK_BYTES or stretch.length > RECORD_BYTES:
                 self._note(
                     f"claims {stretch.size} bytes, more than {CHUNK_BYTES}, left out", stretch
                 )
             else:
                 yield stretch
 
-    def _raw(self, stream: _BoundedReader, stretch: Stretch) -> bytes:
+    def _raw(self, stream: BoundedReader, stretch: Stretch) -> bytes:
         """The records of a stretch; none, with a note, if its chunk is damaged."""
         try:
             stream.seek(stretch.offset)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
@@ -339,3 +340,36 @@ def _key_complaint(error: Any, start: str) -> str:
 def _shown(value: Any) -> str:
     text = f"{value:.3e}" if isinstance(value, float) and abs(value) > LARGEST else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers that the schema allows for a key [SI]."""
+
+    lower: float
+    upper: float
+    open_below: bool
+    """Whether ``lower`` itself is excluded."""
+    open_above: bool
+    """Whether ``upper`` itself is excluded."""
+
+    def __contains__(self, value: float) -> bool:
+        """Whether a number is allowed; NaN is not."""
+        above = value > self.lower if self.open_below else value >= self.lower
+        below = value < self.upper if self.open_above else value <= self.upper
+        return above and below
+
+    def __str__(self) -> str:
+        """``[0, 2]`` or ``(0, 1e+15]``."""
+        begin, end = "(" if self.open_below else "[", ")" if self.open_above else "]"
+        return f"{begin}{self.lower:g}, {self.upper:g}{end}"
+
+
+def allowed_range(rules: Mapping[str, Any]) -> Range:
+    """Range of a number from its part of the schema, within ±``LARGEST``."""
+    return Range(
+        float(rules.get("exclusiveMinimum", rules.get("minimum", -LARGEST))),
+        float(rules.get("exclusiveMaximum", rules.get("maximum", LARGEST))),
+        "exclusiveMinimum" in rules,
+        "exclusiveMaximum" in rules,
+    )

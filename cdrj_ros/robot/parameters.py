@@ -25,7 +25,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Anchor, Friction, PassiveTorque, Pulley, Sensor
-from cdrj_ros.robot.document import LARGEST, schema
+from cdrj_ros.robot.document import schema
 
 Keys = tuple[str | int, ...]
 
@@ -61,39 +61,6 @@ DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
     "term": {"offset": 0.0, "slope": 0.0, "sine": 0.0},
 }
 """Defaults by kind of entry; numbers without a default must be given."""
-
-
-@dataclass(frozen=True)
-class Range:
-    """The numbers that the schema allows for a key [SI]."""
-
-    lower: float
-    upper: float
-    open_below: bool
-    """Whether ``lower`` itself is excluded."""
-    open_above: bool
-    """Whether ``upper`` itself is excluded."""
-
-    def __contains__(self, value: float) -> bool:
-        """Whether a number is allowed; NaN is not."""
-        above = value > self.lower if self.open_below else value >= self.lower
-        below = value < self.upper if self.open_above else value <= self.upper
-        return above and below
-
-    def __str__(self) -> str:
-        """``[0, 2]`` or ``(0, 1e+15]``."""
-        begin, end = "(" if self.open_below else "[", ")" if self.open_above else "]"
-        return f"{begin}{self.lower:g}, {self.upper:g}{end}"
-
-
-def allowed_range(rules: Mapping[str, Any]) -> Range:
-    """Range of a number from its part of the schema, within ±``LARGEST``."""
-    return Range(
-        float(rules.get("exclusiveMinimum", rules.get("minimum", -LARGEST))),
-        float(rules.get("exclusiveMaximum", rules.get("maximum", LARGEST))),
-        "exclusiveMinimum" in rules,
-        "exclusiveMaximum" in rules,
-    )
 
 
 @dataclass(frozen=True)

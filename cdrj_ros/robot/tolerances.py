@@ -8,7 +8,7 @@ deviation is the one below.  docs/uncertainty.md has the same table with reasons
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from math import pi
 from typing import Any, Final
@@ -18,7 +18,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.description import FRICTION_LAWS, Law, Robot, Uncertainty
+from cdrj_ros.robot.description import FRICTION_LAWS, Law, Uncertainty
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
 
@@ -30,9 +30,6 @@ POSITION_BY_EYE: Final = 1e-3
 
 SPRING_SCALE: Final = 0.1
 """Error of a preload that was read on a spring scale and has crept since, as a fraction."""
-
-SPRING_SCALE_NOW: Final = 0.03
-"""Error of a preload that was measured just now, as a fraction."""
 
 CATALOGUE_STIFFNESS: Final = 0.1
 """Error of EA from a catalogue or from the modulus of steel, as a fraction; it includes the
@@ -139,40 +136,6 @@ def complete_uncertainty(
         for one, other in product(factor.items(), repeat=2):
             default[index[one[0]], index[other[0]]] += one[1] * other[1]
     return Uncertainty((*known, *paths), covariance, size)
-
-
-def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
-    """The robot's uncertainty after reference angles and preloads were set at run time.
-
-    A tare reads the reference angles from the encoders: their errors become those of the encoders'
-    zeros, ``offset``, as the geometry is evaluated at the reading in every pose.  A preload set at
-    run time counts as measured just now, unless it was known better.
-
-    Args:
-        robot: the robot with the changed numbers.
-        changed: their values by path [SI].
-    """
-    known = robot.uncertainty
-    if known is None:
-        return None
-    index = {path: k for k, path in enumerate(known.parameters)}
-    errors = np.eye(len(index))  # those of the numbers, from those before
-    stated = [k < known.stated for k in index.values()]
-    for path in changed.keys() & index.keys():
-        k, own = index[path], 0.0
-        stddev = float(np.sqrt(known.covariance[k, k]))
-        if path.endswith(".preload") and stddev > 0.0:
-            own = min(1.0, SPRING_SCALE_NOW * changed[path] / stddev)
-        errors[k] *= own
-        zero = index.get(path.replace(".reference_angle", ".offset"), k)
-        if zero != k:
-            errors[k, zero], stated[k] = 1.0, stated[zero]
-    covariance = errors @ known.covariance @ errors.T
-    order = sorted(index.values(), key=lambda k: not stated[k])
-    return replace(
-        known, parameters=tuple(known.parameters[k] for k in order),
-        covariance=covariance[np.ix_(order, order)], stated=sum(stated),
-    )  # fmt: skip
 
 
 def within_range(document: Document, path: str, changes: Vector) -> Vector:

@@ -17,9 +17,8 @@ from cdrj_ros.robot.description import (
     Pulley,
     Sensor,
 )
-from cdrj_ros.robot.document import parse_document, schema
+from cdrj_ros.robot.document import allowed_range, parse_document, schema
 from cdrj_ros.robot.parameters import (
-    allowed_range,
     find_number,
     matching_paths,
     number_at,

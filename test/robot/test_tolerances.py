@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdrj_ros.estimation.changes import SPRING_SCALE_NOW, narrowed
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.robot.tolerances import (
-    SPRING_SCALE_NOW,
     ZERO_BY_EYE,
-    narrowed,
 )
 from cdrj_ros.robot.writer import with_section
 
