@@ -41,6 +41,9 @@ ATTEMPTS: Final = 3
 CONNECT_S: Final = 10.0
 """Time within which a scheduler must answer [s]."""
 
+POOL_S: Final = 10.0
+"""Time allowed for closing a pool whose processes have been ended [s]."""
+
 CLOSE_S: Final = 1.0
 """Time allowed for closing the connection to a scheduler [s]."""
 
@@ -163,14 +166,21 @@ def _in_executor(
 
 @contextmanager
 def _processes(jobs: int) -> Iterator[Executor]:
-    """Processes that are ended on an error or Ctrl-C, for which the pool alone would wait."""
-    with ProcessPoolExecutor(jobs, get_context("forkserver"), initializer=_begin_process) as pool:
-        try:
-            yield pool
-        except BaseException:
-            for process in active_children():
-                process.kill()
-            raise
+    """Processes that are ended on an error or Ctrl-C, for which the pool alone would wait.
+
+    Nor is the pool's own thread waited for long: Ctrl-C may have left a lock that it needs.
+    """
+    pool = ProcessPoolExecutor(jobs, get_context("forkserver"), initializer=_begin_process)
+    try:
+        yield pool
+    except BaseException:
+        for process in active_children():
+            process.kill()
+        closing = threading.Thread(target=pool.shutdown, daemon=True)
+        closing.start()
+        closing.join(POOL_S)
+        raise
+    pool.shutdown()
 
 
 def _begin_process() -> None:
