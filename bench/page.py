@@ -46,7 +46,7 @@ LIMITS = {
         "middleware below"
     ),
     "make test, whole": (
-        "4800 tests that take 500 to 600 s of processor time on a machine that adds ten million "
+        "3500 tests that take 500 to 600 s of processor time on a machine that adds ten million "
         "numbers in 0.3 s, three quarters of it in the processes of the tests themselves, and no "
         "test with more than 4 %; a further worker gains nothing"
     ),
