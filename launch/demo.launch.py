@@ -139,7 +139,8 @@ def _examples(robot: str, controller: str, wish: str, swings: bool) -> list[Exec
         ]
         return ExecuteProcess(cmd=command, output="screen")
 
-    started = [example("compare", parameters=(f"controller:={controller}",))]
+    named = (f"controller:={controller}",) if controller else ()
+    started = [example("compare", parameters=named)]
     if controller:
         creep = ("creep_speed:=0.3",) if controller == "tension_limiter" else ()
         started.append(example(controller, parameters=(f"robot:={robot}", *creep)))

@@ -40,7 +40,9 @@ def commands(robot, controller="keep_taut"):
         "estimator": node(EXECUTABLES / "estimator", "--supervised", parameters=of_robot),
         "view": node(EXECUTABLES / "view", "--supervised", parameters=of_robot),
         "compare": node(
-            sys.executable, EXAMPLES / "compare.py", parameters=(f"controller:={controller}",)
+            sys.executable,
+            EXAMPLES / "compare.py",
+            parameters=(f"controller:={controller}",) if controller else (),
         ),
         "swing": node(sys.executable, EXAMPLES / "swing.py", parameters=of_robot),
     }

@@ -62,3 +62,10 @@ def test_an_exact_copy_keeps_the_robot_and_its_urdf(tmp_path: Path) -> None:
     assert copy.layout == model.layout
     assert [one.name for one in copy.robot.frames] == [one.name for one in model.robot.frames]
     assert copy.robot.document["uncertainty"] == {"others": "exact"}
+
+
+@pytest.mark.parametrize("controller", ["keep_taut", ""])
+def test_no_node_is_given_a_parameter_without_a_value(controller: str) -> None:
+    """Which ROS refuses at the start."""
+    words = [word for line in LIVE["commands"]("finger", controller).values() for word in line]
+    assert not [word for word in words if word.endswith(":=")]
