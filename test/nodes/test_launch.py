@@ -181,7 +181,7 @@ def test_the_demonstration_starts_rig_estimator_and_markers_of_one_exact_robot(
     assert Path(robot).name == "finger.yaml"
     assert "others: exact" in Path(robot).read_text()
     assert (nodes["rig"]["motion"], nodes["rig"]["rig"]) == ("sine", "hand")
-    assert examples_of(actions) == {"compare": ["--ros-args", "-p", "controller:="]}
+    assert examples_of(actions) == {"compare": []}
     (cleaning,) = [one for one in actions if type(one).__name__ == "RegisterEventHandler"]
     cleaning.given[0].on_shutdown(None, None)
     assert not Path(robot).exists()
