@@ -36,8 +36,8 @@ class Between(Node):
 
         Args:
             wished: the desired commands, one number per motor.
-            dt: time since the previous estimate [s]; 0 for the first, and after a jump of the
-                clock.
+            dt: time since the previous call [s]; 0 for the first estimate, and after a jump of
+                the clock.
             message: the estimate; None if none has arrived for ``SILENCE_S``.
         """
         raise NotImplementedError
@@ -65,7 +65,7 @@ class Between(Node):
     def on_silence(self):
         """Publish the commands that are permitted without an estimate."""
         self.last_ns = 0
-        self.send(0.0, None)
+        self.send(SILENCE_S, None)
         self.get_logger().warning(f"no estimate for {SILENCE_S} s", throttle_duration_sec=1.0)
 
     def send(self, dt, message):

@@ -6,7 +6,7 @@ Publish the motor angles that position the joints [rad], one per motor in the ro
 /cdrj/wished/position instead of /cdrj/commands/position.  The node adds a co-contraction: it winds
 all cables in, or pays all out, in proportions that do not move the joints.  Co-contraction
 increases quickly when an element's tension - 2 sigma is below the floor, and decreases slowly
-otherwise.  If tensions must not be used, the robot file's preloads are restored.  The tensions of
+otherwise.  If tensions must not be used, the robot file's preloads slowly return.  The tensions of
 the finger as shipped are UNSURE, because its file states no accuracies: there the node holds the
 preloads until the file has been identified (docs/uncertainty.md).
 """
@@ -18,13 +18,13 @@ from cdrj_msgs.msg import CableTensions
 import cdrj_ros as cdrj
 
 REFUSED = CableTensions.STALE | CableTensions.INVALID | CableTensions.UNSURE
-TIGHTEN_S, LOOSEN_S = 0.008, 2.0  # time constants [s]
+LOOSEN_S = 2.0  # time constant [s]
 
 
 class KeepTaut:
     """Feedback of the smallest tension to the co-contraction of all motors."""
 
-    def __init__(self, model, floor=2.0):
+    def __init__(self, model, floor=2.0, tighten_s=0.008):
         """Derive the direction of co-contraction.
 
         If the preloads balance in the reference pose, so does every multiple of them.  The motors
@@ -33,10 +33,12 @@ class KeepTaut:
         Args:
             model: the prepared robot; every motor winds one cable, which has a preload.
             floor: desired lower bound of every tension minus 2 sigma [N].
+            tighten_s: time constant with which co-contraction increases [s]; a motor that is slow
+                beside it makes the tensions overshoot.
         """
         cables, checked = model.robot.cables, cdrj.inspect_robot(model)
         counts = [len(cable.nodes) - 1 for cable in cables]
-        self.floor, self.elements = floor, sum(counts)
+        self.floor, self.tighten_s, self.elements = floor, tighten_s, sum(counts)
         preload = np.array([cable.preload for cable in cables])
         shorter = preload / [check.stiffness for check in checked.cables]  # to double it [m]
         winding = np.array([motor.winding for motor in checked.motors])  # [m/rad]
@@ -59,7 +61,7 @@ class KeepTaut:
             missing = -self.share
         else:
             missing = float(np.max((self.floor - tension + 2.0 * stddev) / self.strength))
-        self.share += missing * min(dt / (TIGHTEN_S if missing > 0.0 else LOOSEN_S), 1.0)
+        self.share += missing * min(dt / (self.tighten_s if missing > 0.0 else LOOSEN_S), 1.0)
         self.share = min(max(self.share, -0.9), 4.0)
         return self.turn * self.share
 
@@ -69,13 +71,16 @@ class TautNode(Between):
 
     def __init__(self, **options):
         super().__init__("keep_taut", "position", CableTensions, "tensions", **options)
-        self.law = KeepTaut(self.model, self.declare_parameter("floor", 2.0).value)
+        floor = self.declare_parameter("floor", 2.0).value
+        tighten_s = self.declare_parameter("tighten_s", 0.008).value
+        self.law = KeepTaut(self.model, floor, tighten_s)
 
     def changed(self, wished, dt, message):
         """The angles with the present co-contraction."""
         if message is None:
-            self.law.share = 0.0
-            return wished, "the robot file's preloads are restored"
+            unknown = np.array([])
+            added = self.law.update(dt, unknown, unknown, unknown)
+            return wished + added, "the robot file's preloads are being restored"
         arrays = (np.array(part) for part in (message.tension, message.stddev, message.status))
         return wished + self.law.update(dt, *arrays), ""
 

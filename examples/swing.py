@@ -3,18 +3,20 @@
     python3 swing.py --ros-args -p robot:=finger
 
 They are published on /cdrj/wished/position, from which a controller such as keep_taut makes the
-commands of the motors.
+commands of the motors.  After the first /cdrj/tensions it waits until all nodes know each
+other, so that motors and controller follow the motion from its start.
 """
 
 import numpy as np
 import rclpy
+from cdrj_msgs.msg import CableTensions
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 import cdrj_ros as cdrj
 
-RATE_HZ, PERIOD_S, START_S = 200.0, 5.0, 1.0
+RATE_HZ, PERIOD_S, START_S, WAIT_S = 200.0, 5.0, 1.0, 3.0
 MIDDLE, AMPLITUDE = 0.5, 0.35  # of the joint's angle [rad]
 
 
@@ -29,13 +31,20 @@ class SwingNode(Node):
         swing = np.sin(2.0 * np.pi * np.maximum(time_s - START_S, 0.0) / PERIOD_S)
         pose[:, 0] += MIDDLE * np.minimum(time_s / START_S, 1.0) + AMPLITUDE * swing
         self.angles = cdrj.follow_joints(model, pose).motor_angle
-        self.sent, self.start = 0, round(START_S * RATE_HZ)
+        self.sent, self.start = -round(WAIT_S * RATE_HZ), round(START_S * RATE_HZ)
         self.publisher = self.create_publisher(Float64MultiArray, "wished/position", 1)
-        self.create_timer(1.0 / RATE_HZ, self.on_timer)
+        self.waiting = self.create_subscription(CableTensions, "tensions", self.on_tensions, 1)
+
+    def on_tensions(self, _):
+        """Begin the motion."""
+        if self.waiting is not None:
+            self.destroy_subscription(self.waiting)
+            self.waiting = None
+            self.create_timer(1.0 / RATE_HZ, self.on_timer)
 
     def on_timer(self):
         """Publish the next angles."""
-        k = self.sent
+        k = max(self.sent, 0)
         if k >= self.start:
             k = self.start + (k - self.start) % (len(self.angles) - self.start)
         self.publisher.publish(Float64MultiArray(data=self.angles[k].tolist()))

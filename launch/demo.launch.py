@@ -35,6 +35,15 @@ CONTROLLERS = {
 }
 """The examples, and the kind of command that each of them expects as a wish."""
 
+UNSURE_SHARES = {"keep_taut": 0.5}
+"""The estimator's `unsure_share` for controllers that do with less than its default accuracy."""
+
+SETTINGS = {
+    "keep_taut": ("floor:=0.0", "tighten_s:=0.05"),
+    "tension_limiter": ("creep_speed:=0.3",),
+}
+"""Parameters of the controllers other than their defaults."""
+
 RIGS = {"finger": "hand"}
 """Rig files of robots that the default load does not suit."""
 
@@ -105,10 +114,12 @@ def _actions(context: LaunchContext) -> list[Action]:
     rig = {
         "robot": robot,
         "rig": given["rig"] or RIGS.get(given["robot"], ""),
+        "cells": 4,  # of contact per pulley: a simulation that keeps up beside the other nodes
         "motion": "none" if wish or swings else given["motion"],
         "truth_rate": float(given["truth_rate"]),
     }
-    nodes = {"estimator": {"robot": robot}, "rig": rig, "markers": {"robot": robot}}
+    estimator = {"robot": robot, "unsure_share": UNSURE_SHARES.get(controller, 0.1)}
+    nodes = {"estimator": estimator, "rig": rig, "markers": {"robot": robot}}
     if given["view"] == "true":
         nodes["view"] = {"robot": robot}
     started += [
@@ -142,8 +153,9 @@ def _examples(robot: str, controller: str, wish: str, swings: bool) -> list[Exec
     named = (f"controller:={controller}",) if controller else ()
     started = [example("compare", parameters=named)]
     if controller:
-        creep = ("creep_speed:=0.3",) if controller == "tension_limiter" else ()
-        started.append(example(controller, parameters=(f"robot:={robot}", *creep)))
+        started.append(
+            example(controller, parameters=(f"robot:={robot}", *SETTINGS.get(controller, ())))
+        )
     if swings:
         started.append(example("swing", parameters=(f"robot:={robot}",)))
     elif wish:

@@ -37,7 +37,9 @@ def commands(robot, controller="keep_taut"):
     of_robot = (f"robot:={robot}",)
     started = {
         "rig": node(EXECUTABLES / "rig", "--supervised", parameters=(*of_robot, *RIG)),
-        "estimator": node(EXECUTABLES / "estimator", "--supervised", parameters=of_robot),
+        "estimator": node(
+            EXECUTABLES / "estimator", "--supervised", parameters=(*of_robot, "unsure_share:=0.5")
+        ),
         "view": node(EXECUTABLES / "view", "--supervised", parameters=of_robot),
         "compare": node(
             sys.executable,
@@ -48,7 +50,8 @@ def commands(robot, controller="keep_taut"):
     }
     if controller:
         script = EXAMPLES / f"{controller}.py"
-        started[controller] = node(sys.executable, script, parameters=of_robot)
+        gentle = ("floor:=0.0", "tighten_s:=0.05")
+        started[controller] = node(sys.executable, script, parameters=(*of_robot, *gentle))
     else:
         started["swing"] += ["-r", "wished/position:=commands/position"]
     return started

@@ -100,6 +100,8 @@ def test_the_preloads_of_the_file_return_while_a_tension_is_not_known(controller
     assert bench.commanded(lambda c: abs(c[0]) > 0.0, *send(30.0))
     most = abs(bench.commands[-1].data[0])
     assert bench.commanded(lambda c: abs(c[0]) < 0.9 * most, *send(np.nan))
+    without = (lambda: bench.wish(0.0),)
+    assert bench.commanded(lambda c: 0.5 * most < abs(c[0]) < 0.8 * most, *without), "no jump"
 
 
 def test_the_motors_stop_without_commands_and_without_tensions(controller: Any) -> None:
