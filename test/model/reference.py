@@ -2,8 +2,7 @@
 
 The module follows that page and is compared with the compiled core.  It shares no code with it:
 derivatives are complex steps, and a dense Newton method solves the balance from another first
-guess.  The geometry is given; ``reference_geometry`` computes it in the plane.  Speed does not
-matter.
+guess.  The geometry is given; ``reference_in_space`` computes it.  Speed does not matter.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from model.reference_geometry import STEP, Geometry, moved_middle
+from model.reference_geometry import STEP, Geometry
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -514,7 +513,7 @@ def _shift(robot: Robot, c: int, earlier: Geometry, pose: Geometry, stretch: Vec
         stretch: 1 + strain of every segment at the sample before.
     """
     cable, (_, pulleys) = robot.cables[c], parts(robot, c)
-    moved = moved_middle(robot, earlier, pose)[pulleys]
+    moved = (pose.middle - earlier.middle)[pulleys]
     grown = (pose.arc - earlier.arc)[pulleys]
     ways = [
         one + more * ((np.arange(pulley.cells) + 0.5) / pulley.cells - 0.5)

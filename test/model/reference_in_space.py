@@ -1,4 +1,6 @@
-"""Lengths, wraps and lever arms of cables in space, by section 13 of docs/model.md.
+"""Lengths, wraps and lever arms of cables by positions, by section 13 of docs/model.md.
+
+A robot in the plane is one in space whose axes are z.
 
 Every vector with an index of a body is in that body's own axes: z is its axis.  The derivatives of
 the frames are complex steps.  Drums have no pitch (G10).  Speed does not matter.
@@ -10,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from model.reference_geometry import STEP, Complex, Geometry, Vector, tabled
+from model.reference_geometry import STEP, Complex, Geometry, Vector, by_tables, tabled
 from scipy.optimize import brentq
 
 from cdrj_ros.robot.description import Cable, Node, Pulley, Robot, Winch
@@ -65,7 +67,7 @@ def frames(robot: Robot, q: Complex) -> Poses:
             axis = np.array(frame.axis)
             if frame.motion == "prismatic":
                 origin = origin + rotation @ axis * by
-            elif frame.motion == "revolute":
+            elif frame.motion in ("revolute", "continuous"):
                 rotation = rotation @ turned(axis, by)
             elif frame.motion == "rolling":
                 radius = turned(axis, by) @ np.array([frame.rolling_radius, 0.0, 0.0])
@@ -354,40 +356,48 @@ def arms(robot: Robot, cable: Cable, found: Path, q: Vector, direction: Vector) 
     return arm
 
 
-def in_space(robot: Robot, q: Vector) -> Geometry:
-    """Section 13 for all cables of a robot in space; ``middle`` is left at 0, see ``moved``."""
+def geometry(robot: Robot, q: Vector) -> Geometry:
+    """All cables of a robot; ``middle`` of cables by positions is left at 0, see ``moved``."""
+    parts = [
+        by_positions(robot, cable, q) if cable.placed else by_tables(robot, cable, q)
+        for cable in robot.cables
+    ]
+    return Geometry(
+        *(np.concatenate(part) for part in zip(*(vars(one).values() for one in parts), strict=True))
+    )
+
+
+def by_positions(robot: Robot, cable: Cable, q: Vector) -> Geometry:
+    """Section 13 for one cable."""
     reference = np.array([joint.reference_angle for joint in robot.joints])
-    parts = []
-    for cable in robot.cables:
-        rest = path(robot, cable, reference, None)
-        found = path(robot, cable, q, rest)
-        length, direction = elements(cable, found)
-        arm = arms(robot, cable, found, q, direction)
-        wrap, arcs = np.zeros((2, len(cable.pulleys)))
-        for k, (node, one) in enumerate(zip(cable.pulleys, found.contacts[1:-1], strict=True)):
-            if not one.touches:
-                continue
-            assert node.place is not None
-            wrap[k], arcs[k] = one.wrap, one.arc
-            if node.place.kind == "sheath":
-                wrap[k], arcs[k] = bend_of(robot, node, q), node.place.length
-            elif node.place.kind == "point" or node.place.inside:
-                wrap[k] = bend(direction[k], direction[k + 1])
-        length[:-1] += 0.5 * arcs
-        length[1:] += 0.5 * arcs
-        laid, levers = np.zeros((2, 2))
-        for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
-            assert node.place is not None
-            reel = node.reel if isinstance(node, Winch) else node.radius
-            levers[end] = reel
-            if node.place.kind == "pulley":
-                laid[end] = reel * wound(node, found.ends[end], rest, end)
-                axis = frames(robot, q + 0j)[node.place.frame][0].real @ own_axes(node.place)[:, 2]
-                levers[end] = node.radius * np.linalg.norm(np.cross(axis, direction[-end]))
-        length[0] += laid[0]
-        length[-1] += laid[1]
-        parts.append((length, arm, wrap, direction, arcs, 0.0 * arcs, levers, laid))
-    return Geometry(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    rest = path(robot, cable, reference, None)
+    found = path(robot, cable, q, rest)
+    length, direction = elements(cable, found)
+    wrap, arcs = np.zeros((2, len(cable.pulleys)))
+    for k, (node, one) in enumerate(zip(cable.pulleys, found.contacts[1:-1], strict=True)):
+        if not one.touches:
+            continue
+        assert node.place is not None
+        wrap[k], arcs[k] = one.wrap, one.arc
+        if node.place.kind == "sheath":
+            wrap[k], arcs[k] = bend_of(robot, node, q), node.place.length
+        elif node.place.kind == "point" or node.place.inside:
+            wrap[k] = bend(direction[k], direction[k + 1])
+    length[:-1] += 0.5 * arcs
+    length[1:] += 0.5 * arcs
+    laid, levers = np.zeros((2, 2))
+    for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
+        assert node.place is not None
+        reel = node.reel if isinstance(node, Winch) else node.radius
+        levers[end] = reel
+        if node.place.kind == "pulley":
+            laid[end] = reel * wound(node, found.ends[end], rest, end)
+            axis = frames(robot, q + 0j)[node.place.frame][0].real @ own_axes(node.place)[:, 2]
+            levers[end] = node.radius * np.linalg.norm(np.cross(axis, direction[-end]))
+    length[0] += laid[0]
+    length[-1] += laid[1]
+    arm = arms(robot, cable, found, q, direction)
+    return Geometry(length, arm, wrap, direction, arcs, 0.0 * arcs, levers, laid)
 
 
 def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
@@ -403,10 +413,14 @@ def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
 
 
 def moved(robot: Robot, before: Vector, now: Vector) -> Vector:
-    """(G13): motion of the middles of all arcs on their bodies between two poses [m]."""
+    """(G13), (E26): motion of the middles of all arcs on their bodies between two poses [m]."""
     reference = np.array([joint.reference_angle for joint in robot.joints])
     found = []
     for cable in robot.cables:
+        if not cable.placed:
+            places = [by_tables(robot, cable, q).middle for q in (before, now)]
+            found.extend((places[1] - places[0]).tolist())
+            continue
         rest = path(robot, cable, reference, None)
         one, other = (path(robot, cable, q, rest).contacts for q in (before, now))
         for node, c, d in zip(cable.pulleys, one[1:-1], other[1:-1], strict=True):

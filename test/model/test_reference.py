@@ -25,8 +25,8 @@ import numpy as np
 import pytest
 from model import reference
 from model.reference import Begun, Drum, History, Outputs
-from model.reference_geometry import Geometry, moved_middle, plane
-from model.reference_in_space import in_space, moved
+from model.reference_geometry import Geometry
+from model.reference_in_space import geometry, moved
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
@@ -122,57 +122,29 @@ def course(robot: Robot) -> Course:
     model = prepare(robot, check_range=False)
     motor, joint = motion(robot, model)
     tracks = assembly.course(model, joint).track
-    poses = [geometry(robot, model, *both) for both in zip(joint, motor, tracks, strict=True)]
-    for k, (one, other) in enumerate(pairwise(poses)):
-        if not robot.planar:
-            way = moved(robot, joint[k], joint[k + 1])
-        else:
-            way = moved_middle(robot, one, other)
-        np.testing.assert_allclose(way, tracks[k + 1] - tracks[k], rtol=1e-11, atol=2e-14)
-    rest = geometry(robot, model, reference_angles(robot), motor[0], 0.0 * tracks[0])
+    poses = [posed(robot, model, *both) for both in zip(joint, tracks, strict=True)]
+    for (before, now), way in zip(pairwise(joint), np.diff(tracks, axis=0), strict=True):
+        np.testing.assert_allclose(moved(robot, before, now), way, rtol=1e-11, atol=2e-14)
+    rest = posed(robot, model, reference_angles(robot), 0.0 * tracks[0])
     return Course(motor, joint, rest, poses)
 
 
-def geometry(robot: Robot, model: Model, joint: Vector, motor: Vector, track: Vector) -> Geometry:
-    """The reference's own, which equals the estimator's.
+def posed(robot: Robot, model: Model, joint: Vector, track: Vector) -> Geometry:
+    """The reference's own geometry, which equals the estimator's.
 
-    ``track`` are the places of the middles of the arcs on their bodies, used in space only.
+    ``track`` are the places of the middles of the arcs on their bodies.
     """
     found, views = placed(model, joint)
-    given = Geometry(
-        found.length, found.lever_arm, found.wrap, found.direction, views.arc, track,
-        drum_levers(robot, model, joint, motor), views.laid,
-    )  # fmt: skip
-    own = in_space(robot, joint) if not robot.planar else plane(robot, joint)
-    for name, one in vars(own).items():
-        other = getattr(given, name)
-        if name == "middle" or (
-            name == "direction" and not any(cable.placed for cable in robot.cables)
-        ):
-            continue
+    own = geometry(robot, joint)
+    pairs = {
+        "length": (own.length, found.length), "arm": (own.arm, found.lever_arm),
+        "wrap": (own.wrap, found.wrap), "arc": (own.arc, views.arc), "laid": (own.laid, views.laid),
+    }  # fmt: skip
+    if any(cable.placed for cable in robot.cables):
+        pairs["direction"] = own.direction, found.direction
+    for name, (one, other) in pairs.items():
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=2e-14, err_msg=name)
-    return replace(own, middle=track) if not robot.planar else own
-
-
-def drum_levers(robot: Robot, model: Model, joint: Vector, motor: Vector) -> Vector:
-    """Moment of a cable per newton about the axis of either end [m].
-
-    The cable leaves a drum along a tangent of its circle; what runs along the axis has no moment.
-    """
-    found, views = placed(model, joint, motor)
-    touches: Any = views.touches
-    levers, node = [], 0
-    for c, cable in enumerate(robot.cables):
-        elements, _ = reference.parts(robot, c)
-        for k, e in ((0, elements.start), (len(cable.nodes) - 1, elements.stop - 1)):
-            end = cable.nodes[k]
-            lever = end.reel if isinstance(end, Winch) else end.radius
-            if end.place is not None and not robot.planar and end.place.kind == "pulley":
-                axis = touches["basis"][node + k, 6:9]
-                lever = end.radius * float(np.linalg.norm(np.cross(axis, found.direction[e])))
-            levers.append(lever)
-        node += len(cable.nodes)
-    return np.array(levers)
+    return replace(own, middle=track)
 
 
 def history_of(model: Model, state: State) -> History | None:

@@ -6,7 +6,7 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 import pytest
-from model.rigid_bodies import pulls, rate_of_free_length
+from model.reference_in_space import geometry
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
@@ -113,42 +113,32 @@ ENDS = {
             "turn: cw"
         ),
     ),
-    "helical drums": (
-        (
-            "type: winch, motor: m, winding: 1, radius: .01, position: [0, 0, 0], axis: [0, 0, 1], "
-            "turn: cw, pitch: 0.004"
-        ),
-        (
-            "type: winch, motor: m, winding: -1, radius: 0.015, position: [0.1, 0.05, 0.0], "
-            "frame: finger, axis: [0.1, 0, 1], turn: cw, pitch: -0.02"
-        ),
-    ),
     "rolling": (anchor(0, 0, 0.03), anchor(0.2, 0.02, 0.02, "knee")),
 }
 
 
 def possible_poses(model: Model) -> list[np.ndarray]:
     """Random poses in which the cable does not leave a pulley."""
-    angles = np.random.default_rng(0).uniform([-0.6, -0.1], [0.6, 0.1], (40, 2))
+    angles = np.random.default_rng(0).uniform([-0.6, -0.1], [0.6, 0.1], (20, 2))
     poses = [angle for angle in angles if shape_at(model, angle).possible]
-    assert len(poses) > 15
+    assert len(poses) > 3
     return poses
 
 
 @pytest.mark.parametrize("ends", ENDS)
 @pytest.mark.parametrize("contacts", CONTACTS)
-def test_lever_arms_are_rates_of_lengths_between_points_that_rest_in_their_bodies(
-    contacts: str, ends: str
-) -> None:
+def test_every_pose_is_that_of_the_reference(contacts: str, ends: str) -> None:
     first, last = ENDS[ends]
     model = model_of(first, *CONTACTS[contacts], last)
     largest = 0.0
     for angle in possible_poses(model):
-        arms = shape_at(model, angle).lever_arm
-        for pull in pulls(model, angle):
-            expected = [rate_of_free_length(model.robot, angle, j, pull) for j in range(2)]
-            assert arms[pull.elements].sum(axis=0) == pytest.approx(np.array(expected), abs=1e-14)
-            largest = max(largest, float(np.abs(expected).max()))
+        found, own = shape_at(model, angle), geometry(model.robot, angle)
+        for one, other in (
+            (found.length, own.length), (found.lever_arm, own.arm), (found.wrap, own.wrap),
+            (found.direction, own.direction),
+        ):  # fmt: skip
+            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
+        largest = max(largest, float(np.abs(own.arm.sum(axis=0)).max()))
     assert largest > 0.05
 
 
@@ -263,7 +253,7 @@ def test_a_point_inside_a_sphere_is_named() -> None:
         )
 
 
-HELIX = """
+HELICAL = """
 name: helix
 motors: [{name: m, reference_angle: 0.5}]
 joints: [{name: q, range: [-0.5, 0.5]}]
@@ -274,10 +264,13 @@ cables:
     axial_stiffness: 1e5
     preload: 30
     nodes:
-      - {type: winch, motor: m, winding: -1, radius: 0.02, pitch: 0.005, position: [0, 0, 0],
-         axis: [0, 0, 1], turn: ccw}
-      - {type: anchor, frame: arm, position: [0.6, 0.1, 0.03]}
 """
+DRUM = """
+      - {type: winch, motor: m, winding: -1, radius: 0.02, pitch: 0.005, position: [0, 0, 0],
+         axis: [0, 0, 1], turn: ccw}"""
+POINT = "\n      - {type: anchor, frame: arm, position: [0.6, 0.1, 0.03]}"
+REVERSED = HELICAL + POINT + DRUM.replace("ccw", "cw")
+HELIX = HELICAL + DRUM + POINT
 RADIUS, LEAD = 0.02, 0.005 / (2.0 * pi)
 
 
@@ -301,8 +294,9 @@ def helix_cable(joint: float, motor: float) -> tuple[float, float, float]:
     return x - RADIUS * cos(leaves), y - RADIUS * sin(leaves), 0.03 - LEAD * wound
 
 
-def test_a_helical_drum_lets_the_point_of_departure_wander() -> None:
-    model = prepare(parse_robot(HELIX))
+@pytest.mark.parametrize("text", [HELIX, REVERSED], ids=["first end", "last end"])
+def test_a_helical_drum_lets_the_point_of_departure_wander(text: str) -> None:
+    model = prepare(parse_robot(text))
     generator = np.random.default_rng(0)
     for joint, motor in generator.uniform([-0.4, -30.0], [0.4, 30.0], (50, 2)):
         found = shape_at(model, np.array([joint]), np.array([motor]))
