@@ -52,20 +52,17 @@ def measure() -> list[Row]:
         bags = [bag] * BAGS
         together, alone, in_turn, separate = [], [], [], []
         _run("validate", bag)  # fills the file cache
-        options = ("--quiet",)
         for _ in turns(ROUNDS, MANY_S):
-            together.append(seconds(lambda: _run("validate", *bags, *options)))
-            alone.append(seconds(lambda: _run("validate", *bags, *options, "--jobs", 1, on=0)))
+            together.append(seconds(lambda: _run("validate", *bags)))
+            alone.append(seconds(lambda: _run("validate", *bags, "--jobs", 1, on=0)))
             separate.append(
                 seconds(
                     lambda: _at_once(
-                        lambda k: _run(
-                            "validate", *bags[k :: processors()], *options, "--jobs", 1, on=k
-                        )
+                        lambda k: _run("validate", *bags[k :: processors()], "--jobs", 1, on=k)
                     )
                 )
             )
-            in_turn.append(seconds(lambda: _run("validate", *bags, *options, "--jobs", 1)))
+            in_turn.append(seconds(lambda: _run("validate", *bags, "--jobs", 1)))
         fits = [
             seconds(lambda: _run("identify", bag, "--fit", EIGHT)) for _ in turns(ROUNDS, FIT_S)
         ]

@@ -103,9 +103,6 @@ def _parser() -> argparse.ArgumentParser:
         "(docs/reliability.md); auto: those that the node would hear; references: also recorded "
         "references (default %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--quiet", action="store_true", help="print errors and violated limits only"
-    )
     add_result_options(parser)
     return parser
 
@@ -209,16 +206,11 @@ def _body(argv: Sequence[str]) -> int:
     limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
     write_files(arguments, model, errors, title, limit_check)
-    if not arguments.quiet:
-        print_results(arguments, model, errors, title, limit_check)
-        for task in tasks:
-            if task.written and task.path not in {one.name for one in failed}:
-                say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
+    print_results(arguments, model, errors, title, limit_check)
+    for task in tasks:
+        if task.written and task.path not in {one.name for one in failed}:
+            say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
     outside = limit_check is not None and bool(limit_check.outside)
-    if limit_check is not None and outside and arguments.quiet:
-        from cdrj_ros.report.table import print_limits
-
-        print_limits(limit_check)
     if failed:
         return BAD_INPUT
     return OUTSIDE_LIMITS if outside else DONE

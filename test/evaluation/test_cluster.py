@@ -46,7 +46,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def figures(path: Path, *arguments: str) -> dict[str, Any]:
     """What ``validate`` writes for three bags, without the time that it took."""
     bags = [str(ROOT / "bags" / f"prototype_preload_{name}") for name in ("36_26", "23_6", "36_26")]
-    short = ["--robot", "prototype", "--quiet", "--duration", "3", "--json", str(path)]
+    short = ["--robot", "prototype", "--duration", "3", "--json", str(path)]
     assert validate.main([*bags, *short, *arguments]) == 0
     found: dict[str, Any] = json.loads(path.read_text())
     for bag in found["bags"]:

@@ -12,11 +12,6 @@ from cdrj_ros.evaluation.limits import check_limits, load_limits, parse_limits
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.foundation.errors import RobotFileError
 
-NESTED = "d: &d0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"d{k}: &d{k} [{', '.join([f'*d{k - 1}'] * 10)}]\n" for k in range(1, 10)
-)
-"""A text of about a kilobyte that expands to billions of entries."""
-
 
 def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> BagComparison:
     n = 100
@@ -94,7 +89,6 @@ def test_recordings_are_judged_together_and_on_request_each_by_itself() -> None:
         ("channels: {}", ["names no limit"]),
         ("judge: some\nchannels: {}", ["judge must be one of all, each"]),
         ("[[a]]: 1", ["not YAML"]),
-        (NESTED, ["more than"]),
         ('channels: {"tension/\\e[31m": 1}', ["tension/\\x1b[31m must be of type object"]),
         ("", ["must hold a mapping with channels and judge"]),
     ],

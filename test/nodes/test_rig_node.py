@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from support.estimators import Bench
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.state import SLACK
 from cdrj_ros.nodes.rig import RigNode
 
@@ -353,19 +353,3 @@ def test_an_invalid_parameter_is_refused_at_the_start(
     with pytest.raises(CdrjError, match=words):
         made.append(RigNode(parameter_overrides=overrides(**given)))
     assert not made
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("load: {stops: [0.2, 0.1]}", "the stops of elbow must lie within its range"),
-        ("load_cells: {elements: [upper/99]}", "must be one of upper/1"),
-        ("drives: {rotor_inertia: 1e-9}", "rotor_inertia must be at least"),
-        ("faults: [{kind: snap, cable: middle, at: 1}]", "there are upper, lower"),
-    ],
-)
-def test_a_rig_file_that_does_not_suit_the_robot_is_refused_at_the_start(
-    bench: Any, text: str, words: str
-) -> None:
-    with pytest.raises(UsageError, match=words):
-        bench(text)

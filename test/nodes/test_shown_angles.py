@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import pi
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pytest
-from numpy.typing import NDArray
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.messages import topics
+from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = """\
@@ -45,36 +42,17 @@ TURNED = 2.75 + 2.7 * np.cos(np.linspace(0.0, 2.0 * pi, STEPS))
 READING = np.remainder(0.3 - TURNED, 2.0 * pi)
 
 
-@pytest.fixture(params=["markers", "view"])
-def shown(
-    request: pytest.FixtureRequest, ros: None, tmp_path: Path
-) -> Iterator[NDArray[np.float64]]:
-    """Angles that a node draws after each reading, given one at a time."""
+def test_a_shown_angle_is_the_estimators_to_the_bit(ros: None, tmp_path: Path) -> None:
+    """``markers`` and ``view`` hear by the same ``Inputs``."""
     path = tmp_path / "turning.yaml"
     path.write_text(TEXT, encoding="utf-8")
-    given: dict[str, Any] = {"robot": str(path)}
-    messages = [JointState(name=["q"], position=[reading]) for reading in READING.tolist()]
-    if request.param == "markers":
-        from cdrj_ros.nodes.markers import MarkersNode as ShowingNode
-    else:
-        pytest.importorskip("viser")
-        from cdrj_ros.nodes.view import ViewNode as ShowingNode  # type: ignore[assignment]
-
-        given["port"] = 0
-    node = ShowingNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
-    angles = []
-    for message in messages:
+    node = MarkersNode(parameter_overrides=[Parameter("robot", value=str(path))])
+    shown = []
+    for reading in READING.tolist():
+        message = JointState(name=["q"], position=[reading])
         node.inputs.hear(topics.JOINT_STATES, serialize_message(message))
-        angles.append(node.inputs.snapshot().angle[0])
-    if request.param == "view":
-        node.page.close()  # type: ignore[attr-defined]
-    try:
-        yield np.array(angles)
-    finally:
-        node.destroy_node()
-
-
-def test_a_shown_angle_is_the_estimators_to_the_bit(shown: NDArray[np.float64]) -> None:
+        shown.append(node.inputs.snapshot().angle[0])
+    node.destroy_node()
     conditioner = Conditioner(parse_robot(TEXT))
     samples = []
     for k, reading in enumerate(READING.tolist(), start=1):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.simulation.commands import (
     CAUSES,
     CommandError,
@@ -86,6 +87,11 @@ def test_an_invalid_trajectory_is_refused_with_its_cause(
     with pytest.raises(CommandError) as caught:
         checked_trajectory(limits, [FLEXOR], times, positions, velocities)
     assert caught.value.cause == cause
+
+
+def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
+    with pytest.raises(UsageError, match="rotor_inertia must be at least"):
+        drive_limits(robots.finger(), 1000.0, inertia=1e-9)
 
 
 def test_a_trajectory_runs_straight_between_its_points_and_then_holds(limits: DriveLimits) -> None:

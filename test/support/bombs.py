@@ -169,9 +169,6 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
         "read 1 values",
     ),
     "aliases": (lambda folder: with_metadata(folder, repeated("[{}]")), "lists no files"),
-    "merge keys": (lambda folder: with_metadata(folder, repeated("{{<<: [{}]}}")), "lists no"),
-    "tag": (lambda folder: with_metadata(folder, "a: !!int ''"), "lists no files"),
-    "key": (lambda folder: with_metadata(folder, "[[a]]: 1"), "lists no files"),
     "metadata of megabytes": (
         lambda folder: with_metadata(folder, "#" * 2_000_000),
         "more than 1000000 bytes",
