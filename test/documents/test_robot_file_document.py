@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-from pathlib import Path
-from types import ModuleType
 
 import pytest
+from support.page_lines import ROOT, loaded_tool
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -15,22 +13,12 @@ from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
-ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
 FIRST, SPANS, ENDS, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
 
 
-@pytest.fixture(scope="module")
-def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("keys", ROOT / "tools" / "robot_file_keys.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_the_key_reference_is_that_of_the_schema(generator: ModuleType) -> None:
+def test_the_key_reference_is_that_of_the_schema() -> None:
+    generator = loaded_tool(ROOT / "tools" / "robot_file_keys.py")
     assert generator.updated(TEXT) == TEXT, "run python tools/robot_file_keys.py"
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from support.page_lines import ROOT, loaded_tool
 
 from cdrj_ros.commands import import_robot
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import load_robot
 
-mujoco = pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
+pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
 
 POSES = 1000
+COMPARING = loaded_tool(ROOT / "tools" / "compare_mujoco.py")
 
 SITES = """
 <mujoco model="sites">
@@ -77,7 +78,27 @@ CARRIED = (
     '<geom name="g" type="cylinder" size="0.04 0.1" pos="0.1 0 0" euler="10 5 0"/>'
     '<site name="s" pos="0.1 0.12 0.02"/>'
 )
+ARM = """
+<mujoco>
+  <worldbody>
+    <site name="a" pos="0 0.05 0"/> <site name="side" pos="0.1 0.15 0.02"/>
+    <body name="arm" pos="0.1 0 0">
+      <joint name="q" axis="0 0 1" range="-40 40"/>
+      <geom name="ring" type="cylinder" size="0.03 0.1" pos="0.05 0.06 0"/>
+      <geom name="ball" size="0.04" pos="0.15 0 0"/>
+      <site name="in" pos="0.05 0.06 0"/> <site name="b" pos="0.09 0.02 0.01"/>
+      <site name="near" pos="0.13 0 0"/> <site name="c" pos="0.25 0 0"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="through"><site site="a"/><geom geom="ring" sidesite="in"/><site site="b"/></spatial>
+    <spatial name="beside"><site site="b"/><geom geom="ball" sidesite="side"/><site site="c"/></spatial>
+    <spatial name="within"><site site="near"/><geom geom="ball"/><site site="c"/></spatial>
+  </tendon>
+</mujoco>
+"""  # noqa: E501
 MODELS = {
+    "rings, foreign side sites, and sites within a body": ARM,
     "sites": SITES,
     "sphere": wrapped(SPHERE, '<geom geom="g"/>'),
     "sphere with a side": wrapped(SPHERE, '<geom geom="g" sidesite="s"/>'),
@@ -98,55 +119,17 @@ def imported(xml: str, folder: Path, *more: str) -> Model:
     return prepare(load_robot(out), check_range=False)
 
 
-def moment_arms(model: object, data: object) -> np.ndarray:
-    """MuJoCo's dense matrix of d length / d velocity, shape (tendons, velocities)."""
-    values = np.asarray(data.ten_J)
-    if values.size == model.ntendon * model.nv:
-        return values.reshape(model.ntendon, model.nv)
-    dense = np.zeros((model.ntendon, model.nv))
-    counts, starts = data.ten_J_rownnz, data.ten_J_rowadr
-    columns = np.ravel(data.ten_J_colind)
-    for row in range(model.ntendon):
-        part = slice(starts[row], starts[row] + counts[row])
-        dense[row, columns[part]] = np.ravel(values)[part]
-    return dense
-
-
 @pytest.mark.parametrize("name", MODELS)
 def test_lengths_and_moment_arms_are_those_of_mujoco(name: str, tmp_path: Path) -> None:
-    robot = imported(MODELS[name], tmp_path)
-    model = mujoco.MjModel.from_xml_string(MODELS[name])
-    data = mujoco.MjData(model)
-    generator = np.random.default_rng(0)
-    low, high = model.jnt_range.T
-    addresses = [
-        model.jnt_qposadr[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)]
-        for joint in (label.replace("_pitch", " pitch") if "shoulder" in label else label
-                      for label in robot.layout.joints)
-    ]  # fmt: skip
-    touched = 0
-    for pose in low + generator.random((POSES, low.size)) * (high - low):
-        data.qpos[:] = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_tendon(model, data)
-        shape = shape_at(robot, pose[addresses])
-        lengths, arms = per_tendon(robot, shape.length), per_tendon(robot, shape.lever_arm)
-        assert lengths == pytest.approx(data.ten_length, abs=1e-9)
-        assert arms == pytest.approx(moment_arms(model, data)[:, addresses], abs=1e-7)
-        touched += bool(np.any(shape.wrap > 0.0))
-    assert touched > 50
-
-
-def per_tendon(robot: Model, values: np.ndarray) -> np.ndarray:
-    """Sums over the elements of every cable; the branches of one tendon, divided and summed."""
-    first, sums = 0, []
-    for cable in robot.robot.cables:
-        sums.append(values[first : first + len(cable.nodes) - 1].sum(axis=0))
-        first += len(cable.nodes) - 1
-    if len(sums) == 4:  # abcd and three branches, the last two with the divisor 2
-        sums = [sums[0], sums[1] + 0.5 * (sums[2] + sums[3])]
-    return np.array(sums)
+    path = tmp_path / "model.xml"
+    path.write_text(MODELS[name])
+    found = COMPARING.compare(path, POSES)
+    assert found.compared == found.tendons
+    assert found.touched >= 1
+    assert found.impossible == 0
+    assert found.length <= 1e-9
+    assert found.arm <= 1e-7
+    assert any("ball (within)" in remark for remark in found.remarks) == (MODELS[name] is ARM)
 
 
 def test_what_cannot_be_represented_is_named(

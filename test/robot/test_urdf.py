@@ -162,18 +162,14 @@ def test_a_document_type_is_refused_in_every_encoding(encoding: str, tmp_path: P
         parsed_urdf(xml.encode(encoding), tmp_path / "arm.urdf")
 
 
-@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "large"])
-def test_only_a_regular_file_of_bounded_size_is_read(kind: str, tmp_path: Path) -> None:
-    path = Path("/dev/zero") if kind == "device" else tmp_path / "arm.urdf"
-    if kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-    elif kind == "large":
-        with path.open("wb") as file:
-            file.truncate(10**12)  # without blocks on the disk
-    with pytest.raises(RobotFileError, match=r"not a regular file|Is a directory|000 bytes, at mo"):
-        urdf_element(path, "arm.yaml")
+def test_only_a_regular_file_of_bounded_size_is_read(tmp_path: Path) -> None:
+    pipe, large = tmp_path / "pipe", tmp_path / "large"
+    os.mkfifo(pipe)
+    with large.open("wb") as file:
+        file.truncate(10**12)  # without blocks on the disk
+    for path, words in ((pipe, "not a regular file"), (large, "000 bytes, at most")):
+        with pytest.raises(RobotFileError, match=words):
+            urdf_element(path, "arm.yaml")
 
 
 MISTAKES = {
