@@ -42,6 +42,8 @@ class JointStateDecoder:
     @property
     def stamp_ns(self) -> int: ...
     @property
+    def has_efforts(self) -> bool: ...
+    @property
     def names(self) -> tuple[str, ...]: ...
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -540,7 +542,17 @@ def mark_unsure(
     share: float,
     doubtful: NDArray[np.bool_],
 ) -> None:
-    """See ``cdrj_ros.estimation.ensemble``."""
+    """Set ``UNSURE`` where standard deviations are too large for tension and preload, or in doubt.
+
+    Args:
+        estimates: tensions, then status of all elements, then the rest, shape (size,) or (n, size);
+            changed.
+        preload: see ``cdrj_ros.estimation.ensemble.preload_of_elements`` [N].
+        stddev: of the tensions, then the rest [N], shape (columns,) or (n, columns); with a size of
+            0, none is known.
+        share: see ``cdrj_ros.estimation.ensemble.UNSURE_SHARE``.
+        doubtful: see ``cdrj_ros.estimation.samples.Samples.doubtful``, shape (n,) or (0,).
+    """
 
 class Robot:
     """A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive."""

@@ -26,12 +26,13 @@ from scipy.ndimage import gaussian_filter1d
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from cdrj_ros._core import mark_unsure  # noqa: E402
 from cdrj_ros.estimation.changes import narrowed  # noqa: E402
-from cdrj_ros.estimation.ensemble import Ensemble, mark_unsure  # noqa: E402
+from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
 from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.estimation.health_verdict import unsure_elements  # noqa: E402
-from cdrj_ros.estimation.samples import Sample, Samples  # noqa: E402
+from cdrj_ros.estimation.samples import NO_DOUBTS, Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.loading import load_model  # noqa: E402
@@ -196,7 +197,7 @@ def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
         [len(cable.element_names) for cable in model.robot.cables],
     )
     for values, sigma in zip(estimates.values, stddev, strict=True):
-        mark_unsure(values[None], preload, sigma[None], 0.1)
+        mark_unsure(values, preload, sigma, 0.1, NO_DOUBTS)
     error = np.abs(estimates.values[:, model.layout.tension] - true)
     inside = error <= 2.0 * stddev[:, :elements]
     ok = estimates.values[:, model.layout.status] == OK

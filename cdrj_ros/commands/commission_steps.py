@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cdrj_ros import __version__
+from cdrj_ros._core import mark_unsure
 from cdrj_ros.commands.identify_uncertainty import (
     COVARIANCE_LIMIT,
     fit_errors,
@@ -29,7 +30,7 @@ from cdrj_ros.estimation.changes import (
     preloads_of,
     reference_at,
 )
-from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, mark_unsure, preload_of_elements
+from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Series

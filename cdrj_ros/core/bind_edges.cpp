@@ -175,6 +175,8 @@ void bind_messages(py::module_& core) {
             "payload"_a)
         .def_property_readonly(
             "stamp_ns", [](const JointStateDecoder& d) { return d.last().stamp_ns; })
+        .def_property_readonly(
+            "has_efforts", [](const JointStateDecoder& d) { return !d.last().efforts.empty(); })
         .def_property_readonly("names", &names_of)
         .def_property_readonly(
             "positions", [](const JointStateDecoder& d) { return copy_of(d.last().positions); })

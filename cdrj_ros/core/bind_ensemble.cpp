@@ -229,29 +229,41 @@ bool advance(
         k, span_of(motor_angle), span_of(joint_angle), dt, out.mutable_data());
 }
 
+/// Mark one estimate, or the rows of a table.
 void mark_estimates(
-    Matrix& estimates, const Given& preload, const Given& stddev, double share,
-    const GivenFlags& doubtful) {
-    require(estimates.ndim() == 2 && stddev.ndim() == 2, "estimates and stddev are not tables");
-    const py::ssize_t samples = estimates.shape(0), elements = preload.size();
-    const bool known = stddev.shape(0) > 0, doubts = doubtful.size() > 0;
+    const py::object& estimates, const py::object& of_cables, const py::object& deviations,
+    double share, const GivenFlags& doubtful) {
+    Vector marked = written(estimates, "estimates is not a contiguous array of floats");
+    const Given preload = quickly(of_cables), stddev = quickly(deviations);
     require(
-        estimates.shape(1) >= 2 * elements &&
-            (!known || (stddev.shape(0) == samples && stddev.shape(1) >= elements)) &&
-            (!doubts || doubtful.size() == samples),
+        marked.ndim() > 0 && (stddev.size() == 0 || stddev.ndim() == marked.ndim()),
+        "estimates and stddev are not both of one time or both tables");
+    const bool single = marked.ndim() == 1;
+    const py::ssize_t samples = single ? 1 : marked.shape(0), elements = preload.size();
+    const py::ssize_t size = marked.shape(marked.ndim() - 1);
+    const py::ssize_t columns = stddev.size() > 0 ? stddev.shape(stddev.ndim() - 1) : 0;
+    require(
+        size >= 2 * elements &&
+            (columns == 0 || (stddev.size() == samples * columns && columns >= elements)) &&
+            (doubtful.size() == 0 || doubtful.size() == samples),
         "estimates, stddev and doubtful differ in their numbers of samples or have too few elements");
-    const std::size_t size = estimates.shape(1), columns = stddev.shape(1);
-    double* first = estimates.mutable_data();
-    for_samples(samples, [&](py::ssize_t k) {
-        const std::span<double> estimate(first + k * size, size);
-        if (known) {
-            mark_unsure(estimate, span_of(preload), {stddev.data() + k * columns, columns}, share);
+    double* first = marked.mutable_data();
+    const auto mark = [&](py::ssize_t k) {
+        const auto estimate = std::span(first + k * size, static_cast<std::size_t>(size));
+        if (columns > 0) {
+            const auto width = static_cast<std::size_t>(columns);
+            mark_unsure(estimate, span_of(preload), {stddev.data() + k * columns, width}, share);
         }
-        if (doubts && doubtful.data()[k]) {
+        if (doubtful.size() > 0 && doubtful.data()[k]) {
             for (double& status : estimate.subspan(elements, elements)) doubt(status);
         }
         return true;
-    });
+    };
+    if (single) {
+        mark(0);
+    } else {
+        for_samples(samples, mark);
+    }
 }
 
 /// Samples between two looks at Ctrl-C; each takes long.
@@ -371,7 +383,7 @@ void bind_ensemble(py::module_& core) {
         .def_property_readonly("progress", view_of_progress);
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_estimates, array("estimates"), py::arg("preload"), py::arg("stddev"),
+        "mark_unsure", mark_estimates, py::arg("estimates"), py::arg("preload"), py::arg("stddev"),
         py::arg("share"), py::arg("doubtful"),
         "Set ``UNSURE`` where the standard deviation is too large for tension and preload, and on all\n"
         "elements where an estimate is doubtful.");

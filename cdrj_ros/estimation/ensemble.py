@@ -26,8 +26,8 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
 from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
-from cdrj_ros.estimation.samples import NO_DOUBTS, Sample, Samples
-from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.model.state import INVALID, UNSURE
@@ -310,23 +310,3 @@ def mark_elements_unsure(values: Vector, which: NDArray[np.bool_]) -> None:
     status = values[which.size : 2 * which.size]
     flags = status.astype(np.int64)
     status[:] = np.where(which & (flags & INVALID == 0), flags | UNSURE, flags)
-
-
-def mark_unsure(
-    values: Table,
-    preload: Vector,
-    stddev: Table,
-    share: float,
-    doubtful: NDArray[np.bool_] = NO_DOUBTS,
-) -> None:
-    """Set ``UNSURE`` where standard deviations are too large for tension and preload, or in doubt.
-
-    Args:
-        values: estimates (tensions, then status of all elements, then the rest), shape (n, size);
-            changed.
-        preload: see ``preload_of_elements`` [N].
-        stddev: of the tensions, then the rest [N], shape (n, columns), or (0, 0) for none known.
-        share: see ``UNSURE_SHARE``.
-        doubtful: see ``Samples.doubtful``, shape (n,) or (0,).
-    """
-    _core.mark_unsure(values, preload, stddev, share, doubtful)

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros._core import JointStateDecoder
+from cdrj_ros._core import JointStateDecoder, mark_unsure
 from cdrj_ros.estimation.changes import (
     RestWatch,
     narrowed,
@@ -20,19 +21,18 @@ from cdrj_ros.estimation.changes import (
     reference_at,
     with_other_numbers,
 )
-from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode, samples_of
+from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
 from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
     Ensemble,
     mark_elements_unsure,
-    mark_unsure,
     preload_of_elements,
 )
 from cdrj_ros.estimation.estimator import NEVER, EarlierRun, Estimate, State, initial_state, step
 from cdrj_ros.estimation.fusion import SensorFusion
 from cdrj_ros.estimation.preloads import START_SHARE, Preloads
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.samples import NO_DOUBTS, Sample
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -239,22 +239,24 @@ class LiveEstimator:
         Returns:
             Whether the clock jumped back, and the estimates that the message completes.
         """
-        topic = TOPICS[kind]
-        return self._estimates_of(
-            samples_of(self.conditioner.feed(topic, stamp_ns, names, positions))
-        )
+        return self._estimates_of(self.conditioner.feed(TOPICS[kind], stamp_ns, names, positions))
 
     def feed_message(self, kind: Kind, message: JointStateDecoder) -> tuple[bool, list[Estimate]]:
         """``feed`` the last message of a decoder."""
-        return self._estimates_of(self.conditioner.take(kind, message))
+        return self._estimates_of(self.conditioner.feed_message(TOPICS[kind], message))
 
-    def _estimates_of(self, samples: list[Sample]) -> tuple[bool, list[Estimate]]:
+    def _estimates_of(self, found: list[tuple[Any, ...]]) -> tuple[bool, list[Estimate]]:
         """Whether the clock jumped back before these samples, and the estimates for them."""
         jumped = self.conditioner.clock_jumps != self._jumps
         if jumped:
             self._restart(known=True)
-        estimates = [(self.take(sample), sample.silent) for sample in samples]
-        return jumped, [estimate for estimate, silent in estimates if not silent]
+        estimates = []
+        for fields in found:
+            sample = Sample._make(fields)
+            estimate = self.take(sample)
+            if not sample.silent:
+                estimates.append(estimate)
+        return jumped, estimates
 
     def finish(self) -> None:
         """Do what the last estimate need not wait for; the next sample does it otherwise."""
@@ -355,7 +357,7 @@ class LiveEstimator:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
         if estimate.stddev is not None:
             share = self.options.unsure_share
-            mark_unsure(estimate.values[None], self._preload, estimate.stddev[None], share)
+            mark_unsure(estimate.values, self._preload, estimate.stddev, share, NO_DOUBTS)
         if sample.doubtful:
             mark_elements_unsure(estimate.values, self._everywhere)
         if self.always_unsure is not None:

@@ -8,11 +8,11 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
     Ensemble,
-    mark_unsure,
     preload_of_elements,
     stddev_columns,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -34,19 +35,19 @@ LEVELS: Final = {
 class StepTimes:
     """Durations of the latest steps."""
 
-    _seconds: np.ndarray = field(default_factory=lambda: np.zeros(WINDOW))
+    _seconds: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
     count: int = 0
 
     def add(self, seconds: float) -> None:
         """Record the duration of one step [s]."""
-        self._seconds[self.count % WINDOW] = seconds
+        self._seconds.append(seconds)
         self.count += 1
 
     def percentiles_us(self) -> tuple[float, float]:
         """Median and 99th percentile [us]; zeros before the first step."""
         if self.count == 0:
             return 0.0, 0.0
-        p50, p99 = np.percentile(self._seconds[: min(self.count, WINDOW)], (50, 99)) * 1e6
+        p50, p99 = np.percentile(self._seconds, (50, 99)) * 1e6
         return float(p50), float(p99)
 
 
@@ -264,7 +265,7 @@ class HealthWatch:
     def follow(self, estimate: Estimate) -> None:
         """Follow the estimator to its last sample, with the estimate there."""
         live = self._live
-        if live.sample is None:
+        if live.sample is None or not self.heard:
             return
         if self.monitor.model is not live.model:
             self.monitor = self._new()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from time import monotonic, perf_counter, time_ns
+from time import monotonic, time_ns
 from typing import Any, Final
 
 from cdrj_msgs.msg import CableTensions
@@ -217,14 +217,9 @@ class Estimation:
         live = self.live
         health = self.health if kind != "joints" else None
         fed = kind != "joints" and (live.options.track_preload or live.encoderless is not None)
-        message = JointStateDecoder(efforts=fed)
+        message = topic.last = JointStateDecoder(efforts=fed)
 
-        def on_angles(payload: bytes) -> None:
-            begin = perf_counter()
-            if not message.decode(payload):
-                live.conditioner.refuse("malformed")
-                return
-            topic.messages += 1
+        def read_efforts() -> None:
             stamp_ns = message.stamp_ns
             wanted = health is not None and health.wants_efforts(stamp_ns)
             feeds = fed and live.wants_efforts(stamp_ns)
@@ -235,6 +230,15 @@ class Estimation:
                     live.feed_efforts(stamp_ns, names, efforts)
                 if health is not None and wanted:
                     health.read_efforts(stamp_ns, names, efforts)
+
+        def on_angles(payload: bytes) -> None:
+            begin_s = monotonic()
+            if not message.decode(payload):
+                live.conditioner.refuse("malformed")
+                return
+            topic.messages += 1
+            if message.has_efforts:
+                read_efforts()
             jumped, estimates = live.feed_message(kind, message)
             if jumped:
                 self.node.get_logger().warning(
@@ -242,23 +246,20 @@ class Estimation:
                     throttle_duration_sec=1.0,
                 )
             if estimates:
-                self._publish(estimates, (perf_counter() - begin) / len(estimates))
-            else:  # which may need an explanation
-                topic.names, topic.positions = message.names, message.positions
+                self._publish(estimates, begin_s)
 
         return on_angles
 
-    def _publish(self, estimates: list[Estimate], step_s: float) -> None:
+    def _publish(self, estimates: list[Estimate], begin_s: float) -> None:
         """Publish the estimates that one message led to; those older than the timeout as STALE.
 
         Args:
             estimates: at least one.
-            step_s: time that each has taken [s].
+            begin_s: when that message arrived, by the steady clock [s].
         """
-        self.times.add(step_s)
-        newest_ns = estimates[-1].stamp_ns + self.live.conditioner.lag_ns
-        now_ns = self.now_ns()
-        self.stamps.note(newest_ns, now_ns)
+        now_ns, now_s = self.now_ns(), monotonic()
+        self.times.add((now_s - begin_s) / len(estimates))
+        self.stamps.note(estimates[-1].stamp_ns + self.live.conditioner.lag_ns, now_ns)
         fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)
         for estimate in estimates:
             self.latest = estimate
@@ -269,7 +270,7 @@ class Estimation:
         self.live.finish()
         if self.health is not None:
             self.health.follow(estimates[-1])
-        self.watch.note()
+        self.watch.note(now_ns, now_s)
 
     def on_tensions(self, payload: bytes) -> None:
         """Take a message of load cells; a malformed one is counted."""

@@ -11,13 +11,12 @@ from math import isfinite, radians
 from time import monotonic
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.reading_limits import REFUSALS, axis_of
 from cdrj_ros.estimation.session import LiveEstimator
@@ -80,10 +79,8 @@ class InputTopic:
         self.topic, self.axes = node.resolve_topic_name(topic), tuple(axes)
         self.messages = 0
         """Number of messages decoded since the start."""
-        self.names: Sequence[str] = ()
-        """Names in the latest message that led to no estimate."""
-        self.positions: Sequence[float] | NDArray[np.float64] = ()
-        """Positions in that message [rad or m]."""
+        self.last = JointStateDecoder()
+        """Has the last message of angles."""
         self.publishers = 0
         self.remapping = ""
         """Where messages of this type are, while this topic has no publisher."""
@@ -196,13 +193,13 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
         there = counted(topic.publishers, "publisher") if topic.publishers else "no publisher"
         elsewhere = f"; {topic.remapping}" if topic.remapping else ""
         return f"{topic.topic}: {there}, no message{elsewhere}"
-    parts = [counted(topic.messages, "message")]
+    parts, names = [counted(topic.messages, "message")], topic.last.names
     expected = [axis for axis in topic.axes if axis in unheard]
-    if missing := [axis for axis in expected if axis not in topic.names]:
-        parts.append(f"the last names {_listed(topic.names) or 'nothing'}, not {_listed(missing)}")
-        if prefix := _common_prefix(topic.names, missing):
+    if missing := [axis for axis in expected if axis not in names]:
+        parts.append(f"the last names {_listed(names) or 'nothing'}, not {_listed(missing)}")
+        if prefix := _common_prefix(names, missing):
             parts.append(f"prefix: {prefix} in the robot file would fit")
-    at = dict(zip(topic.names, topic.positions, strict=False))
+    at = dict(zip(names, topic.last.positions, strict=True))
     for joint in robot.joints:
         if joint.name in at and isfinite(at[joint.name]):
             angle = axis_of(joint).angle_near(float(at[joint.name]), joint.reference_angle)
@@ -283,10 +280,14 @@ class InputWatch:
         """Time since the last estimate [s]; infinite before the first."""
         return self._silence.seconds(self._now_ns(), monotonic())
 
-    def note(self) -> None:
-        """Record an estimate; log the first one, and the first one after a silence."""
-        now_s = monotonic()
-        self._silence.note(self._now_ns(), now_s)
+    def note(self, now_ns: int, now_s: float) -> None:
+        """Record an estimate; log the first one, and the first one after a silence.
+
+        Args:
+            now_ns: time of the node's clock [ns].
+            now_s: time of the steady clock [s].
+        """
+        self._silence.note(now_ns, now_s)
         if self._quiet:
             since_s = now_s - self.estimated_s
             self._node.get_logger().info(

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.ensemble import mark_unsure
+from cdrj_ros._core import mark_unsure
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 from cdrj_ros.model.state import UNSURE
 
