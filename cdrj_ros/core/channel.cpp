@@ -196,7 +196,7 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
 }
 
 Offset Channel::offset() {
-    const double clock = DEVIATION * lag.most_ns() * 1e-9;
+    const double clock = DEVIATION * lag.most_ns * 1e-9;
     const Offset now{steps.offset(motion), clock * motion.fastest, clock * motion.range()};
     if (now != exact_) {
         exact_ = now;

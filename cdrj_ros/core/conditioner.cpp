@@ -16,7 +16,6 @@ Conditioner::Conditioner(
 void Conditioner::begin() {
     channels_ = std::vector<Channel>(axes_.begin(), axes_.end());
     time_line_.begin();
-    newest_ = {};
 }
 
 Conditioner::Target Conditioner::find(Topic topic, std::string_view name) const {
@@ -92,8 +91,10 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
         return false;
     }
     drop_held(channel);
-    if (newest_.stamp_ns >= 0) channel.lag.take(raw.stamp_ns, newest_);
-    newest_.take(raw.stamp_ns, axes_.size());
+    for (Channel& other : channels_) {
+        if (&other != &channel) other.lag.meet(k, raw.stamp_ns);
+    }
+    channel.lag.take(raw.stamp_ns);
     return judge(k, raw);
 }
 

@@ -100,7 +100,6 @@ private:
     std::vector<Channel> channels_;
     TimeLine time_line_;
     std::array<std::int64_t, CAUSES> refused_{};
-    Newest newest_;                // stamp of the newest reading that was not refused
     std::vector<Target> targets_;  // of the message that is being taken
 };
 

@@ -6,34 +6,39 @@ namespace cdrj {
 namespace {
 
 constexpr Nanoseconds WINDOW_NS = 500'000'000;  // shortest window
-constexpr Nanoseconds HIDDEN_NS = 5'000'000;    // most by which clocks may differ without a lag
 constexpr int READINGS = 8;                       // fewest readings in one
 
 }  // namespace
 
-void Newest::take(Nanoseconds of_ns, std::size_t axes) {
-    if (of_ns < stamp_ns) return;
-    if (of_ns > stamp_ns) {
-        if (stamp_ns >= 0) passed_ns += std::min(of_ns - stamp_ns, HIDDEN_NS);
-        stamp_ns = of_ns;
-        there = 0;
-        ++count;
-    }
-    if (++there == axes) common_ns = stamp_ns;
+void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
+    if (others_.size() <= axis) others_.resize(axis + 1);
+    Other& other = others_[axis];
+    other.newest_ns = stamp_ns;
+    if (last_ns_ < 0) return;
+    other.least_ns = std::min(other.least_ns, std::max<Nanoseconds>(stamp_ns - last_ns_, 0));
 }
 
-void Lag::take(Nanoseconds stamp_ns, const Newest& newest) {
-    const Nanoseconds behind_ns = std::max<Nanoseconds>(newest.stamp_ns - stamp_ns, 0);
-    if (begin_ns_ < 0) {
-        begin_ns_ = stamp_ns;
-        before_ = newest;
+void Lag::take(Nanoseconds stamp_ns) {
+    last_ns_ = stamp_ns;
+    ++count_;
+    Nanoseconds newest_ns = -1, most = 0;
+    for (Other& other : others_) {
+        if (other.newest_ns < 0) continue;  // this axis, or a silent one
+        newest_ns = std::max(newest_ns, other.newest_ns);
+        if (other.newest_ns == stamp_ns) ++other.shared;
+        const bool one_clock = 2 * other.shared >= count_;
+        const bool met = other.least_ns != EVER_NS;
+        most = std::max(most, one_clock ? 0 : met ? other.least_ns : most_ns);
     }
+    if (newest_ns < 0) return;
+    const Nanoseconds behind_ns = std::max<Nanoseconds>(newest_ns - stamp_ns, 0);
+    if (begin_ns_ < 0) begin_ns_ = stamp_ns;
     least_ns_ = std::min(least_ns_, behind_ns);
     lag_ns = first_ns_ < 0 ? least_ns_ : std::min(lag_ns, behind_ns);
-    if (first_ns_ < 0) measure_step(newest);
-    if (++count_ < READINGS || stamp_ns - begin_ns_ < WINDOW_NS) return;
+    if (first_ns_ < 0) most_ns = most;
+    if (count_ < READINGS || stamp_ns - begin_ns_ < WINDOW_NS) return;
     lag_ns = least_ns_;
-    measure_step(newest);
+    most_ns = most;
     if (first_ns_ < 0) {
         first_ns_ = stamp_ns;
         first_lag_ns_ = lag_ns;
@@ -42,18 +47,9 @@ void Lag::take(Nanoseconds stamp_ns, const Newest& newest) {
                  static_cast<double>(stamp_ns - first_ns_);
     }
     begin_ns_ = stamp_ns;
-    before_ = newest;
     least_ns_ = EVER_NS;
+    for (Other& other : others_) other = {other.newest_ns};
     count_ = 0;
-}
-
-void Lag::measure_step(const Newest& newest) {
-    const std::int64_t grown = newest.count - before_.count;
-    if (newest.common_ns >= before_.stamp_ns) {
-        step_ns_ = 0;
-    } else if (grown > 0) {
-        step_ns_ = (newest.passed_ns - before_.passed_ns) / grown;
-    }
 }
 
 }  // namespace cdrj

@@ -25,15 +25,17 @@ double faded(double before, double now, double keep) {
 
 void Motion::take(Nanoseconds stamp_ns, double angle) {
     if (begin_ns >= 0 && stamp_ns >= begin_ns) {  // else the clock went back during a restart
-        if (stamp_ns - begin_ns >= PART_NS) {
-            const double certain = std::abs(angle - begin) - 2.0 * band;
-            fastest = std::max(fastest, certain / ((stamp_ns - begin_ns) * 1e-9));
+        if (stamp_ns - part_ns >= PART_NS) {
+            const double certain = std::abs(angle - part) - 2.0 * band;
+            fastest = std::max(fastest, certain / ((stamp_ns - part_ns) * 1e-9));
+            part_ns = stamp_ns;
+            part = angle;
         }
         if (stamp_ns - begin_ns < WINDOW_NS) return;
         close((stamp_ns - begin_ns) * 1e-9, angle - begin);
     }
-    begin_ns = stamp_ns;
-    begin = angle;
+    begin_ns = part_ns = stamp_ns;
+    begin = part = angle;
 }
 
 /// Ends a window of `length` [s] in which the axis has moved by `moved`.
@@ -41,6 +43,7 @@ void Motion::close(double length, double moved) {
     const double mean = moved / length;
     const double certain = std::max(std::abs(moved) - 2.0 * band, 0.0);
     const double now = certain / length;
+    fastest = std::max(fastest, now);
     double change = 0.0;
     if (span > 0.0) {
         change = std::max(std::abs(mean - velocity) - 2.0 * band / length, 0.0);
@@ -91,7 +94,7 @@ double Motion::curvature(Nanoseconds span_ns) const {
     const double length = span_ns * 1e-9, bend = acceleration * length;
     const double unresolved = speed > 0.0 ? std::max(bend / speed, 1.0) : 1.0;
     const double sagitta =
-        std::min(bend * length / 8.0 * unresolved * unresolved, speed * length / 3.0);
+        std::min(bend * length / 8.0 * unresolved * unresolved, std::max(speed, bend) * length / 3.0);
     return 4.0 * sagitta / (static_cast<double>(span_ns) * static_cast<double>(span_ns));
 }
 

@@ -15,11 +15,13 @@ struct Motion {
     double negligible = 0.0;      // standard deviations up to this are not reported, positive
     Nanoseconds begin_ns = -1;    // first reading of the current window; -1 before the first one
     double begin = 0.0;           // angle there
+    Nanoseconds part_ns = -1;     // first reading of the part in progress, for `fastest`
+    double part = 0.0;            // angle there
     double span = 0.0;            // length of the last window [s]
     double velocity = 0.0;        // mean over the last window [rad/s]
     double speed = 0.0;           // V of (C2): rises at once and decays [rad/s]
     double acceleration = 0.0;    // A of (C2) [rad/s^2]
-    double fastest = 0.0;         // greatest speed so far over the first 20 ms of a window or more [rad/s]
+    double fastest = 0.0;         // greatest speed so far over a part (20 ms or more) or a window [rad/s]
     double travelled = 0.0;       // sum of the displacements of all windows
     double windows = 0.0;         // their number
     double lowest = INFINITE, highest = -INFINITE;  // velocities over windows so far [rad/s]

@@ -70,6 +70,12 @@ bool StepDetector::take(const Motion& motion, double worth, Point next, bool off
         alternate(plain && deviation * side_ < 0.0);
         side_ = plain ? deviation : 0.0;
     }
+    if (motion.windows > 0.0) {
+        sudden_ = 0.0;
+    } else if (count_ > 0) {
+        const double sudden = count_ == 1 ? next.angle - points_[2].angle : bend(next);
+        sudden_ = std::max(sudden_, std::abs(sudden));
+    }
     points_ = {points_[1], points_[2], next};
     count_ = std::min(count_ + 1, 3);
     return found;
@@ -107,7 +113,7 @@ void StepDetector::step_by(double by, double worth) {
 }
 
 double StepDetector::offset(const Motion& motion) const {
-    const double hidden = DEVIATION * std::max(memory.unexplained, 2.0 * motion.band);
+    const double hidden = DEVIATION * std::max({memory.unexplained, sudden_, 2.0 * motion.band});
     return std::hypot(hidden, memory.displaced);
 }
 

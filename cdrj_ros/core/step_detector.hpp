@@ -69,6 +69,7 @@ private:
 
     std::array<Point, 3> points_{};  // the last readings, oldest first
     int count_ = 0;                  // how many of them there are
+    double sudden_ = 0.0;  // greatest displacement, then bend, until the axis has shown its speed
     double side_ = 0.0;              // deviation of the last reading from the line before it, if large
     double share_ = 0.0;             // of readings that alternate, of late
     bool alternates_ = false;

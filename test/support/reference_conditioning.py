@@ -6,7 +6,7 @@ agree on bit for bit is written twice, and only here without regard to speed.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -45,6 +45,8 @@ class Motion:
     negligible: float
     begin_ns: int = -1
     begin: float = 0.0
+    part_ns: int = -1
+    part: float = 0.0
     span: float = 0.0
     velocity: float = 0.0
     speed: float = 0.0
@@ -58,14 +60,14 @@ class Motion:
 
     def take(self, stamp: int, angle: float) -> None:
         if 0 <= self.begin_ns <= stamp:
-            if stamp - self.begin_ns >= 20_000_000:
-                certain = abs(angle - self.begin) - 2.0 * self.band
-                part = certain / ((stamp - self.begin_ns) * 1e-9)
-                self.fastest = max(self.fastest, part)
+            if stamp - self.part_ns >= 20_000_000:
+                certain = abs(angle - self.part) - 2.0 * self.band
+                self.fastest = max(self.fastest, certain / ((stamp - self.part_ns) * 1e-9))
+                self.part_ns, self.part = stamp, angle
             if stamp - self.begin_ns < WINDOW_NS:
                 return
             self._close((stamp - self.begin_ns) * 1e-9, angle - self.begin)
-        self.begin_ns, self.begin = stamp, angle
+        self.begin_ns, self.begin = self.part_ns, self.part = stamp, angle
 
     def _close(self, span: float, moved: float) -> None:
         certain = max(abs(moved) - 2.0 * self.band, 0.0)
@@ -80,6 +82,7 @@ class Motion:
             acceleration *= 1.5
         self.speed = max(speed, faded(self.speed, speed, span))
         self.acceleration = max(acceleration, faded(self.acceleration, acceleration, span))
+        self.fastest = max(self.fastest, speed)
         seen = (*self.velocities, speed if moved > 0.0 else -speed)
         self.velocities = min(seen), max(seen)
         self.travelled, self.windows = self.travelled + certain, self.windows + 1.0
@@ -110,7 +113,8 @@ class Motion:
         span = span_ns * 1e-9
         bend = self.acceleration * span
         factor = max(bend / self.speed, 1.0) if self.speed > 0.0 else 1.0
-        sagitta = min(bend * span / 8.0 * factor * factor, self.speed * span / 3.0)
+        most = max(self.speed, bend) * span / 3.0
+        sagitta = min(bend * span / 8.0 * factor * factor, most)
         return 4.0 * sagitta / (float(span_ns) * float(span_ns))
 
     def ahead(self, horizon_ns: int, window_ns: int) -> float:
@@ -143,6 +147,7 @@ class Steps:
     displaced: float = 0.0
     stepped: bool = False
     points: list[tuple[int, float]] = field(default_factory=list)
+    sudden: float = 0.0
     side: float = 0.0
     share: float = 0.0
     alternates: bool = False
@@ -192,6 +197,12 @@ class Steps:
             plain = self.plain(motion, point)
             self.alternate(plain and size * self.side < 0.0)
             self.side = size if plain else 0.0
+        if motion.windows > 0.0:
+            self.sudden = 0.0
+        elif self.points:
+            many = len(self.points) > 1
+            sudden = self.bent(point) if many else point[1] - self.points[-1][1]
+            self.sudden = max(self.sudden, abs(sudden))
         self.points = [*self.points[-2:], point]
         return found
 
@@ -221,7 +232,7 @@ class Steps:
         self.alternates = self.share > 0.1 or (self.alternates and self.share >= 0.02)
 
     def offset(self, motion: Motion) -> float:
-        hidden = 0.35 * max(self.unexplained, 2.0 * motion.band)
+        hidden = 0.35 * max(self.unexplained, self.sudden, 2.0 * motion.band)
         return hypot(hidden, self.displaced)
 
 
@@ -231,38 +242,41 @@ def level(value: float) -> float:
 
 @dataclass
 class Lag:
-    """How far stamps are behind the newest ones, (C10)."""
+    """By how much an axis's clock may be behind, (C10)."""
 
-    window: list[int] = field(default_factory=list)
-    """How far every reading in it is behind."""
+    last: int | None = None
+    newest: dict[int, int] = field(default_factory=dict)
+    """The newest stamp of every other axis."""
+    ahead: dict[int, list[int]] = field(default_factory=dict)
+    """By how much the stamps of every other axis in this window are ahead of the last own one."""
+    shared: Counter[int] = field(default_factory=Counter)
+    """Own readings in this window with the newest stamp of another axis."""
+    count: int = 0
     begin_ns: int = -1
-    before: tuple[int, int, int] = (0, 0, 0)
-    least: int | None = None
-    step: int = 0
+    is_first: bool = True
+    most_ns: int = 0
 
-    def take(self, stamp: int, newest: int, passed: int, grown: int, common: int) -> None:
+    def meet(self, axis: int, stamp: int) -> None:
+        ahead, self.newest[axis] = self.ahead.setdefault(axis, []), stamp
+        if self.last is not None:
+            ahead.append(max(stamp - self.last, 0))
+
+    def take(self, stamp: int) -> None:
+        self.last, self.count = stamp, self.count + 1
+        if not self.newest:
+            return
+        self.shared.update(axis for axis, newest in self.newest.items() if newest == stamp)
         if self.begin_ns < 0:
-            self.begin_ns, self.before = stamp, (passed, grown, newest)
-        self.window.append(max(newest - stamp, 0))
-        behind = min(self.window)
-        is_over = len(self.window) >= 8 and stamp - self.begin_ns >= 500_000_000
-        if self.least is None or is_over:
-            times = grown - self.before[1]
-            if common >= self.before[2]:
-                self.step = 0
-            elif times:
-                self.step = (passed - self.before[0]) // times
+            self.begin_ns = stamp
+        is_over = self.count >= 8 and stamp - self.begin_ns >= 500_000_000
+        if self.is_first or is_over:
+            self.most_ns = max(
+                0 if 2 * self.shared[axis] >= self.count else min(ahead, default=self.most_ns)
+                for axis, ahead in self.ahead.items()
+            )
         if is_over:
-            self.least, self.begin_ns, self.window = behind, stamp, []
-            self.before = passed, grown, newest
-        elif self.least is not None:
-            self.least = min(self.least, self.window[-1])
-
-    def most_ns(self) -> int:
-        least = self.least
-        if least is None:
-            least = min(self.window, default=0)
-        return least + self.step
+            self.begin_ns, self.count, self.is_first = stamp, 0, False
+            self.ahead, self.shared = {axis: [] for axis in self.ahead}, Counter()
 
 
 @dataclass
@@ -451,7 +465,7 @@ class Channel:
 
     def offset(self) -> tuple[float, ...]:
         """(C9) to (C11)."""
-        clock, motion = 0.35 * self.lag.most_ns() * 1e-9, self.motion
+        clock, motion = 0.35 * self.lag.most_ns * 1e-9, self.motion
         least, greatest = motion.velocities or (0.0, 0.0)
         errors = self.steps.offset(motion), clock * motion.fastest, clock * (greatest - least)
         return tuple(level(error) for error in errors)
@@ -488,8 +502,6 @@ class Reference:
         self.resumed_ns = self.passed_over_ns = self.given_out_ns = -1
         self.ahead_ns = self.ahead_from_ns = -1
         self.told: list[tuple[float, ...]] = []
-        self.newest_ns, self.passed_ns, self.grown = -1, 0, 0
-        self.common_ns, self.at_newest = -1, 0
 
     def _channel(self, axis: Motor | Joint) -> Channel:
         sensor, tracking = axis.sensor, self.tracking
@@ -590,14 +602,10 @@ class Reference:
             self._refuse(channel, cause, stamp, reading)
             return False
         self._drop_held(channel)
-        if self.newest_ns >= 0:
-            channel.lag.take(stamp, self.newest_ns, self.passed_ns, self.grown, self.common_ns)
-        if stamp > self.newest_ns:
-            self.passed_ns += min(stamp - self.newest_ns, 5_000_000) if self.grown else 0
-            self.newest_ns, self.grown, self.at_newest = stamp, self.grown + 1, 0
-        self.at_newest += stamp == self.newest_ns
-        if self.at_newest == len(self.channels):
-            self.common_ns = stamp
+        for other in self.channels:
+            if other is not channel:
+                other.lag.meet(k, stamp)
+        channel.lag.take(stamp)
         return self._judge(channel, stamp, reading)
 
     def _judge(self, channel: Channel, stamp: int, reading: float) -> bool:
