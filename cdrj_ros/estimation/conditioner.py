@@ -118,6 +118,12 @@ class Conditioner(_core.Conditioner):
         """Take a message of joint angles [rad]; returns the samples that are now complete."""
         return samples_of(self.feed(_core.Topic.JOINTS, stamp_ns, names, positions))
 
+    def feed_both(
+        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    ) -> list[Sample]:
+        """Take a message of motors and joints; returns the samples that are now complete."""
+        return samples_of(self.feed(_core.Topic.BOTH, stamp_ns, names, positions))
+
     def take(self, kind: Kind, message: _core.JointStateDecoder) -> list[Sample]:
         """Take the last message of a decoder; returns the samples that are now complete."""
         return samples_of(self.feed_message(TOPICS[kind], message))
