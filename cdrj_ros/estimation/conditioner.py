@@ -131,4 +131,4 @@ class Conditioner(_core.Conditioner):
 
 def samples_of(found: list[tuple[Any, ...]]) -> list[Sample]:
     """The samples whose fields the core returns."""
-    return [Sample._make(fields) for fields in found]
+    return [Sample(*fields) for fields in found]

@@ -252,7 +252,7 @@ class LiveEstimator:
             self._restart(known=True)
         estimates = []
         for fields in found:
-            sample = Sample._make(fields)
+            sample = Sample(*fields)
             estimate = self.take(sample)
             if not sample.silent:
                 estimates.append(estimate)

@@ -259,8 +259,9 @@ class Estimation:
         """
         now_ns, now_s = self.now_ns(), monotonic()
         self.times.add((now_s - begin_s) / len(estimates))
-        self.stamps.note(estimates[-1].stamp_ns + self.live.conditioner.lag_ns, now_ns)
-        fresh_ns = self.stamps.stale_before_ns(now_ns, self.timeout_s)
+        newest_ns = estimates[-1].stamp_ns + self.live.conditioner.lag_ns
+        late_ns = self.stamps.note(newest_ns, now_ns)
+        fresh_ns = newest_ns + max(late_ns, 0) - round(self.timeout_s * 1e9)
         for estimate in estimates:
             self.latest = estimate
             if not self._limit.passes(estimate.stamp_ns):

@@ -76,8 +76,12 @@ class StampClock:
         self._offset_ns: int | None = None
         self._newest_ns = self._now_ns = 0
 
-    def note(self, newest_ns: int, now_ns: int) -> None:
-        """Take the stamp of the newest reading [ns] and the time of the node's clock [ns]."""
+    def note(self, newest_ns: int, now_ns: int) -> int:
+        """Take the stamp of the newest reading [ns] and the time of the node's clock [ns].
+
+        Returns:
+            How late that reading is [ns], see ``late_ns``.
+        """
         if newest_ns < self._newest_ns:  # the clock was set back, or a recording repeats
             self.forget()
         lag = now_ns - newest_ns
@@ -89,17 +93,13 @@ class StampClock:
         if self._offset_ns < self._same_ns:
             self._offset_ns = 0
         self._newest_ns, self._now_ns = newest_ns, now_ns
+        return self.late_ns(newest_ns, now_ns)
 
     def late_ns(self, stamp_ns: int, now_ns: int) -> int:
         """How late a stamp is at a time of the node's clock [ns]; may be negative."""
         if self._same_ns == 0:
             return self._newest_ns - stamp_ns
         return now_ns - stamp_ns - (self._offset_ns or 0)
-
-    def stale_before_ns(self, now_ns: int, timeout_s: float) -> int:
-        """Estimates with a stamp before this are older than the timeout [ns]."""
-        late = max(self.late_ns(self._newest_ns, now_ns), 0)
-        return self._newest_ns + late - round(timeout_s * 1e9)
 
     def age_s(self, stamp_ns: int, now_ns: int, lag_s: float, silence_s: float) -> float:
         """Age of the last estimate as seen by a controller [s].
