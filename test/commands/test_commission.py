@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ TRUTH = {
 """Each number is off by about one of its default standard deviations."""
 
 
+@cache
 def moved(seed: int) -> tuple[np.ndarray, Any, dict[str, np.ndarray]]:
     """Stamps, truth of the rig with eight contact cells per pulley, and what the encoders read."""
     document = load_document(PROTOTYPE)[0]

@@ -13,7 +13,7 @@ import pytest
 
 from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.output import printable, say
 
 
 def full() -> TextIO:
@@ -75,8 +75,9 @@ def test_streams_are_restored(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_control_characters_in_output_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
-    say("bag \x1b[2J\r\x9b31m of\nyesterday")
-    assert capsys.readouterr().out == "bag \\x1b[2J\\r\\x9b31m of\nyesterday\n"
+    say("bag \x1b[2J\r\x9b31m of\nyesterday, câble – 索")
+    assert capsys.readouterr().out == "bag \\x1b[2J\\r\\x9b31m of\nyesterday, câble – 索\n"
+    assert printable("a\x1b[31mb\n\udc80\u202e") == "a\\x1b[31mb\\n\\udc80\\u202e"
 
 
 NASTY = "\x1b[31mbag\nof two lines"

@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import Any
 
 import pytest
 from support.estimators import Bench
@@ -17,21 +17,6 @@ from cdrj_ros.commands import simulate
 collect_ignore_glob = [] if find_spec("rclpy") else ["test_*.py"]
 PATIENCE_S = 60.0
 SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
-
-
-class StartExecutable(Protocol):
-    """Start an installed executable; it is interrupted after the test as by Ctrl-C."""
-
-    def __call__(
-        self,
-        name: str,
-        *arguments: str,
-        stdout: int | IO[bytes] | None = None,
-        stderr: int | IO[bytes] | None = None,
-    ) -> subprocess.Popen[bytes]: ...
-
-
-StartNode = Callable[..., Forked]
 
 
 @pytest.fixture(scope="session")
@@ -89,19 +74,13 @@ def bench(ros: None) -> Iterator[Bench]:
 
 
 @pytest.fixture
-def start_executable(executables: Path) -> Iterator[StartExecutable]:
-    """Start installed executables as processes; those still running are ended after the test."""
+def start_executable(executables: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """Start installed executables as processes; those still running are ended as by Ctrl-C."""
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(
-        name: str,
-        *arguments: str,
-        stdout: int | IO[bytes] | None = None,
-        stderr: int | IO[bytes] | None = None,
-    ) -> subprocess.Popen[bytes]:
-        process = subprocess.Popen([executables / name, *arguments], stdout=stdout, stderr=stderr)
-        started.append(process)
-        return process
+    def start(name: str, *arguments: str, **streams: Any) -> subprocess.Popen[bytes]:
+        started.append(subprocess.Popen([executables / name, *arguments], **streams))
+        return started[-1]
 
     yield start
     for process in reversed(started):
@@ -109,7 +88,7 @@ def start_executable(executables: Path) -> Iterator[StartExecutable]:
 
 
 @pytest.fixture
-def start_node() -> Iterator[StartNode]:
+def start_node() -> Iterator[Callable[..., Forked]]:
     """As ``start_executable``, for tests of a running node: forked, which saves its imports."""
     started: list[Forked] = []
 
@@ -120,22 +99,6 @@ def start_node() -> Iterator[StartNode]:
     yield start
     for process in reversed(started):
         end(process)
-
-
-@pytest.fixture
-def wait_until() -> Callable[[Callable[[], bool], float], bool]:
-    """Wait for a condition for at most ``timeout_s``, since discovery takes a variable time."""
-    import time
-
-    def wait(condition: Callable[[], bool], timeout_s: float) -> bool:
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            time.sleep(0.01)
-        return True
-
-    return wait
 
 
 def _simulated(folder: Path, seconds: str) -> str:

@@ -24,6 +24,7 @@ from support.estimators import (
     ROBOT,
     SECOND,
     Bench,
+    diagnosed,
     feed,
     hear_diagnostics,
     own_parameters,
@@ -53,15 +54,6 @@ def log(bench: Bench) -> list[tuple[int, str]]:
 def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -> bool:
     severity = getattr(Log, level)
     return bench.until(lambda: any(one == severity and words in text for one, text in lines))
-
-
-def diagnosed(estimator: Any) -> Any:
-    """The status that the estimator publishes now, as if a second had passed since the last one."""
-    kept: list[Any] = []
-    estimator.diagnostics = SimpleNamespace(publish=kept.append)
-    estimator.watch.looked_s -= 1.0
-    estimator.diagnose()
-    return kept[0].status[0]
 
 
 @pytest.mark.parametrize("marks", [True, False])
@@ -113,7 +105,7 @@ def test_efforts_are_a_sensor_only_where_preloads_are_tracked(bench: Bench) -> N
             payload = both.encode(sample.stamp_ns, position=sample.motor_angle, effort=[1.0])
             estimator.motor(payload)
         assert any(key.startswith("sensor ") and "winch" in key
-                   for key in values_of(diagnosed(estimator))) == tracked  # fmt: skip
+                   for key in values_of(diagnosed(estimator)[0])) == tracked  # fmt: skip
 
 
 # missing and refused ---------------------------------------------------------------------------
@@ -134,7 +126,7 @@ def test_a_missing_name_is_reported_with_the_names_that_arrived(
         "(message with a stamp that is not after zero); 20 unknown_name "
     )
     estimator.watch.estimated_s -= PATIENCE_S
-    status = diagnosed(estimator)
+    status = diagnosed(estimator)[0]
     assert status.level == status.WARN
     assert words in status.message
     assert logged(bench, log, "WARN", "the last names winch_motor, not winch")
@@ -191,7 +183,7 @@ def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> Non
         for k in range(count):
             estimator.joint(JOINT.encode(sample_at(20).stamp_ns + k, position=[3.0]))
         feed(estimator, 20 + count, 21 + count)
-        status = diagnosed(estimator)
+        status = diagnosed(estimator)[0]
         assert status.level == level, status.message
     assert "20 readings per second refused: 20 out_of_range (joint angle outside" in status.message
 
@@ -208,7 +200,7 @@ def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) 
             position = sample.joint_angle + 0.005 * (k % 2)
             estimator.joint(JOINT.encode(sample.stamp_ns, position=position))
             estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
-        status = diagnosed(estimator)
+        status = diagnosed(estimator)[0]
     finally:
         for one in others:
             one.destroy_node()
@@ -232,10 +224,10 @@ def test_several_estimators_or_several_stamps_are_a_warning_that_names_the_nodes
         for _ in range(20):
             estimator.joint(JOINT.encode(sample_at(3).stamp_ns, position=[0.0]))
         words = "/cdrj/joint_states is published by /cdrj/estimator_2, /cdrj/estimator_2"
-        assert words in diagnosed(estimator).message
+        assert words in diagnosed(estimator)[0].message
         other.create_publisher(CableTensions, "/cdrj/tensions", 10)
         assert bench.until(lambda: bench.node.count_publishers("/cdrj/tensions") == 2)
-        status = diagnosed(estimator)
+        status = diagnosed(estimator)[0]
     finally:
         other.destroy_node()
     assert status.level == status.WARN
@@ -249,7 +241,7 @@ def test_a_clock_that_differs_is_a_warning_with_its_size(bench: Bench) -> None:
         estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
         behind_ns = 20 * MILLISECOND  # of the clock that stamps the joint
         estimator.joint(JOINT.encode(sample.stamp_ns - behind_ns, position=sample.joint_angle))
-    status = diagnosed(estimator)
+    status = diagnosed(estimator)[0]
     assert status.level == status.WARN
     assert status.message.startswith("readings lag: elbow by 20 ms, which grows by 0 ppm; ")
 
@@ -334,7 +326,7 @@ def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
         message.clock.sec, message.clock.nanosec = sec, nanosec
         publisher.publish(message)
         assert bench.until(lambda: estimator.now_ns() == sec * SECOND + nanosec)  # noqa: B023
-    assert values_of(diagnosed(estimator))["impossible times on /clock"] == "3"
+    assert values_of(diagnosed(estimator)[0])["impossible times on /clock"] == "3"
 
 
 def test_an_input_has_no_event_that_may_wait_while_its_subscription_is_replaced(

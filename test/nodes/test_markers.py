@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_msgs.msg import CableTensions as T
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from support.estimators import Bench
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
-
-PATIENCE_S = 60.0
 
 
 @pytest.fixture
@@ -153,37 +150,29 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
         np.testing.assert_allclose(np.array([middle.x, middle.y, middle.z]) + half, end, atol=1e-9)
 
 
-def test_nothing_is_heard_or_drawn_without_a_subscriber(drawing: Any) -> None:
-    node, user = drawing(), Node("user", namespace="cdrj")
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    executor.add_node(user)
-    publisher = user.create_publisher(CableTensions, "tensions", 1)
+def test_nothing_is_heard_or_drawn_without_a_subscriber(bench: Bench) -> None:
+    node = bench.add(MarkersNode(parameter_overrides=[Parameter("robot", value="finger")]))
+    publisher = bench.node.create_publisher(CableTensions, "/cdrj/tensions", 1)
     names = list(node.model.layout.elements)
     message = CableTensions(name=names, tension=[9.0] * len(names), status=[0] * len(names))
+
+    def holds(condition: Callable[[], bool]) -> bool:
+        publisher.publish(message)
+        return condition()
+
+    ticks = iter(range(20))
+    assert bench.until(lambda: holds(lambda: next(ticks) == 19))
+    assert (node.drawn, node.inputs.count) == (0, 0)
+    assert publisher.get_subscription_count() == 0
     got: list[Any] = []
-
-    def spin_until(condition: Callable[[], bool]) -> None:
-        deadline = monotonic() + PATIENCE_S
-        while not condition():
-            assert monotonic() < deadline
-            publisher.publish(message)
-            executor.spin_once(timeout_sec=0.05)
-
-    try:
-        ticks = iter(range(20))
-        spin_until(lambda: next(ticks) == 19)
-        assert (node.drawn, node.inputs.count) == (0, 0)
-        assert publisher.get_subscription_count() == 0
-        listener = user.create_subscription(MarkerArray, "markers", got.append, 1)
-        spin_until(lambda: bool(got) and got[-1].markers[0].type != got[0].markers[0].type)
-        assert node.inputs.count > 0
-        user.destroy_subscription(listener)
-        spin_until(lambda: publisher.get_subscription_count() == 0)
-        assert not node.inputs.listening
-    finally:
-        executor.shutdown()
-        user.destroy_node()
+    listener = bench.node.create_subscription(MarkerArray, "/cdrj/markers", got.append, 1)
+    assert bench.until(
+        lambda: holds(lambda: bool(got) and got[-1].markers[0].type != got[0].markers[0].type)
+    )
+    assert node.inputs.count > 0
+    bench.node.destroy_subscription(listener)
+    assert bench.until(lambda: holds(lambda: publisher.get_subscription_count() == 0))
+    assert not node.inputs.listening
 
 
 def test_shapes_of_bodies_are_markers_of_their_size_and_place(drawing: Any, tmp_path: Any) -> None:

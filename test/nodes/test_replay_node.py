@@ -7,9 +7,8 @@ import os
 import re
 import signal
 import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import pytest
 import rclpy
 from cdrj_msgs.msg import CableTensions
 from rosgraph_msgs.msg import Clock
-from support.forked import Forked, end
+from support.forked import Forked, Output, end
 
 from cdrj_ros.nodes.replay import main
 from cdrj_ros.nodes.replay_node import was_latched
@@ -57,29 +56,23 @@ class Replay:
     """A replay process whose output is read while it runs."""
 
     def __init__(self, process: Forked, stream: int) -> None:
-        self.process = process
-        self.output = ""
-        self._thread = threading.Thread(target=self._read, args=(stream,), daemon=True)
-        self._thread.start()
+        self.process, self._printed = process, Output(stream)
 
-    def _read(self, stream: int) -> None:
-        while data := os.read(stream, 65536):
-            self.output += data.decode(errors="replace")
+    @property
+    def output(self) -> str:
+        return self._printed.text
 
-    def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> re.Match[str]:
+    def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> None:
         """Wait for a pattern; the last output of an ended process may arrive with a delay."""
         deadline = time.monotonic() + patience_s
-        while not (found := re.search(pattern, self.output)):
+        while not re.search(pattern, self.output):
             if self.process.poll() is not None:
                 deadline = min(deadline, time.monotonic() + LAST_WORDS_S)
             assert time.monotonic() < deadline, f"no {pattern!r} in:\n{self.output}"
             time.sleep(0.01)
-        return found
 
     def finish(self) -> tuple[int, str]:
-        code = self.process.wait(2 * PATIENCE_S)
-        self._thread.join(LAST_WORDS_S)
-        return code, self.output
+        return self.process.wait(2 * PATIENCE_S), self._printed.finish()
 
 
 def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
@@ -93,17 +86,12 @@ def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
 
 @pytest.fixture
 def replay() -> Iterator[Callable[..., Replay]]:
-    """Start a replay of one or more bags with a robot and further arguments."""
+    """Start a replay of a bag with the robot and further arguments."""
     started: list[Replay] = []
 
-    def start(
-        bag: str,
-        *arguments: str,
-        more: Sequence[str] = (),
-    ) -> Replay:
-        command = ["replay", bag, *more, "--robot", ROBOT, *arguments]
+    def start(bag: str, *arguments: str) -> Replay:
         reader, writer = os.pipe()
-        process = Forked(command[0], command[1:], writer)
+        process = Forked("replay", [bag, "--robot", ROBOT, *arguments], writer)
         os.close(writer)
         started.append(Replay(process, reader))
         return started[-1]

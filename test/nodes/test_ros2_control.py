@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from support.estimators import Bench, sample_at
+from support.estimators import Bench, diagnosed, sample_at
 from support.published import (
     EFFORT_SCALE,
     MOTOR,
@@ -85,14 +84,6 @@ def test_tensions_from_one_stream_at_500_hz_of_several_robots(
     np.testing.assert_allclose(found, tension, atol=1e-6)
     refused = {cause for cause, n in estimation.live.conditioner.refused.items() if n}
     assert refused == {"unknown_name"}
-
-
-def diagnosed(estimation: Any) -> list[Any]:
-    """The statuses that the node publishes now."""
-    kept: list[Any] = []
-    estimation.diagnostics = SimpleNamespace(publish=kept.append)
-    estimation.diagnose()
-    return kept[0].status
 
 
 def played(estimation: Any, count: int) -> list[Any]:

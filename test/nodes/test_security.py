@@ -14,9 +14,8 @@ from xml.etree import ElementTree
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
+from support.estimators import Bench
 from visualization_msgs.msg import MarkerArray
 
 from cdrj_ros.nodes.estimator import ManagedEstimator
@@ -74,44 +73,37 @@ def shortened(real: Any, allowed: Any) -> dict[tuple[str, str], set[str]]:
 
 
 @pytest.fixture
-def nodes(ros: None) -> Iterator[tuple[Any, Any]]:
-    """An observer node, and one node of each executable with all their topics."""
+def nodes(bench: Bench) -> Bench:
+    """One node of each executable with all their topics."""
     given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
-    estimator = ManagedEstimator(
-        parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]
-    )
+    estimator = ManagedEstimator(parameter_overrides=parameters(given))
     estimator.trigger_configure()
     estimator.trigger_activate()
-    replay = ReplayNode(Wiring(clock_hz=10.0))
-    clock = [Parameter("use_sim_time", value=True)]
+    clock = parameters({"use_sim_time": True})
     watch = WatchNode(forces=True, pattern="*", parameter_overrides=clock)
     given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}
-    given |= {"rig": "load_cells"}
-    asked = [Parameter(name, value=value) for name, value in given.items()]
-    rig = RigNode(parameter_overrides=asked)
-    markers = MarkersNode(parameter_overrides=[Parameter("robot", value=ROBOT)])
-    onlooker = Node("onlooker")
-    onlooker.create_subscription(WrenchStamped, "/cdrj/wrenches/upper_3", MagicMock(), 1)
-    onlooker.create_subscription(MarkerArray, "/cdrj/markers", MagicMock(), 1)
+    rig = RigNode(parameter_overrides=parameters({**given, "rig": "load_cells"}))
+    markers = MarkersNode(parameter_overrides=parameters({"robot": ROBOT}))
+    bench.listen(WrenchStamped, "/cdrj/wrenches/upper_3")
+    bench.listen(MarkerArray, "/cdrj/markers")
     listeners = [listener_of(node, MagicMock()) for node in (estimator, rig, markers)]
-    every = [estimator, replay, watch, rig, markers, onlooker, *listeners]
-    executor = EventsExecutor()
-    for node in every:
-        executor.add_node(node)
-    yield onlooker, executor
-    executor.shutdown()
-    for node in every:
-        node.destroy_node()
+    replay = ReplayNode(Wiring(clock_hz=10.0))
+    for node in (estimator, replay, watch, rig, markers, *listeners):
+        bench.add(node)
+    return bench
+
+
+def parameters(given: dict[str, Any]) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in given.items()]
 
 
 @pytest.fixture
-def view(nodes: tuple[Any, Any]) -> Iterator[Any]:
+def view(nodes: Bench) -> Iterator[Any]:
     """The view as while a browser shows its page, and its listener to the robot's URDF."""
     pytest.importorskip("viser")
     from cdrj_ros.nodes.view import ViewNode
 
-    given = {"robot": ROBOT, "port": 0}
-    node = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    node = ViewNode(parameter_overrides=parameters({"robot": ROBOT, "port": 0}))
     listener = listener_of(node, MagicMock())
     node.listen(True)
     yield node
@@ -120,36 +112,30 @@ def view(nodes: tuple[Any, Any]) -> Iterator[Any]:
         one.destroy_node()
 
 
-def compare(nodes: tuple[Any, Any], names: Sequence[str], wait_until: Any) -> None:
+def compare(nodes: Bench, names: Sequence[str]) -> None:
     """Compare the policy with the graph of the nodes of these names."""
-    onlooker, executor = nodes
 
     def graph(node: str) -> dict[tuple[str, str], set[str]]:
-        executor.spin_once(timeout_sec=0.05)
         return {
-            key: {name for name, _ in getattr(onlooker, method)(node, "/cdrj")}
+            key: {name for name, _ in getattr(nodes.node, method)(node, "/cdrj")}
             for key, method in GRAPH.items()
         }
 
     for node in names:
         wanted = {key: given - ELSEWHERE for key, given in allowed(node).items()}
-        wait_until(lambda: wanted == shortened(graph(node), wanted), 10.0)  # noqa: B023
+        nodes.until(lambda: wanted == shortened(graph(node), wanted), 10.0)  # noqa: B023
         real = shortened(graph(node), wanted)
         for key, allowed_names in wanted.items():
             assert real[key] == allowed_names, (node, *key)
 
 
-def test_the_policy_allows_exactly_what_the_nodes_have(
-    nodes: tuple[Any, Any], wait_until: Any
-) -> None:
+def test_the_policy_allows_exactly_what_the_nodes_have(nodes: Bench) -> None:
     told = [f"{node}_robot_description" for node in ("estimator", "rig", "markers")]
-    compare(nodes, ["estimator", "replay", "watch", "rig", "markers", *told], wait_until)
+    compare(nodes, ["estimator", "replay", "watch", "rig", "markers", *told])
 
 
-def test_the_policy_allows_exactly_what_the_view_has(
-    nodes: tuple[Any, Any], view: Any, wait_until: Any
-) -> None:
-    compare(nodes, ["view", "view_robot_description"], wait_until)
+def test_the_policy_allows_exactly_what_the_view_has(nodes: Bench, view: Any) -> None:
+    compare(nodes, ["view", "view_robot_description"])
 
 
 def calls(path: Path) -> Iterator[tuple[str, ast.Call]]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import codecs
-import contextlib
 import os
 import pty
 import re
 import signal
 import subprocess
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,27 +16,9 @@ import pytest
 from cdrj_msgs.msg import CableTensions
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
+from support.forked import Output
 
 PATIENCE_S = 60.0
-
-
-class Output:
-    """The output of a process, read while it runs."""
-
-    def __init__(self, stream: int) -> None:
-        self.text = ""
-        self._thread = threading.Thread(target=self._read, args=(stream,), daemon=True)
-        self._thread.start()
-
-    def _read(self, stream: int) -> None:
-        decoder = codecs.getincrementaldecoder("utf-8")()  # a character may come in two pieces
-        with contextlib.suppress(OSError):  # reading a closed terminal raises an error
-            while data := os.read(stream, 65536):
-                self.text += decoder.decode(data)
-
-    def finish(self) -> str:
-        self._thread.join(PATIENCE_S)
-        return self.text
 
 
 class Source:

@@ -1,4 +1,4 @@
-"""Contact cells reproduce Grashof's arcs and keep the tensions of the lumped pulley."""
+"""Contact cells reproduce Grashof's arcs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.simulation.assembly import Truth, divide_contacts
+from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.truth import simulate
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
@@ -78,17 +78,6 @@ def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
     assert np.all(sliding[: np.count_nonzero(sliding)]), "one arc, at the pulling side"
     # the adhesion arc still has its initial tension
     np.testing.assert_allclose(hold[np.count_nonzero(sliding) + 10 :], PRELOAD, rtol=2e-3)
-
-
-def test_cells_give_the_lumped_pulleys_tensions_element_by_element(truth: Truth) -> None:
-    model = prepare(load_robot(PROTOTYPE))
-    stamps = EPOCH_NS + np.round(truth.time * 1e9).astype(np.int64)
-    samples = Samples(stamps, truth.motor_angle, truth.joint_angle)
-    estimate = run(model, initial_state(model), samples)[1].values[:, model.layout.tension]
-    error = np.abs(estimate - truth.tension)
-    assert np.ptp(truth.tension, axis=0).min() > 1.0
-    assert (error / truth.tension).mean(axis=0).max() < 1e-3
-    assert error.max() < 1.0
 
 
 def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:

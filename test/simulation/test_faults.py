@@ -35,16 +35,13 @@ def sound(robots: Robots) -> Truth:
 
 
 @pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
-def test_a_fault_loosens_its_own_cable_alone(robots: Robots, kind: str, sound: Truth) -> None:
+def test_a_fault_loosens_its_own_cable_alone_and_no_encoder_measures_it(
+    robots: Robots, kind: str, sound: Truth
+) -> None:
     broken = _followed(robots, Fault(kind, AT, cable="lower"))
     np.testing.assert_array_equal(broken.tension[:, UPPER], sound.tension[:, UPPER])
     loss = sound.tension[:, LOWER] - broken.tension[:, LOWER]
     assert loss[AFTER].min() > 3.0
-
-
-@pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
-def test_no_encoder_measures_a_fault(robots: Robots, kind: str, sound: Truth) -> None:
-    broken = _followed(robots, Fault(kind, AT, cable="lower"))
     np.testing.assert_array_equal(broken.motor_angle, sound.motor_angle)
     np.testing.assert_array_equal(broken.joint_angle, sound.joint_angle)
     model = prepare(robots.prototype())

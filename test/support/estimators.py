@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -177,6 +178,15 @@ def hear_diagnostics(bench: Bench, said: list[Any]) -> None:
         said.extend(message.status)
 
     bench.node.create_subscription(DiagnosticArray, "/diagnostics", on_message, 10)
+
+
+def diagnosed(estimation: Any) -> list[Any]:
+    """The statuses that a node publishes now, as if a second had passed since the last ones."""
+    kept: list[Any] = []
+    estimation.diagnostics = SimpleNamespace(publish=kept.append)
+    estimation.watch.looked_s -= 1.0
+    estimation.diagnose()
+    return list(kept[0].status)
 
 
 def values_of(status: Any) -> dict[str, str]:

@@ -6,6 +6,7 @@ nothing else: the tests of starts, interrupts and ends start the installed execu
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import io
 import multiprocessing
@@ -13,6 +14,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from multiprocessing.reduction import DupFd
 from pathlib import Path
@@ -83,6 +85,26 @@ def end(process: Forked | subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         process.kill()
         process.wait()
+
+
+class Output:
+    """What a process prints, read while it runs."""
+
+    def __init__(self, stream: int) -> None:
+        self.text = ""
+        self._thread = threading.Thread(target=self._read, args=(stream,), daemon=True)
+        self._thread.start()
+
+    def _read(self, stream: int) -> None:
+        decoder = codecs.getincrementaldecoder("utf-8")()  # a character may come in two pieces
+        with contextlib.suppress(OSError):  # reading a closed terminal raises an error
+            while data := os.read(stream, 65536):
+                self.text += decoder.decode(data)
+
+    def finish(self) -> str:
+        """The whole, after the process has ended."""
+        self._thread.join(PATIENCE_S)
+        return self.text
 
 
 class _Handed:
