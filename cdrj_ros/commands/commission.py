@@ -15,6 +15,7 @@ from cdrj_ros.commands.commission_steps import (
     Commissioned,
     Judged,
     begin,
+    drums_measured,
     fitted,
     foretold,
     judged,
@@ -39,8 +40,9 @@ from cdrj_ros.robot.writer import moved, with_section
 ASKED: Final = {
     "rest": "1. Tare: hold the robot at rest in its reference pose and record a second: bag",
     "preload": "2. Read every cable's tension there on a spring scale: CABLE=NEWTON,...",
-    "motion": "3. Move every joint through its range for 60 s, with the motors' efforts: bag",
-    "cells": "4. The same with one or two borrowed load cells in the cables: bag",
+    "drum": "3. Measure every drum by calliper, between the cable's middles: MOTOR=MILLIMETRES,...",
+    "motion": "4. Move every joint through its range for 60 s, with the motors' efforts: bag",
+    "cells": "5. The same with one or two borrowed load cells in the cables: bag",
 }
 """What each step asks for, the cheapest first."""
 
@@ -65,7 +67,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = CommandParser(
         prog="commission",
         description="Lead from a new robot file to tensions with status OK: tare, preloads by "
-        "spring scale, a motion with the motors' efforts, the same with borrowed load cells. "
+        "spring scale, drums by calliper, a motion with the motors' efforts, the same with "
+        "borrowed load cells. "
         "After each step it says what the file knows, and what the next step would bring.",
         epilog="Record bags with `ros2 bag record`, or give `live` for a bag: it is recorded now, "
         "beside the new file. docs/commission.md",
@@ -78,6 +81,10 @@ def _parser() -> argparse.ArgumentParser:
     group.add_argument(
         "--preload", metavar="CABLE=N,...", help="tensions there, read on a spring scale [N]"
     )
+    group.add_argument(
+        "--drum", metavar="MOTOR=MM,...",
+        help="diameters of the drums: over the wound cable, less the cable's diameter [mm]",
+    )  # fmt: skip
     group.add_argument(
         "--motion", action="append", metavar="BAG", default=[],
         help="60 s in motion, with the motors' efforts; repeatable",
@@ -169,13 +176,20 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
         return tared(now, _read(now, bags[0], topics))
 
     def preload(now: Commissioned, text: str) -> Commissioned:
-        return preloaded(now, _tensions(text))
+        return preloaded(now, _numbers(text, "--preload", "CABLE=N"))
+
+    def drum(now: Commissioned, text: str) -> Commissioned:
+        given = _numbers(text, "--drum", "MOTOR=MM")
+        return drums_measured(now, {name: 1e-3 * size for name, size in given.items()})
 
     def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
         with progress_text(lambda text: "samples" in text) as progress:
             return fitted(now, [_read(now, bag, topics) for bag in bags], progress)
 
-    return [("rest", rest), ("preload", preload), ("motion", recordings), ("cells", recordings)]
+    return [
+        ("rest", rest), ("preload", preload), ("drum", drum),
+        ("motion", recordings), ("cells", recordings),
+    ]  # fmt: skip
 
 
 def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
@@ -190,11 +204,11 @@ def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
     return recorded(replace(recording, references=chosen), Path(bag).name)
 
 
-def _tensions(text: str) -> dict[str, float]:
-    """Tensions by cable.
+def _numbers(text: str, option: str, form: str) -> dict[str, float]:
+    """Numbers by name.
 
     Raises:
-        UsageError: not CABLE=N.
+        UsageError: the text does not have this form.
     """
     found = {}
     for part in text.split(","):
@@ -202,7 +216,7 @@ def _tensions(text: str) -> dict[str, float]:
         try:
             found[name.strip()] = float(given)
         except ValueError as error:
-            raise UsageError(f"--preload must be CABLE=N,..., got {text!r}") from error
+            raise UsageError(f"{option} must be {form},..., got {text!r}") from error
     return found
 
 

@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from itertools import chain
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from cdrj_ros.commands.identify_uncertainty import (
     uncertainty_section,
 )
 from cdrj_ros.estimation.changes import (
+    CALLIPER,
     SPRING_SCALE_NOW,
     RestWatch,
     narrowed,
@@ -43,7 +45,7 @@ from cdrj_ros.identification.problem import Progress, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.inspection.shares import DURATION_S, sweep, tension_effects
 from cdrj_ros.model.prepared import EFFORT, TENSION, Model, channel_columns, prepare
-from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.description import Robot, Uncertainty, Winch
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import number_of_urdf, with_numbers_in_text, with_section, yaml_number
 
@@ -131,12 +133,40 @@ def preloaded(now: Commissioned, preloads: Mapping[str, float]) -> Commissioned:
     return _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.0%}")
 
 
+def drums_measured(now: Commissioned, diameters: Mapping[str, float]) -> Commissioned:
+    """The file after the drums of some motors were measured by a calliper.
+
+    Args:
+        now: the file.
+        diameters: from middle to middle of the wound cable [m], by motor.
+
+    Raises:
+        UsageError: no drum belongs to such a motor.
+    """
+    drums = _drums(now.model.robot)
+    if unknown := [name for name in diameters if name not in drums]:
+        raise UsageError(f"there is no drum of {unknown[0]!r}; there are {', '.join(drums)}")
+    values = {path: 0.5 * size for name, size in diameters.items() for path in drums[name]}
+    return _measured(now, values, list(values), f"calliper, {1e3 * CALLIPER:g} mm")
+
+
+def _drums(robot: Robot) -> dict[str, list[str]]:
+    """Paths of the radii of all drums, by motor."""
+    found: dict[str, list[str]] = {}
+    for cable in robot.cables:
+        for k, node in enumerate(cable.nodes):
+            if isinstance(node, Winch):
+                path = f"cables.{cable.name}.nodes.{k + 1}.radius"
+                found.setdefault(node.motor, []).append(path)
+    return found
+
+
 def _measured(
     now: Commissioned, values: Mapping[str, float], paths: Sequence[str], origin: str
 ) -> Commissioned:
     """The file with numbers that were measured, and what their standard deviations are now."""
     if now.found is not None:
-        raise UsageError("tare and spring scale come before the recordings that are fitted")
+        raise UsageError("tare, spring scale and calliper come before the recordings to fit")
     robot = now.model.robot
     text = with_numbers_in_text(now.base, values, now.source)
     known = narrowed(robot, values)
@@ -275,15 +305,16 @@ def foretold(now: Commissioned, step: str) -> Judged:
 
     Args:
         now: the file.
-        step: ``rest``, ``preload``, ``motion`` or ``cells``.
+        step: ``rest``, ``preload``, ``drum``, ``motion`` or ``cells``.
     """
     model = now.model
     robot = model.robot
-    if step in ("rest", "preload"):
-        numbers = {
-            "rest": {f"joints.{j.name}.reference_angle": j.reference_angle for j in robot.joints},
-            "preload": {f"cables.{cable.name}.preload": cable.preload for cable in robot.cables},
-        }
+    numbers = {
+        "rest": {f"joints.{j.name}.reference_angle": j.reference_angle for j in robot.joints},
+        "preload": {f"cables.{cable.name}.preload": cable.preload for cable in robot.cables},
+        "drum": dict.fromkeys(chain.from_iterable(_drums(robot).values()), 0.0),
+    }
+    if step in numbers:
         return judged(model, narrowed(robot, numbers[step]))
     noise = {f"{EFFORT}/{motor.name}": motor.effort_noise for motor in robot.motors}
     if step == "cells":
@@ -306,14 +337,15 @@ def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
         )
         for name, stddev in noise.items()
     }
-    series = {
-        axis.name: Series(
-            stamps, stamps, np.ascontiguousarray((angle - axis.sensor.offset) / axis.sensor.scale)
-        )
-        for axis, angle in zip(
-            model.robot.axes, np.hstack([samples.motor_angle, samples.joint_angle]).T, strict=True
-        )
-    }
+    series = {}
+    angles = np.hstack([samples.motor_angle, samples.joint_angle])
+    for axis, angle in zip(model.robot.axes, angles.T, strict=True):
+        sensor = axis.sensor
+        reading = (angle - sensor.offset) / sensor.scale
+        reading += generator.normal(0.0, sensor.noise, stamps.size)
+        if sensor.resolution:
+            reading = np.round(reading / sensor.resolution) * sensor.resolution
+        series[axis.name] = Series(stamps, stamps, reading)
     motors = {motor.name: series[motor.name] for motor in model.robot.motors}
     joints = {joint.name: series[joint.name] for joint in model.robot.joints}
     return Recorded("made up", motors, joints, references)

@@ -21,6 +21,9 @@ from cdrj_ros.robot.reader import build_robot
 SPRING_SCALE_NOW: Final = 0.03
 """Error of a preload that was measured just now, as a fraction."""
 
+CALLIPER: Final = 5e-5
+"""Error of a radius whose diameter was measured over the wound cable by a calliper [m]."""
+
 REST_NS: Final = 300_000_000
 """Time for which every axis must have stood still before a tare [ns]."""
 
@@ -140,11 +143,12 @@ class RestWatch:
 
 
 def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
-    """The robot's uncertainty after reference angles and preloads were set at run time.
+    """The robot's uncertainty after reference angles, preloads and radii were measured.
 
     A tare reads the reference angles from the encoders: their errors become those of the encoders'
-    zeros, ``offset``, as the geometry is evaluated at the reading in every pose.  A preload set at
-    run time counts as measured just now, unless it was known better.
+    zeros, ``offset``, as the geometry is evaluated at the reading in every pose.  A preload
+    counts as read on a spring scale just now, a radius as measured by a calliper, unless it was
+    known better.
 
     Args:
         robot: the robot with the changed numbers.
@@ -159,8 +163,9 @@ def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
     for path in changed.keys() & index.keys():
         k, own = index[path], 0.0
         stddev = float(np.sqrt(known.covariance[k, k]))
-        if path.endswith(".preload") and stddev > 0.0:
-            own = min(1.0, SPRING_SCALE_NOW * changed[path] / stddev)
+        if path.endswith((".preload", ".radius")) and stddev > 0.0:
+            now = CALLIPER if path.endswith(".radius") else SPRING_SCALE_NOW * changed[path]
+            own = min(1.0, now / stddev)
         errors[k] *= own
         zero = index.get(path.replace(".reference_angle", ".offset"), k)
         if zero != k:

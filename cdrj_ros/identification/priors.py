@@ -16,7 +16,7 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.identification.unknowns import Unknown, allowed_values, parse_unknowns
+from cdrj_ros.identification.unknowns import LOG_REACH, Unknown, allowed_values, parse_unknowns
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.parameters import find_number
 
@@ -117,6 +117,8 @@ def unknown_causes(
         lower, upper = -FAR, FAR
         for number, path, size in zip(numbers, cause, cause.values(), strict=True):
             low, high = allowed_values(number)
+            if low == 0.0:
+                low = number.value / LOG_REACH
             if number.key == "reference_angle" and path.startswith("joints."):
                 ends = (f"{path.rsplit('.', 1)[0]}.range.{end}" for end in (1, 2))
                 low, high = (find_number(document, end).value for end in ends)

@@ -49,13 +49,11 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
             because an alias repeats it, or is in another file, a URDF.
     """
     document = parse_document(text, source)
-    wanted = with_numbers(document, values)
     for path, value in values.items():
-        at = parse_document(text, source)
         # a number that the file leaves out is found only in the changed document
-        changed = with_numbers(at, {path: value})
-        text = _with_number(text, find_number(changed, path), changed)
-    if not _alike(parse_document(text, source), wanted):
+        document = with_numbers(document, {path: value})
+        text = _with_number(text, find_number(document, path), document)
+    if not _alike(parse_document(text, source), document):
         raise RobotFileError(
             f"{source} repeats one of {', '.join(values)} by an alias or a merge; write it out"
         )

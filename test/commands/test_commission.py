@@ -96,7 +96,7 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Pat
         [
             "--robot", str(robot), "--out", str(out), "--yes",
             "--rest", write(tmp_path / "rest", stamps[:100], still),
-            "--preload", "upper=32.3,lower=26.8",
+            "--preload", "upper=32.3,lower=26.8", "--drum", "winch=30.08",
             "--motion", write(tmp_path / "motion", stamps, readings, effort),
             "--cells", write(tmp_path / "cells", stamps, readings, effort, cell),
             "--json", str(tmp_path / "steps.json"), "--png", str(tmp_path / "steps.png"),
@@ -104,7 +104,8 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Pat
     )  # fmt: skip
     assert code == 0
     rows = json.loads((tmp_path / "steps.json").read_text(encoding="utf-8"))["steps"]
-    assert [row["step"] for row in rows] == ["new file", "rest", "preload", "motion", "cells"]
+    names = ["new file", "rest", "preload", "drum", "motion", "cells"]
+    assert [row["step"] for row in rows] == names
     relative = [np.mean(list(row["relative"].values())) for row in rows]
     assert np.all(np.diff(relative) < 0.01), relative
     assert rows[0]["ok"] == 0.0
@@ -186,6 +187,7 @@ def test_a_measurement_that_is_none_is_refused_in_one_line(
         ("--rest", moving, "not at rest"),
         ("--preload", "upper", "CABLE=N"),
         ("--preload", "left=30", "there is no cable 'left'"),
+        ("--drum", "elbow=30", "there is no drum of 'elbow'"),
     ):
         assert commission.main([*given, option, value]) == 2
         assert words in capsys.readouterr().err

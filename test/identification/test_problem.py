@@ -14,10 +14,13 @@ from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import Observations, Recorded, observe, samples_of
+from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
 from cdrj_ros.identification.solver import STEP, difference_points, jacobian
-from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.identification.unknowns import parse_unknowns, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.document import document_complaints
+from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 
 PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
@@ -124,3 +127,14 @@ def test_a_problem_forgets_what_would_not_fit_into_memory(
         points = [np.array([0.01 * k]) for k in range(4)]
         problem.residuals_of(points)
     assert [problem.recall(point) is not None for point in points] == [False, False, True, True]
+
+
+@pytest.mark.parametrize("key", ["rho", "mu_c", "stribeck_speed", "bristle_stiffness"])
+def test_no_cause_of_error_takes_a_number_out_of_its_range(document: Document, key: str) -> None:
+    path = f"friction.{key}"
+    value = document["friction"][key]
+    (cause,) = unknown_causes(document, [{path: 0.3 * value}])
+    for end in (cause.lower, cause.upper):
+        changed = with_numbers(document, values_by_path([cause], [end]))
+        assert 0.0 < changed["friction"][key] <= 2.5 * value
+        assert not list(document_complaints(changed))

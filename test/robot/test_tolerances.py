@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.changes import SPRING_SCALE_NOW, narrowed
+from cdrj_ros.estimation.changes import CALLIPER, SPRING_SCALE_NOW, narrowed
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number
@@ -119,15 +119,19 @@ def test_the_models_error_names_channels_of_the_robot() -> None:
         parse_robot(text.replace("effort/winch", "effort/wench"))
 
 
-def test_a_tare_leaves_the_error_of_the_encoder_and_a_measured_preload_narrows_it() -> None:
+def test_a_tare_leaves_the_error_of_the_encoder_and_measured_numbers_are_known_better() -> None:
     robot = parse_robot(FRESH)
     zero, reference = "joints.elbow.offset", "joints.elbow.reference_angle"
-    changed = {reference: 0.1, "cables.lower.preload": 30.0}
+    drums = [f"cables.{name}.nodes.1.radius" for name in ("upper", "lower")]
+    changed = {reference: 0.1, "cables.lower.preload": 30.0, **dict.fromkeys(drums, 0.0151)}
     before, known = stddevs(robot), narrowed(robot, changed)
     assert known is not None
     both = [known.parameters.index(path) for path in (zero, reference)]
     error = known.covariance[np.ix_(both, both)]
     np.testing.assert_allclose(error, ZERO_BY_EYE**2, err_msg="the encoder's error is that of both")
+    both = [known.parameters.index(path) for path in drums]
+    error = known.covariance[np.ix_(both, both)]
+    np.testing.assert_allclose(error, CALLIPER**2, err_msg="the drums of one motor err together")
     after = stddevs(replace(robot, uncertainty=known))
     assert after["cables.lower.preload"] == pytest.approx(min(SPRING_SCALE_NOW * 30.0, 2.626))
     assert {p: s for p, s in after.items() if p not in changed} == pytest.approx(
