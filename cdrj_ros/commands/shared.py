@@ -125,8 +125,6 @@ def write_files(
         limit_check: result of comparing with limits, where there were any.
     """
     if arguments.json:
-        from cdrj_ros.commands.shared import write_results
-
         write_results(arguments.json, errors, limit_check)
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot

@@ -85,6 +85,9 @@ struct ArcPlane {
 /// Returns false if a point of a neighbour lies inside the body, unless it then is ignored.
 bool touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane);
 
+/// Wrap and arc of a circle about the axis of the contact; inside a ring, the wrap alone.
+void measure_round(const NodeConstants& node, const Passing& cable, Touch& touch);
+
 /// Mean of a cable's directions before and after the point at which it bends over a ring.
 ///
 /// It is shorter than 1: where the point moves on the ring by x, the cable before it grows by the

@@ -25,17 +25,17 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
     return {possible, entry, exit};
 }
 
+/// Tangent of the helix angle: rise over unrolled length.
+double slope_of(const NodeConstants& node, const Touch& touch) {
+    const double unrolled =
+        touch.before_length + node.radius * touch.angle + touch.after_length;
+    return (touch.after.z - touch.before.z) / unrolled;
+}
+
 void measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
-    if (node.inside == 1.0) {
-        touch.wrap = cable.bend();
-        return;
-    }
-    touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
-                  2.0 * PI * node.turns;
-    touch.wrap = touch.angle;
-    touch.arc = node.radius * touch.angle;
-    const double unrolled = touch.before_length + touch.arc + touch.after_length;
-    const double slope = (touch.after.z - touch.before.z) / unrolled;
+    measure_round(node, cable, touch);
+    if (node.inside == 1.0) return;
+    const double slope = slope_of(node, touch);
     const double stretch = std::sqrt(1.0 + slope * slope);  // 1 / cos of the helix angle
     touch.wrap /= stretch;
     touch.arc *= stretch;
@@ -50,9 +50,7 @@ ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
     const double turned = touch.sense * (0.5 * touch.angle);
     const Vector3 normal = about(Z_AXIS, std::cos(turned), std::sin(turned), touch.entry_normal);
     const Vector3 along = touch.sense * cross(Z_AXIS, normal);
-    const double unrolled =
-        touch.before_length + node.radius * touch.angle + touch.after_length;
-    const double slope = (touch.after.z - touch.before.z) / unrolled;
+    const double slope = slope_of(node, touch);
     const double stretch = std::sqrt(1.0 + slope * slope);
     return {normal, (1.0 / stretch) * Vector3{along.x, along.y, slope}, height};
 }

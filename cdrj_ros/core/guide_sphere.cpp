@@ -27,17 +27,6 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
     return {possible, node.radius * touch.entry_normal, node.radius * touch.exit_normal};
 }
 
-void measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
-    if (node.inside == 1.0) {
-        touch.wrap = cable.bend();
-        return;
-    }
-    touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
-                  2.0 * PI * node.turns;
-    touch.wrap = touch.angle;
-    touch.arc = node.radius * touch.angle;
-}
-
 ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
     if (node.inside == 1.0) {
         return {touch.entry_normal, direction_through_ring(node, touch, 0.0), 0.0};
@@ -51,7 +40,7 @@ ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
 }  // namespace
 
 const GuideKind SPHERE{
-    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
-    .middle = middle};
+    .fixed = false, .bridges = false, .grooved = false, .meet = meet,
+    .measure = measure_round, .middle = middle};
 
 }  // namespace cdrj

@@ -350,7 +350,7 @@ def _chosen(unknowns: Sequence[Unknown], name: str, given: str) -> list[int]:
     ]
     if not chosen:
         fitted = ", ".join(unknown.paths[0] for unknown in unknowns)
-        raise UsageError(f"{given}: {name} is not among the fitted numbers ({fitted})")
+        raise UsageError(f"{given}: {name} is not among the fitted numbers ({fitted}): fit it, too")
     return chosen
 
 

@@ -145,51 +145,6 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, pa
     assert_plain(Read(table_of(page.model, nothing, odd, payload)), payload)
 
 
-@pytest.mark.parametrize("payload", PAYLOADS)
-def test_diagnostics_and_answers_are_plain_text(page: Page, payload: str) -> None:
-    pytest.importorskip("rclpy")
-    from cdrj_ros.nodes import view_link
-
-    heard = view_link.Heard(payload, payload, count=1)
-    value = MagicMock(key="slack elements", value=payload)
-    status = {"level": b"\x01", "message": payload, "values": [value]}
-    for name in ("cdrj/estimator", f"{payload}: caption"):
-        one = MagicMock(**status)
-        one.name = name
-        heard.diagnose(one)
-    states: list[tuple[str, ...]] = []
-    for there, publishers, fresh in ((False, 0, False), (True, 0, False), (True, 1, True)):
-        heard.fresh = fresh
-        states.append(view_link.words_of(heard, there, publishers, 0))
-
-    def call(request: Any) -> Any:
-        refusal = MagicMock(successful=False, reason=payload)
-        values = [MagicMock(double_array_value=[1.0], double_value=0.1)] * (
-            1 + len(view_link.FRICTION)
-        )
-        accepted = "success" not in refused
-        reply = MagicMock(results=[refusal], values=values, message=payload, success=accepted)
-        future = MagicMock()
-        future.result.return_value = reply
-        future.add_done_callback.side_effect = lambda then: then(future)
-        return future
-
-    refused: set[str] = set()
-    node = MagicMock()
-    node.create_client.return_value.call_async.side_effect = call
-    link = view_link.EstimatorLink(node, "estimator", page.model)
-    link.controls = MagicMock()
-    for ask in (link.press("tare"), link.press("reset"), lambda: link.change("friction.mu_c", 0.1)):
-        ask()
-        link.poll()
-        states.append((link.controls.answer.call_args.args[0],))
-        refused.add("success")
-    assert len(states) == 6
-    for texts in states:
-        page.show(nothing_known(page.model), History(page.model.layout, 1).table(), texts)
-        assert_plain(page.gui.read(), payload)
-
-
 def test_no_payload_runs_in_a_browser(page: Page, tmp_path: Path) -> None:
     with chromium(tmp_path, 1100, 620) as browser:
         browser.get(page.address)
