@@ -10,6 +10,7 @@ is decided which readings are used, and with which errors; the correction itself
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, Final
 
 import numpy as np
@@ -33,6 +34,7 @@ from cdrj_ros.estimation.lasting_error import (
     MotorFriction,
 )
 from cdrj_ros.estimation.measurements import (
+    Expected,
     Measurement,
     PastEstimates,
     Quantity,
@@ -210,8 +212,12 @@ class SensorFusion:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the last reading of a trusted sensor contradicts the estimate."""
-        return any(one.contradicts for one in self._sensors.values())
+        """Whether the last reading of a trusted sensor contradicts the estimate, or may do so.
+
+        Until a sensor has followed a motion since a sudden change, it may be stuck.
+        """
+        doubted = any(one.doubted and not one.dropped for one in self.health.values())
+        return doubted or any(one.contradicts for one in self._sensors.values())
 
     @property
     def motor_friction(self) -> dict[str, tuple[float, float]]:
@@ -228,13 +234,19 @@ class SensorFusion:
     # --- corrections ------------------------------------------------------------------------------
 
     def correct(
-        self, sample: Sample, estimate: Estimate, state: State, corrected_by: set[str]
+        self,
+        sample: Sample,
+        estimate: Estimate,
+        uncorrected: Vector,
+        state: State,
+        corrected_by: set[str],
     ) -> tuple[State, str]:
         """Apply the measurements up to a sample, until a sensor that made corrections is dropped.
 
         Args:
             sample: the last processed sample.
             estimate: for it.
+            uncorrected: its values without corrections, see ``Estimate.values``.
             state: the state after that sample.
             corrected_by: sensors whose corrections the state contains; those that follow are added.
 
@@ -242,7 +254,7 @@ class SensorFusion:
             The corrected state, and the name of the dropped sensor; empty if there is none.
         """
         direction = self._friction.turn(sample.motor_angle)
-        self._past.add(estimate.stamp_ns, estimate.values, direction)
+        self._past.add(estimate.stamp_ns, estimate.values, uncorrected, direction)
         for measured in self.waiting.due(sample.stamp_ns):
             dropped = len(self.faults())
             corrected = self._correct_with(sample, state, measured)
@@ -260,28 +272,26 @@ class SensorFusion:
         if health is None:
             health = self.health[name] = SensorHealth(name)
         found = self._past.expected(measured.stamp_ns, what.column, what.motor)
-        if not abs(value) <= LARGEST or found is None:
+        if not abs(value) <= LARGEST or found is None or not isfinite(found.uncorrected):
             health.refused += 1
             return state
         now = Estimate(sample.stamp_ns, self._past.last, self.model.layout, True)
         self.ensemble.catch_up(sample, now)
-        state = self._use(sample.stamp_ns, state, measured, *found)
+        state = self._use(sample.stamp_ns, state, measured, found)
         if self.ensemble.variance_is_old:
             self.ensemble.renew_variance()
         return state
 
-    def _use(
-        self, stamp_ns: int, state: State, measured: Measurement, expected: float, direction: float
-    ) -> State:
+    def _use(self, stamp_ns: int, state: State, measured: Measurement, found: Expected) -> State:
         """The same with what is expected of the reading, but for the ensemble's variances.
 
         Args:
             stamp_ns: time of the last processed sample [ns].
             state: after that sample.
             measured: at most ``HISTORY_NS`` before the sample; with a positive ``noise``.
-            expected: current estimate for the time of the measurement [N] or [N m].
-            direction: change of ``expected`` per unit of the motor's friction [-].
+            found: what is expected of it.
         """
+        expected, uncorrected, direction = found
         name, value, what = measured.name, measured.value, self._quantities[measured.name]
         health = self.health[name]
         shares = {c: self._drift_of(c, stamp_ns) for c in what.cables}
@@ -293,7 +303,6 @@ class SensorFusion:
         factors = np.array([1.0, expected, direction])
         error = float(factors @ sensor.errors.error) if sensor is not None else 0.0
         variance = self._variance(what.column, sensor, factors) + own
-        uncorrected = expected - float(self._past.corrected[what.column])
         usable = health.evaluate(value, expected + error, uncorrected, variance, own)
         if health.dropped:
             self._sensors.pop(name, None)
@@ -344,7 +353,7 @@ class SensorFusion:
         possible = abs(sensor.contradiction) <= (SUDDEN if what.is_effort else START_SHARE) * scale
         if gated == "changed" and possible:
             self._widen(sensor, what)
-            self.health[name].changes += 1
+            self.health[name].doubt()
         return what.is_effort or gated == "agrees" or (gated == "changed" and possible)
 
     def _apply(

@@ -197,10 +197,23 @@ class _Past(NamedTuple):
     stamp_ns: int
     values: Vector
     """The estimate, see ``Estimate.values``."""
+    uncorrected: Vector
+    """What it would be without corrections by other sensors."""
     corrected: Vector
     """The total correction of each column until then."""
     direction: Sequence[float]
     """Effort per unit of friction of every motor [-], see ``MotorFriction.turn``."""
+
+
+class Expected(NamedTuple):
+    """What is expected of a measurement."""
+
+    value: float
+    """By the estimate [N] or [N m]."""
+    uncorrected: float
+    """By the model alone, without corrections by other sensors."""
+    direction: float
+    """Change of ``value`` per unit of the motor's friction [-]; 0 for a load cell."""
 
 
 class PastEstimates:
@@ -222,16 +235,19 @@ class PastEstimates:
         self._history.clear()
         self.corrected = np.zeros(self._columns.size)
 
-    def add(self, stamp_ns: int, values: Vector, direction: Sequence[float]) -> None:
+    def add(
+        self, stamp_ns: int, values: Vector, uncorrected: Vector, direction: Sequence[float]
+    ) -> None:
         """Add the estimate of a sample.
 
         Args:
             stamp_ns: of the sample [ns].
             values: the estimate, see ``Estimate.values``.
+            uncorrected: what it would be without corrections by other sensors.
             direction: see ``MotorFriction.turn``.
         """
         history = self._history
-        history.append(_Past(stamp_ns, values, self.corrected, direction))
+        history.append(_Past(stamp_ns, values, uncorrected, self.corrected, direction))
         while stamp_ns - history[0].stamp_ns > HISTORY_NS:
             history.popleft()
 
@@ -240,16 +256,13 @@ class PastEstimates:
         """The last estimate, see ``Estimate.values``."""
         return self._history[-1].values
 
-    def expected(self, stamp_ns: int, column: int, motor: int) -> tuple[float, float] | None:
+    def expected(self, stamp_ns: int, column: int, motor: int) -> Expected | None:
         """The current estimate for the time of a measurement; None outside the stored history.
 
         Args:
             stamp_ns: time of the measurement [ns].
             column: of the measured quantity.
             motor: index of the motor whose effort it is; -1 for a load cell.
-
-        Returns:
-            The expected quantity, and its change per unit of the motor's friction [-].
         """
         history, index = self._history, int(self._columns[column])
         if not history or not history[0].stamp_ns <= stamp_ns <= history[-1].stamp_ns:
@@ -257,9 +270,10 @@ class PastEstimates:
 
         now = float(self.corrected[column])
 
-        def then(past: _Past) -> tuple[float, float]:
+        def then(past: _Past) -> Expected:
             value = float(past.values[index]) + (now - float(past.corrected[column]))
-            return value, past.direction[motor] if motor >= 0 else 0.0
+            direction = past.direction[motor] if motor >= 0 else 0.0
+            return Expected(value, float(past.uncorrected[index]), direction)
 
         k = len(history) - 1
         while k > 0 and history[k - 1].stamp_ns >= stamp_ns:
@@ -270,5 +284,5 @@ class PastEstimates:
             return found
         before = history[k - 1]
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-        first, factor = then(before)
-        return first + share * (found[0] - first), factor + share * (found[1] - factor)
+        values = zip(then(before), found, strict=True)
+        return Expected(*(first + share * (last - first) for first, last in values))

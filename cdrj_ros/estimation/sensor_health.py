@@ -79,6 +79,8 @@ class SensorHealth:
     """Readings refused: not finite, too old, contradicted, or from a dropped sensor."""
     changes: int = 0
     """How often readings have shown a sudden change of a preload, or of the sensor."""
+    doubted: bool = False
+    """Whether it has not followed a motion since the last of them."""
     tried: int = 0
     """Readings on trial, which do not correct the estimate."""
     largest: float = 0.0
@@ -97,8 +99,12 @@ class SensorHealth:
 
     def memory(self) -> dict[str, Any]:
         """What it is known by, as JSON; ``recalled`` reads it."""
-        returning = self.trusted or self.returning
-        return {"dropped": self.dropped, "returning": returning, "largest": self.largest}
+        return {
+            "dropped": self.dropped,
+            "returning": self.trusted or self.returning,
+            "doubted": self.doubted,
+            "largest": self.largest,
+        }
 
     @classmethod
     def recalled(cls, name: str, memory: Mapping[str, Any]) -> SensorHealth:
@@ -110,13 +116,21 @@ class SensorHealth:
         dropped, largest = str(memory["dropped"]), float(memory["largest"])
         if not 0.0 <= largest < np.inf:
             raise ValueError("a sensor's largest reading is not a number")
-        return cls(name, dropped, returning=bool(memory["returning"]), largest=largest)
+        returning, doubted = bool(memory["returning"]), bool(memory["doubted"])
+        return cls(name, dropped, returning=returning, doubted=doubted, largest=largest)
 
     def try_again(self) -> None:
         """Put the sensor on trial again."""
         self.returning = self.returning or self.trusted
         self.trusted = False
         self._in_motion = 0
+
+    def doubt(self) -> None:
+        """Note a sudden change: the sensor must follow a motion again."""
+        self.changes += 1
+        self.doubted = True
+        self._trial.clear()
+        self._uncorrected.clear()
 
     def pause(self) -> None:
         """Forget the latest readings: the estimates to compare them with begin anew."""
@@ -189,16 +203,16 @@ class SensorHealth:
         found = self._response(value, uncorrected, own, TRIED)
         if found is None:
             return False
-        response, error = found
-        low, high = RESPONSE
-        self.trusted = low <= response - CERTAIN * error and response + CERTAIN * error <= high
+        response = found[0]
+        self.trusted = _follows(*found)
         self._in_motion += 1
         if not self.trusted and self._in_motion == TRIED:
             self.dropped = (
                 f"moves {response:.2g} times as far as the estimate over {TRIED} readings, "
-                f"where {low:g} to {high:g} is accepted"
+                f"where {RESPONSE[0]:g} to {RESPONSE[1]:g} is accepted"
             )
         if self.trusted:
+            self.doubted = False
             self.tried -= 1
             self._trial.clear()
             self._uncorrected.clear()
@@ -207,7 +221,10 @@ class SensorHealth:
     def _strays(self, value: float, uncorrected: float, own: float) -> str:
         """Why a trusted sensor no longer follows the motion, by its latest readings; or empty."""
         found = self._response(value, uncorrected, own, FOLLOWED)
-        if found is None or len(self._trial) < FOLLOWED:
+        if found is None:
+            return ""
+        self.doubted = self.doubted and not _follows(*found)
+        if len(self._trial) < FOLLOWED:
             return ""
         response, error = found
         low, high = RESPONSE
@@ -239,6 +256,12 @@ def enough(own: float, largest: float) -> float:
         largest: largest magnitude of the estimate.
     """
     return max(STIFF * float(own**0.5), PROOF * abs(largest))
+
+
+def _follows(response: float, error: float) -> bool:
+    """Whether a slope is certainly that of a sensor that follows the estimate."""
+    low, high = RESPONSE
+    return low <= response - CERTAIN * error and response + CERTAIN * error <= high
 
 
 def _to_and_fro(estimates: Vector) -> float:

@@ -323,7 +323,10 @@ class LiveEstimator:
 
         The uncorrected state then replaces the state, and the ensemble starts anew.
         """
-        self.state, wrong = fusion.correct(sample, estimate, self.state, self.corrected_by)
+        uncorrected = self.uncorrected.whole[self.model.estimate_part]  # the last step wrote it
+        self.state, wrong = fusion.correct(
+            sample, estimate, uncorrected, self.state, self.corrected_by
+        )
         if wrong:
             self.state = self.uncorrected
             self.corrected_by.clear()
