@@ -184,16 +184,14 @@ class LiveEncoderless:
         """
         self.solver = EncoderlessEstimator(model)
         motors = model.robot.motors
-        self._efforts: RecentEfforts = (
-            before._efforts if before else RecentEfforts(model.layout.motors)
-        )
+        self.heard: RecentEfforts = before.heard if before else RecentEfforts(model.layout.motors)
         self.lacks_efforts: bool = before is not None and before.lacks_efforts
         """Whether no effort was found for the last sample."""
         self._clock_offset_ns = {motor.name: motor.sensor.clock_offset_ns for motor in motors}
 
     def reset(self) -> None:
         """Discard efforts and history."""
-        self._efforts.clear()
+        self.heard.clear()
         self.solver.reset()
 
     def feed_efforts(
@@ -202,7 +200,7 @@ class LiveEncoderless:
         """Take measured efforts of motors [N m]; other names are ignored."""
         for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
             if name in self._clock_offset_ns:
-                self._efforts.add(stamp_ns + self._clock_offset_ns[name], (name,), (effort,))
+                self.heard.add(stamp_ns + self._clock_offset_ns[name], (name,), (effort,))
 
     def estimate(self, sample: Sample) -> Estimate:
         """Estimate a sample; a predicted one leaves the history as it is."""
@@ -210,7 +208,7 @@ class LiveEncoderless:
             self.solver.keep()
         else:
             self.solver.roll_back()
-        efforts = self._efforts.at(sample.stamp_ns)
+        efforts = self.heard.at(sample.stamp_ns)
         self.lacks_efforts = not bool(np.isfinite(efforts).any())
         one = Samples(
             np.array([sample.stamp_ns]), sample.motor_angle[None, :], sample.joint_angle[None, :]

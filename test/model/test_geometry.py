@@ -1,20 +1,18 @@
-"""Lengths, wraps and lever arms against cases computed by hand and against differences."""
+"""Wraps and lever arms against differences, and geometries that are refused."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan2, pi
+from math import pi
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import MovingEnd, Node, Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
-
-Circle = tuple[float, float, float]
 
 HEAD = """
 name: hand
@@ -33,25 +31,6 @@ def routed(nodes: str, joints: str = "", frames: str = "") -> Model:
     """A robot of one cable whose nodes are written one per line."""
     lines = [f"      - {line.strip()}" for line in nodes.strip().splitlines()]
     return prepare(parse_robot(HEAD % (joints, frames) + "\n".join(lines) + "\n"))
-
-
-def still(nodes: str) -> Shape:
-    return shape_at(routed(nodes), np.zeros(0))
-
-
-def tangent(one: Circle, other: Circle) -> tuple[float, float]:
-    """Length and direction of a cable from one sector to another, in the reference pose.
-
-    A circle has its centre and its radius [m], negative where the cable goes round clockwise.
-    """
-    sectors = []
-    for x, y, radius in (map(float, one), map(float, other)):
-        turn = "ccw" if radius > 0 else "cw"
-        sectors.append(
-            f"{{type: anchor, position: [{x}, {y}], radius: {abs(radius)}, turn: {turn}}}"
-        )
-    shape = still("\n".join(sectors))
-    return shape.length[0], atan2(shape.direction[0, 1], shape.direction[0, 0])
 
 
 @pytest.mark.parametrize("end", ["before", "both", "after"])
