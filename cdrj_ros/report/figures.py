@@ -149,7 +149,7 @@ def over_time(
         half = np.nan_to_num(COVERAGE_SIGMAS * factor * channel.stddev[part])
         _draw_band(series, time, estimate, half)
         _draw_band(errors, time, np.zeros_like(error), half)
-    series.tick_params(labelbottom=False)
+    series.set_xticks([])
     for axes, ticks in ((series, 5), (errors, 3)):
         axes.yaxis.set_major_locator(MaxNLocator(ticks))
     _dress(series, channel, unit)
@@ -215,7 +215,7 @@ def _dress(axes: Axes, channel: Channel, unit: str) -> None:
 
 
 def _title(axes: Axes, text: str, where: str, role: str) -> None:
-    axes.set_title(text, loc=where, fontsize=FONT_SIZE, color=COLOURS[role], pad=7)  # type: ignore[arg-type]
+    axes.set_title(text, loc=where, y=1.0, fontsize=FONT_SIZE, color=COLOURS[role], pad=7)  # type: ignore[arg-type]
 
 
 def _draw_line(axes: Axes, x: Floats, y: Floats, stamp_ns: Stamps, role: str) -> None:
