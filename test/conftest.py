@@ -52,7 +52,8 @@ settings.load_profile("steady")
 LONGEST_FIRST = (
     "nodes/test_replay_node.py", "estimation/test_campaign.py", "model/test_reference.py",
     "nodes/test_node_restart.py", "estimation/test_contest.py",
-    "nodes/test_estimator_node.py", "estimation/test_known_sensors.py",
+    "commands/test_commission.py", "nodes/test_estimator_node.py",
+    "estimation/test_known_sensors.py", "paper/test_command.py", "truth/test_estimator.py",
     "evaluation/test_validation.py", "robots/test_davinci_jaw.py",
     "identification/test_fit.py", "paper/test_rho.py", "nodes/test_watch.py",
     "commands/test_check_robot.py", "estimation/test_session.py",
