@@ -11,6 +11,8 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
     Judged,
@@ -137,6 +139,8 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             given = [_bag(one, name, arguments.out, topics, record) for one in words]
         now = take(now, given)
         steps.append(Step(name, judged(now.model)))
+        if now.found and now.found.drums:
+            say(f"note: {now.found.drums.sentence}")
         for sentence in lacking(now.found.unexplained) if now.found else ():
             say(f"note: {sentence}{SUSPECTED if arguments.preload else ''}")
         _show(steps[-1])
@@ -196,11 +200,14 @@ def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
     """A bag; where no reference has a motor's effort, that on the topic of its angle is taken."""
     recording = read_inputs(bag, topics, now.model, motor_efforts=True)
     own = {f"{EFFORT}/{name}": one for name, one in recording.motor_efforts.items()}
-    chosen = {
-        name: one
-        for name, one in {**own, **recording.references}.items()
-        if name.startswith((EFFORT, TENSION))
-    }
+    chosen = {}
+    for name, one in {**own, **recording.references}.items():
+        if not name.startswith((EFFORT, TENSION)):
+            continue
+        if np.any(one.value != one.value[:1]):
+            chosen[name] = one
+        else:
+            say(f"note: {name} never changes in {bag}; it is not used.")
     return recorded(replace(recording, references=chosen), Path(bag).name)
 
 

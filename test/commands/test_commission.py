@@ -80,7 +80,9 @@ def covered(model: Model, stamps: np.ndarray, motors: dict[str, np.ndarray],
     return float(np.mean(error <= 2.0 * found.stddev[late][:, : true.shape[1]]))
 
 
-def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Path) -> None:
+def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot, out = tmp_path / "robot.yaml", tmp_path / "commissioned.yaml"
     fresh = with_section(PROTOTYPE.read_text(encoding="utf-8"), "uncertainty", None)
     robot.write_text(fresh, encoding="utf-8")
@@ -110,6 +112,7 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path: Pat
     assert np.all(np.diff(relative) < 0.01), relative
     assert rows[0]["ok"] == 0.0
     assert rows[-1]["ok"] > 0.85
+    assert "The cable holds on its drums" in capsys.readouterr().out
     assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
     written = yaml.safe_load(out.read_text(encoding="utf-8"))
     origin = written["identified"]["numbers"]
@@ -182,11 +185,13 @@ def test_a_measurement_that_is_none_is_refused_in_one_line(
     robot.write_text(with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None), "utf-8")
     stamps, _, readings = moved(1)
     moving = write(tmp_path / "moving", stamps, readings)
+    silent = write(tmp_path / "silent", stamps, readings, np.zeros((stamps.size, 1)))
     given = ["--robot", str(robot), "--out", str(tmp_path / "out.yaml"), "--yes"]
     for option, value, words in (
         ("--rest", moving, "not at rest"),
         ("--preload", "upper", "CABLE=N"),
         ("--preload", "left=30", "there is no cable 'left'"),
+        ("--motion", silent, "they have none at all"),
         ("--drum", "elbow=30", "there is no drum of 'elbow'"),
     ):
         assert commission.main([*given, option, value]) == 2
