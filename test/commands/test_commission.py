@@ -125,6 +125,24 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
     assert inside > 0.95
 
 
+def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() -> None:
+    fresh = with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None)
+    now = steps.drums_measured(steps.begin(fresh, str(PROTOTYPE)), {"winch": 0.0302})
+    robot = now.model.robot
+    known = robot.uncertainty
+    assert known is not None
+    at = [known.parameters.index(f"cables.{c.name}.nodes.1.radius") for c in robot.cables]
+    np.testing.assert_allclose(known.covariance[np.ix_(at, at)], 5e-5**2, err_msg="one cause")
+    assert [cable.nodes[0].radius for cable in robot.cables] == [0.0151, 0.0151]
+    before, motion, cells = (
+        np.mean(list(judged.relative.values()))
+        for judged in (
+            steps.judged(now.model), steps.foretold(now, "motion"), steps.foretold(now, "cells")
+        )
+    )  # fmt: skip
+    assert cells < 0.5 * motion < 0.15 * before
+
+
 def test_a_scale_that_was_read_in_another_pose_is_suspected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
