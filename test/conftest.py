@@ -62,7 +62,7 @@ LONGEST_FIRST = (
     "simulation/test_slack_detection.py",
     "commands/test_identify.py", "estimation/test_take_back.py",
     "recordings/test_bombs.py", "project/test_controllers.py", "project/test_wheel.py",
-    "evaluation/test_cluster.py",
+    "evaluation/test_parallel.py",
 )  # fmt: skip
 """Each takes more than 1.2 % of all tests: one started last would keep a single worker busy.  Of
 three neighbours one waits for messages a good part of its time, and two calculate."""

@@ -1,4 +1,4 @@
-"""Many bags: no bag lost to another, and no process left behind; test_cluster.py has clusters."""
+"""Many bags: no bag lost to another, and no process left behind; test_parallel.py has clusters."""
 
 from __future__ import annotations
 

@@ -1,10 +1,12 @@
-"""Tasks on a Dask cluster of real worker processes, one of which is killed."""
+"""Many tasks: the same results in this process, in others, and on a Dask cluster of real ones."""
 
 from __future__ import annotations
 
 import json
+import os
+import signal
 import socketserver
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -12,35 +14,108 @@ from typing import Any
 import numpy as np
 import pytest
 from support.clusters import running_cluster
-from support.many_tasks import killed_once, square, sum_after_death, sum_with
+from support.many_tasks import killed_once, noted, square, sum_after_death, sum_with
 
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation.parallel import (
+    WORTH_PROCESSES,
     Failed,
     Work,
     check_address,
     cluster_pool,
     connected,
+    default_jobs,
+    in_processes,
+    in_this_process,
     on_cluster,
+    processors,
 )
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-
-from .test_processes import kill_when_noted
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's own modules
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _dask() -> None:
-    """Skip without Dask; not while tests are collected, which every worker does."""
-    pytest.importorskip("distributed", reason="Dask's distributed is not installed")
+Run = Callable[[Work[Any, Any]], list[Any]]
 
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    pytest.importorskip("distributed", reason="Dask's distributed is not installed")
     with running_cluster(tmp_path_factory.mktemp("cluster")) as address:
         yield address
+
+
+@pytest.fixture(params=["processes", "cluster"])
+def run(request: pytest.FixtureRequest) -> Run:
+    """Do tasks in two other processes."""
+    if request.param == "processes":
+        return lambda work: list(in_processes(work, 2, lambda _: None))
+    there = request.getfixturevalue("address")
+    return lambda work: list(on_cluster(work, there, lambda _: None))
+
+
+def work(tasks: list[float]) -> Work[float, float]:
+    return Work(square, tasks, [f"bag {task:g}" for task in tasks], [10] * len(tasks))
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 5])
+def test_results_are_in_the_order_of_the_tasks_and_a_failure_costs_only_its_own(jobs: int) -> None:
+    done: list[float] = []
+    tasks = work([3.0, -1.0, 7.0, 13.0, 0.3])
+    results = in_processes(tasks, jobs, done.append)
+    assert results == in_this_process(tasks, lambda _: None)
+    assert results == [
+        0.1 * 3.0 * 3.0,
+        Failed("bag -1", "-1.0 is no bag"),
+        0.1 * 7.0 * 7.0,
+        Failed("bag 13", "unexpected ValueError: a bug of two lines"),
+        0.1 * 0.3 * 0.3,
+    ]
+    assert done[-1] == 50.0
+
+
+def test_a_task_that_kills_its_process_is_named_and_the_others_are_done(run: Run) -> None:
+    results = run(work([1.0, 99.0, 2.0, 3.0]))
+    assert results[1] == Failed("bag 99", "bag 99: its process died, twice (out of memory?)")
+    assert [one for one in results if not isinstance(one, Failed)] == [0.1, 0.4, 0.1 * 3.0 * 3.0]
+
+
+def test_the_task_of_a_process_killed_from_outside_is_done_by_another(
+    run: Run, tmp_path: Path
+) -> None:
+    notes = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
+    notes[0].write_text("no first attempt\n")
+    notes[2].write_text("no first attempt\n")
+
+    def kill_when_noted() -> None:
+        """Kill the process that notes itself in the second file, by its id."""
+        pause = Event()
+        while not (notes[1].exists() and notes[1].read_text().endswith("\n")):
+            pause.wait(0.01)
+        os.kill(int(notes[1].read_text()), signal.SIGKILL)
+
+    thread = Thread(target=kill_when_noted)
+    thread.start()
+    tasks = [str(path) for path in notes]
+    results = run(Work(killed_once, tasks, tasks, [1, 1, 1]))
+    thread.join()
+    assert results == ["a", "b", "c"]
+    first, second = notes[1].read_text().split()
+    assert first != second
+
+
+def test_processes_are_used_by_default_only_where_they_pay_off() -> None:
+    assert default_jobs([1000] * 100) == 1
+    assert default_jobs([WORTH_PROCESSES]) == 1
+    assert default_jobs([WORTH_PROCESSES] * 1000) == processors()
+
+
+def test_large_tasks_begin_first(tmp_path: Path) -> None:
+    note = str(tmp_path / "note")
+    tasks = [(note, name) for name in ("small", "large", "middle")]
+    names = [name for _, name in tasks]
+    assert in_processes(Work(noted, tasks, names, [1, 3, 2]), 1, lambda _: None) == names
+    assert Path(note).read_text().split() == ["large", "middle", "small"]
 
 
 def figures(path: Path, *arguments: str) -> dict[str, Any]:
@@ -57,27 +132,6 @@ def figures(path: Path, *arguments: str) -> dict[str, Any]:
 def test_validate_has_the_figures_of_this_process(address: str, tmp_path: Path) -> None:
     here = figures(tmp_path / "here.json", "--jobs", "1")
     assert figures(tmp_path / "there.json", "--scheduler", address) == here
-
-
-def test_the_task_of_a_killed_worker_is_done_by_another(address: str, tmp_path: Path) -> None:
-    notes = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
-    notes[0].write_text("no first attempt\n")
-    notes[2].write_text("no first attempt\n")
-    thread = kill_when_noted(notes[1])
-    tasks = [str(path) for path in notes]
-    results = on_cluster(Work(killed_once, tasks, tasks, [1, 1, 1]), address, lambda _: None)
-    thread.join()
-    assert results == ["a", "b", "c"]
-    first, second = notes[1].read_text().split()
-    assert first != second
-
-
-def test_a_task_that_kills_every_worker_is_named_and_the_others_are_done(address: str) -> None:
-    numbers = [1.0, 99.0, 2.0, 3.0]
-    work = Work(square, numbers, [f"bag {n:g}" for n in numbers], [1] * 4)
-    results = on_cluster(work, address, lambda _: None)
-    assert results[1] == Failed("bag 99", "bag 99: its process died, twice (out of memory?)")
-    assert [one for one in results if not isinstance(one, Failed)] == [0.1, 0.4, 0.1 * 3.0 * 3.0]
 
 
 def test_pairs_have_the_results_of_this_process_in_their_order(address: str) -> None:
@@ -99,6 +153,7 @@ def test_an_argument_that_died_with_its_worker_is_sent_again(address: str, tmp_p
 
 
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
     monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
     with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1: no Dask scheduler answered"):
         on_cluster(Work(square, [1.0], ["one"], [1]), "tcp://127.0.0.1:1", lambda _: None)
@@ -114,6 +169,7 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 def test_a_port_at_which_something_else_listens_is_refused(
     said: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pytest.importorskip("distributed")
     monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
 
     class Other(socketserver.BaseRequestHandler):
