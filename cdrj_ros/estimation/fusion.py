@@ -19,6 +19,7 @@ from cdrj_ros.estimation.draws import root_mean_square, standard
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.innovation_gate import (
+    FILE_ERROR,
     HISTORY_ERROR,
     WINDOW_NS,
     PreloadEvidence,
@@ -333,7 +334,7 @@ class SensorFusion:
         friction = self._friction.stddev(what.motor, scale) if what.is_effort else 0.0
         kind = EFFORT if what.is_effort else CELL
         errors = LastingError.of(kind, scale, friction, self._draw)
-        evidence = PreloadEvidence(first)
+        evidence = PreloadEvidence(first, stddev=FILE_ERROR * scale)
         return SensorState(errors, history_error=HISTORY_ERROR * first, evidence=evidence)
 
     def _accept(

@@ -63,6 +63,10 @@ UNSETTLED: Final = 0.2
 """The same until the cell has followed a motion to and fro since then: the cable on the drum and
 most of the friction belong to another preload until then."""
 
+FILE_ERROR: Final = 0.05
+"""Standard deviation of the first statement about a preload, that of the robot file, as a fraction
+of it: where a sensor says otherwise, either may be wrong."""
+
 CLEARER: Final = 0.7
 """A statement about a preload replaces an earlier one if its standard deviation is smaller by this
 factor: if every smaller one did, a slow drift would take the evidence along."""
@@ -73,7 +77,7 @@ Gated = Literal["agrees", "contradicts", "changed"]
 
 @dataclass
 class PreloadEvidence:
-    """The most certain statement about a preload that readings of one load cell have led to."""
+    """The most certain statement about a preload: the file's, or what readings have led to."""
 
     first: float = 0.0
     """Size of the cell's first correction [N]."""

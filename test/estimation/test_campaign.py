@@ -410,29 +410,6 @@ def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     assert max(errors) < 0.5, "the robot file's preload is the right one"
 
 
-@pytest.mark.parametrize(
-    ("since_ns", "effort", "beside"),
-    [(7 * SECOND, -0.0136, {}), (5 * SECOND, 0.003, {CELL: Lie("is off", 3 * SECOND, 9.7)})],
-    ids=["alone", "beside a cell"],
-)
-def test_an_effort_that_gets_stuck_is_not_taken_for_lost_preloads(
-    since_ns: int, effort: float, beside: dict[str, Lie], model: Model, course: Course
-) -> None:
-    """It does not follow the uncorrected estimate, also after a cell that was wrong as well."""
-    lies = {EFFORT: Lie("is stuck", since_ns, effort), **beside}
-
-    def watch(live: LiveEstimator) -> None:
-        assert live.fusion is not None
-        assert live.fusion.faults().keys() == lies.keys()
-
-    outputs = run(
-        model, course, Faults(quarter_rate(), sensors=tuple(lies), lies=lies), watch=watch
-    )
-    assert judge(course, outputs, SECOND, since_ns).ratio.size > 0
-    assert judge(course, outputs, since_ns, course.duration_ns).beyond(5.0) <= BEYOND_FIVE
-    assert abs(outputs[-1].tension - course.tension[-1]).max() < 1.0
-
-
 def test_a_long_gap_beside_a_sensor_on_trial_leaves_no_standard_deviation_too_small(
     model: Model, course: Course
 ) -> None:

@@ -22,7 +22,6 @@ from support.campaign import (
     run,
     sine,
 )
-from support.campaign_draws import course as random_course
 
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.draws import standard
@@ -100,44 +99,50 @@ def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
     _assert_law(model, slow, faults)
 
 
-def test_a_trusted_effort_that_no_longer_follows_the_motion_is_dropped(
-    model: Model,
+@pytest.mark.parametrize(
+    ("since_ns", "effort", "beside"),
+    [(7 * SECOND, -0.0136, {}), (5 * SECOND, 0.003, {CELL: Lie("is off", 3 * SECOND, 9.7)})],
+    ids=["alone", "beside a cell"],
+)
+def test_an_effort_that_gets_stuck_is_not_taken_for_lost_preloads(
+    since_ns: int, effort: float, beside: dict[str, Lie], model: Model, longer: Course
 ) -> None:
-    """Noise about a constant, which lower preloads would explain better and better."""
-    course = random_course(model, 17)
-    faults = Faults(sensors=(EFFORT,), lies={EFFORT: Lie("is stuck", 7 * SECOND, -0.043)})
-    dropped: list[str] = []
+    """It does not follow the uncorrected estimate, also after a cell that was wrong as well."""
+    lies = {EFFORT: Lie("is stuck", since_ns, effort), **beside}
 
     def watch(live: LiveEstimator) -> None:
         assert live.fusion is not None
-        dropped.append(live.fusion.health[EFFORT].dropped)
+        assert live.fusion.faults().keys() == lies.keys()
 
-    outputs = run(model, course, faults, watch=watch)
-    verdict = judge(course, outputs, 0, course.duration_ns)
-    assert "times as far as the estimate" in dropped[0]
-    assert verdict.ratio.size > 0.2 * verdict.judged
-    assert verdict.beyond(5.0) <= 0.001
-    assert judge(course, outputs, 12 * SECOND, course.duration_ns).worst < 3.0
+    outputs = run(
+        model, longer, Faults(quarter_rate(), sensors=tuple(lies), lies=lies), watch=watch
+    )
+    assert judge(longer, outputs, SECOND, since_ns).ratio.size > 0
+    assert judge(longer, outputs, since_ns, longer.duration_ns).beyond(5.0) <= 0.001
+    assert abs(outputs[-1].tension - longer.tension[-1]).max() < 1.0
 
 
 @pytest.mark.parametrize(
-    ("name", "lie", "sensors"),
+    ("name", "lie", "sensors", "least"),
     [
-        (EFFORT, Lie("drifts", 0, 0.01), (CELL, EFFORT)),
-        (EFFORT, Lie("drifts", 6 * SECOND, -0.02), (CELL, EFFORT)),
-        (EFFORT, Lie("drifts", 0, 0.02), (EFFORT,)),
-        (CELL, Lie("scales", 0, -0.1), (CELL, EFFORT)),
-        (CELL, Lie("scales", 0, -0.1), (CELL,)),
+        (EFFORT, Lie("drifts", 0, 0.01), (CELL, EFFORT), 0.2),
+        (EFFORT, Lie("drifts", 6 * SECOND, -0.02), (CELL, EFFORT), 0.2),
+        (EFFORT, Lie("drifts", 0, 0.02), (EFFORT,), 0.05),
+        (EFFORT, Lie("is off", 0, 0.114), (CELL, EFFORT), 0.2),
+        (CELL, Lie("scales", 0, -0.1), (CELL, EFFORT), 0.2),
+        (CELL, Lie("scales", 0, -0.1), (CELL,), 0.2),
+        (CELL, Lie("scales", 0, 0.16), (CELL,), 0.0),
+        (CELL, Lie("scales", 0, -0.27), (CELL,), 0.0),
     ],
 )
 def test_a_sensor_whose_bias_or_gain_is_wrong_keeps_to_the_law(
-    name: str, lie: Lie, sensors: tuple[str, ...], model: Model, slow: Course
+    name: str, lie: Lie, sensors: tuple[str, ...], least: float, model: Model, slow: Course
 ) -> None:
     """Alone, or beside the other one, which is right; the preloads are those of the file."""
     faults = Faults(quarter_rate(), sensors=sensors, lies={name: lie}, cell_ns=SELDOM)
     outputs = run(model, slow, faults)
     verdict = judge(slow, outputs, 0, slow.duration_ns)
-    assert verdict.ratio.size > 0.2 * verdict.judged
+    assert verdict.ratio.size >= least * verdict.judged
     assert verdict.beyond(5.0) <= 0.001
 
 

@@ -97,7 +97,7 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
             assert np.all(output.status.astype(int) & UNSURE)
     assert live.fusion is not None
     health = live.fusion.health[CELL]
-    assert taught > 3.0, "it was trusted, and moved the preload"
+    assert taught > 1.0, "it was trusted, and moved the preload"
     assert health.used > 100
     assert CALM <= found < CALM + 700
     used, refused = health.used, health.refused
@@ -129,7 +129,7 @@ def test_corrections_before_a_restart_are_undone_after_it(
         _feed_cell(live, beside, k, lie)
         output = live.take(_sample(beside.samples, k))
         offs.append(np.abs(output.tension - beside.tension[k])[:8].max())
-    assert offs[0] > 3.0, "its corrections are restored"
+    assert offs[0] > 1.0, "its corrections are restored"
     assert _dropped(live)
     assert offs[-1] < 1e-9, "as without the cell"
 
