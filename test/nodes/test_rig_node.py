@@ -195,7 +195,8 @@ def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path:
     message = heard[-1]
     assert list(message.name) == ["arm1_winch", "arm1_elbow"]
     assert message.header.frame_id == "base_link"
-    assert set(np.diff([stamp_ns(one) for one in heard])) == {2_000_000}
+    steps = np.diff([stamp_ns(one) for one in heard])  # longer where the machine did not keep up
+    assert np.min(steps) == np.median(steps) == 2_000_000
     assert message.position[0] == pytest.approx(-5.0, abs=0.01)
     assert len(message.velocity) == 2
     assert message.effort[0] == pytest.approx(rig.motor_effort[0] / 2.7, abs=1e-3)
