@@ -217,8 +217,9 @@ class SensorFusion:
 
         Until a sensor has followed a motion since a sudden change, it may be stuck.
         """
-        doubted = any(one.doubted and not one.dropped for one in self.health.values())
-        return doubted or any(one.contradicts for one in self._sensors.values())
+        return any(
+            one.contradicts or self.health[name].doubted for name, one in self._sensors.items()
+        )
 
     @property
     def motor_friction(self) -> dict[str, tuple[float, float]]:

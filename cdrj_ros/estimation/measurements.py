@@ -270,19 +270,23 @@ class PastEstimates:
 
         now = float(self.corrected[column])
 
-        def then(past: _Past) -> Expected:
+        def then(past: _Past) -> tuple[float, float, float]:
             value = float(past.values[index]) + (now - float(past.corrected[column]))
             direction = past.direction[motor] if motor >= 0 else 0.0
-            return Expected(value, float(past.uncorrected[index]), direction)
+            return value, float(past.uncorrected[index]), direction
 
         k = len(history) - 1
         while k > 0 and history[k - 1].stamp_ns >= stamp_ns:
             k -= 1
         after = history[k]
-        found = then(after)
+        value, uncorrected, direction = then(after)
         if after.stamp_ns == stamp_ns or k == 0:
-            return found
+            return Expected(value, uncorrected, direction)
         before = history[k - 1]
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-        values = zip(then(before), found, strict=True)
-        return Expected(*(first + share * (last - first) for first, last in values))
+        value_before, uncorrected_before, direction_before = then(before)
+        return Expected(
+            value_before + share * (value - value_before),
+            uncorrected_before + share * (uncorrected - uncorrected_before),
+            direction_before + share * (direction - direction_before),
+        )
