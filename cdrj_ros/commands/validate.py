@@ -53,7 +53,7 @@ def _compared(
 ) -> list[BagComparison | Failed]:
     """The comparison of every bag, wherever it is computed; a single one here, with its errors."""
     sizes = [size_of(task.path) for task in tasks]
-    work = Work(compare_bag, tasks, [task.path for task in tasks], sizes)
+    work = Work(compare_bag, tasks, [task.path for task in tasks], sizes, BagComparison)
     if arguments.scheduler:
         return on_cluster(work, arguments.scheduler, report)
     if len(tasks) == 1:

@@ -69,6 +69,8 @@ class Work(Generic[T, R]):
     """Of the tasks, as the user knows them."""
     sizes: Sequence[int]
     """Of the tasks, in any unit; the progress is counted in it."""
+    kind: type[R]
+    """Of every result; a worker that returns anything else has failed."""
 
 
 def processors() -> int:
@@ -143,6 +145,9 @@ def _in_executor(
     found: dict[int, R | Failed] = {}
 
     def note(k: int, result: R | Failed) -> None:
+        if not isinstance(result, (work.kind, Failed)):
+            reason = f"{work.names[k]}: a worker returned {type(result).__name__}"
+            result = Failed(work.names[k], f"{reason}, not {work.kind.__name__}")
         found[k] = result
         report(sum(work.sizes[k] for k in found))
 

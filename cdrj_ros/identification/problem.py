@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.errors import CdrjError, RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import (
     WEIGHTS,
@@ -215,9 +215,21 @@ def residuals_together(
                 observed += problem.observations
     parts = iter(list(pool.map(residuals_of_one, models, observed)))
     for problem, coordinates, key in places:
-        found[key] = np.concatenate([next(parts) for _ in problem.observations])
+        found[key] = joined([next(parts) for _ in problem.observations], problem.size)
         problem.remember(coordinates, found[key])
     return [[found[id(one), at.tobytes()] for at in many] for one, many in requests]
+
+
+def joined(parts: Sequence[object], size: int) -> Vector:
+    """The residuals of all recordings, shape (size,).
+
+    Raises:
+        CdrjError: a worker of a cluster returned something else for one of them.
+    """
+    vectors = [one for one in parts if isinstance(one, np.ndarray) and one.dtype == np.float64]
+    if len(vectors) < len(parts) or sum(one.size for one in vectors) != size:
+        raise CdrjError(f"a worker returned something other than the residuals of {size} readings")
+    return np.concatenate(vectors)
 
 
 def residuals_of_one(model: Model, observed: Observations) -> Vector:

@@ -55,7 +55,7 @@ def run(request: pytest.FixtureRequest) -> Run:
 
 
 def work(tasks: list[float]) -> Work[float, float]:
-    return Work(square, tasks, [f"bag {task:g}" for task in tasks], [10] * len(tasks))
+    return Work(square, tasks, [f"bag {task:g}" for task in tasks], [10] * len(tasks), float)
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 5])
@@ -80,6 +80,11 @@ def test_a_task_that_kills_its_process_is_named_and_the_others_are_done(run: Run
     assert [one for one in results if not isinstance(one, Failed)] == [0.1, 0.4, 0.1 * 3.0 * 3.0]
 
 
+def test_what_a_worker_returns_instead_of_a_result_is_a_failure(run: Run) -> None:
+    results = run(work([1.0, 66.0]))
+    assert results == [0.1, Failed("bag 66", "bag 66: a worker returned dict, not float")]
+
+
 def test_the_task_of_a_process_killed_from_outside_is_done_by_another(
     run: Run, tmp_path: Path
 ) -> None:
@@ -97,7 +102,7 @@ def test_the_task_of_a_process_killed_from_outside_is_done_by_another(
     thread = Thread(target=kill_when_noted)
     thread.start()
     tasks = [str(path) for path in notes]
-    results = run(Work(killed_once, tasks, tasks, [1, 1, 1]))
+    results = run(Work(killed_once, tasks, tasks, [1, 1, 1], str))
     thread.join()
     assert results == ["a", "b", "c"]
     first, second = notes[1].read_text().split()
@@ -114,7 +119,7 @@ def test_large_tasks_begin_first(tmp_path: Path) -> None:
     note = str(tmp_path / "note")
     tasks = [(note, name) for name in ("small", "large", "middle")]
     names = [name for _, name in tasks]
-    assert in_processes(Work(noted, tasks, names, [1, 3, 2]), 1, lambda _: None) == names
+    assert in_processes(Work(noted, tasks, names, [1, 3, 2], str), 1, lambda _: None) == names
     assert Path(note).read_text().split() == ["large", "middle", "small"]
 
 
@@ -156,7 +161,7 @@ def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPat
     pytest.importorskip("distributed")
     monkeypatch.setattr("cdrj_ros.evaluation.parallel.CONNECT_S", 0.2)
     with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1: no Dask scheduler answered"):
-        on_cluster(Work(square, [1.0], ["one"], [1]), "tcp://127.0.0.1:1", lambda _: None)
+        on_cluster(Work(square, [1.0], ["one"], [1], float), "tcp://127.0.0.1:1", lambda _: None)
 
 
 @pytest.mark.parametrize("address", ["", "host", "host:port", "smtp://host:25", "tcp://:8786"])

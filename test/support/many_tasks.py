@@ -14,11 +14,14 @@ from cdrj_ros.foundation.errors import BagError
 
 
 def square(task: float) -> float:
-    """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process."""
+    """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process, 66 gives
+    something else than a number."""
     if task < 0:
         raise BagError(f"{task} is no bag")
     if task == 13:
         raise ValueError("a bug\nof two lines")
+    if task == 66:
+        return {"no": "number"}  # type: ignore[return-value]
     if task == 99:
         os.kill(os.getpid(), signal.SIGKILL)
     return 0.1 * task * task
