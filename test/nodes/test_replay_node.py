@@ -160,8 +160,10 @@ def test_another_topic_is_played_under_another_name_and_the_clock_follows(
     recording = read_recording(short_bag)
     stamps = next(iter(recording.references.values())).stamp_ns
     expected = stamps[stamps <= recording.start_ns + 2_000_000_000] * 1e-9
-    _spun_until(node, lambda: len(heard) >= len(expected))
-    assert heard == pytest.approx(expected.tolist())
+    assert _spun_until(node, lambda: bool(heard) and heard[-1] > expected[-1] - 1e-4), heard
+    # The subscriber's side may be matched late: it misses the beginning then, and nothing after it.
+    assert len(heard) > len(expected) / 2
+    assert heard == pytest.approx(expected[-len(heard) :].tolist())
     assert len(clocks) > 50
     assert clocks == sorted(clocks)
     assert expected[0] - 0.1 < clocks[0]
