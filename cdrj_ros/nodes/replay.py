@@ -30,7 +30,7 @@ from cdrj_ros.evaluation.replayed import Outcome, preload_difference
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
-from cdrj_ros.messages.topics import CLOCK, in_namespace
+from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.player import Ending, Player
@@ -87,11 +87,6 @@ def replay_parser() -> argparse.ArgumentParser:
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
     _add_playback_options(parser)
-    group = parser.add_argument_group("estimator")
-    group.add_argument(
-        "--estimator", default=in_namespace("estimator"), metavar="NAME",
-        help="full name of the estimator node (default %(default)s)",
-    )  # fmt: skip
     add_topic_options(parser)
     add_result_options(parser)
     return parser
@@ -188,7 +183,7 @@ def _wiring(arguments: argparse.Namespace) -> Wiring:
         if old not in played:
             raise UsageError(f"--remap: {old} is not played, only {', '.join(sorted(played))}")
         remap[old] = new
-    return Wiring(topics, tuple(extras), remap, arguments.clock, arguments.estimator)
+    return Wiring(topics, tuple(extras), remap, arguments.clock)
 
 
 def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
@@ -259,7 +254,7 @@ def _replay(
 def _play_and_report(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
 ) -> int:
-    print(f"waiting for {arguments.estimator} ...", flush=True)
+    print(f"waiting for {player.node.estimator} ...", flush=True)
     if not player.wait_for_estimator():
         announce_interruption("replay")
         return INTERRUPTED

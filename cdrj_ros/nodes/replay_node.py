@@ -28,7 +28,6 @@ from cdrj_ros.messages.topics import (
     JOINT_STATES,
     MOTOR_STATES,
     NAMESPACE,
-    in_namespace,
 )
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.recordings import Topics
@@ -60,7 +59,6 @@ class Wiring:
     """Names under which topics are published, by name in the bag."""
     clock_hz: float = 0.0
     """Rate of /clock [Hz]; 0: it is not published."""
-    estimator: str = in_namespace("estimator")
 
 
 class ReplayNode(Node):
@@ -102,8 +100,10 @@ class ReplayNode(Node):
                 default_profile(latched=extra.latched),
             )  # fmt: skip
         self.clock = self.create_publisher(Clock, CLOCK, FEW) if wiring.clock_hz > 0 else None
-        self._reset = self.create_client(Trigger, wiring.estimator + "/reset")
-        self._ping = self.create_client(GetParameters, wiring.estimator + "/get_parameters")
+        self.estimator = self.resolve_service_name("estimator")
+        """Full name of the estimator's node, which is in the same namespace."""
+        self._reset = self.create_client(Trigger, f"{self.estimator}/reset")
+        self._ping = self.create_client(GetParameters, f"{self.estimator}/get_parameters")
 
     def _listener(self, number: int) -> Callable[[bytes], None]:
         listeners = self._listeners

@@ -192,16 +192,9 @@ def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
 def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     start_node: Any, replay: Any, longer_bag: str, tmp_path: Path
 ) -> None:
-    name = "/cdrj/mortal"
-    other = ("-r", "__node:=mortal", *(
-        part for topic in ("motor_states", "joint_states", "tensions", "nodal_forces", "efforts")
-        for part in ("-r", f"{topic}:=mortal/{topic}")
-    ))  # fmt: skip
-    mortal = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *other)
-    one = replay(
-        longer_bag, "--rate", "1", "--estimator", name,
-        "--ros-args", *other[2:],
-    )  # fmt: skip
+    there = ("-r", "__ns:=/mortal")
+    mortal = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *there)
+    one = replay(longer_bag, "--rate", "1", "--ros-args", *there)
     one.wait_for(ANSWERED, 2 * PATIENCE_S)
     mortal.send_signal(signal.SIGINT)
     code, out = one.finish()
@@ -218,10 +211,11 @@ def test_without_an_estimator_the_missing_parts_are_named(
     from cdrj_ros.nodes.replay import main
 
     monkeypatch.setattr(player, "PATIENCE_S", 1.0)
-    assert main([short_bag, "--robot", ROBOT, "--estimator", "/nobody"]) == 2
+    there = ("--ros-args", "-r", "__ns:=/nobody")
+    assert main([short_bag, "--robot", ROBOT, *there]) == 2
     out = capfd.readouterr().err
     assert "no estimator within 1 s" in out
-    assert "no service /nobody/reset" in out
+    assert "no service /nobody/estimator/reset" in out
     assert "Traceback" not in out
 
 
