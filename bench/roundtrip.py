@@ -163,8 +163,8 @@ def _write_answers(model: Model, folder: Path) -> None:
     robot = model.robot
     reference = Sample(
         1,
-        np.array([motor.reference_angle for motor in robot.motors]),
-        np.array([joint.reference_angle for joint in robot.joints]),
+        robot.reference_motors,
+        robot.reference_pose,
     )
     _, estimate = step(model, initial_state(model), reference)
     encoder = EstimateEncoder(model.layout, uncertain=True)

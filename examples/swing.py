@@ -27,7 +27,7 @@ class SwingNode(Node):
         super().__init__("swing", namespace="cdrj")
         model = cdrj.load(self.declare_parameter("robot", "finger").value)
         time_s = np.arange(round((START_S + PERIOD_S) * RATE_HZ)) / RATE_HZ
-        pose = np.tile([joint.reference_angle for joint in model.robot.joints], (time_s.size, 1))
+        pose = np.tile(model.robot.reference_pose, (time_s.size, 1))
         swing = np.sin(2.0 * np.pi * np.maximum(time_s - START_S, 0.0) / PERIOD_S)
         pose[:, 0] += MIDDLE * np.minimum(time_s / START_S, 1.0) + AMPLITUDE * swing
         self.angles = cdrj.follow_joints(model, pose).motor_angle

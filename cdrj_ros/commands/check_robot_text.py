@@ -232,10 +232,7 @@ def _print_shares(model: Model, shares: Shares, console: Console) -> None:
     known = model.robot.uncertainty
     assumed = known is not None and len(known.parameters) > known.stated
     told: list[Cause] = []
-    begin = 0
-    for cable in model.robot.cables:
-        part = slice(begin, begin + len(cable.element_names))
-        begin = part.stop
+    for cable, part in zip(model.robot.cables, model.robot.parts, strict=True):
         table = Table(
             title=f"{cable.name}: shares in the variance of the tensions [%]",
             title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,

@@ -225,11 +225,8 @@ def _slack_advice(model: Model, plan: Plan, error: SlackError) -> str:
 def _slack_notes(model: Model, truth: Truth) -> list[str]:
     """When each cable was slack in the recording."""
     notes = []
-    element = 0
-    for cable in model.robot.cables:
-        count = len(cable.nodes) - 1
-        slack = truth.slack[:, element : element + count].any(axis=1)
-        element += count
+    for cable, part in zip(model.robot.cables, model.robot.parts, strict=True):
+        slack = truth.slack[:, part].any(axis=1)
         if slack.any():
             notes.append(
                 f"{cable.name} is slack for {slack.sum() / TRUTH_RATE:.4g} s, first at "

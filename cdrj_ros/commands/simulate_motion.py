@@ -129,7 +129,7 @@ def _prescribed(
     robot: Robot, time: Vector, motions: dict[int, motion.Motion]
 ) -> NDArray[np.float64]:
     """Angles of all joints, those without a motion in the reference pose; shape (n, joints)."""
-    joints = np.tile([joint.reference_angle for joint in robot.joints], (time.size, 1))
+    joints = np.tile(robot.reference_pose, (time.size, 1))
     for index, course in motions.items():
         angle = course(time).angle
         joint = robot.joints[index]

@@ -83,7 +83,7 @@ class CableIndex:
         self._material_part = _columns(state.material[segments])
         self._bristle_part = _columns(state.bristle[contact : contact + cable.contacts])
         self._between = _between([contact_cells(one) for one in robot.cables[c].pulleys])
-        shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
+        shape = shape_at(model, robot.reference_pose)
         self.lever = 2.0 * np.sin(0.5 * shape.wrap[pulley : pulley + cable.pulleys])
         """Force on every pulley per newton of tension [-]."""
         self._length = shape.segment[segments]

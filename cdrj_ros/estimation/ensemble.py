@@ -294,10 +294,7 @@ class Ensemble:
 
 def preload_of_elements(robot: Robot) -> Vector:
     """Preload of every element's cable [N], shape (elements,)."""
-    return np.repeat(
-        [cable.preload for cable in robot.cables],
-        [len(cable.element_names) for cable in robot.cables],
-    )
+    return robot.per_element([cable.preload for cable in robot.cables])
 
 
 def mark_elements_unsure(values: Vector, which: NDArray[np.bool_]) -> None:

@@ -97,8 +97,7 @@ def unsure_elements(robot: Robot, standing: Evaluation | None, *, corrected: boo
         corrected: whether efforts or load cells correct the preloads of the estimate; its standard
             deviation then contains what they leave open, and a change of preload is no reason.
     """
-    sizes = [len(cable.element_names) for cable in robot.cables]
-    flags = np.zeros(sum(sizes), dtype=np.bool_)
+    flags = robot.per_element(np.zeros(len(robot.cables), dtype=np.bool_))
     if standing is None:
         return flags
     if not standing.explained:
@@ -106,7 +105,7 @@ def unsure_elements(robot: Robot, standing: Evaluation | None, *, corrected: boo
     for found in standing.found:
         if found.matters and not (corrected and found.change.kind == "preload"):
             concerned = _cables(robot, found.change, sole=not found.others)
-            flags |= np.repeat(concerned, sizes)
+            flags |= robot.per_element(concerned)
     return flags
 
 

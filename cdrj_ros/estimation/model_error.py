@@ -13,7 +13,7 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.robot.description import Cable, Robot, Winch
+from cdrj_ros.robot.description import Robot, Winch
 
 LEAST_ARM: Final = 0.05
 """Moment arms below this fraction of the largest are not used to turn an effort into a tension."""
@@ -28,10 +28,8 @@ def unmodelled(model: Model) -> Table:
         as slack.
     """
     robot = model.robot
-    shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
-    slack = np.concatenate(
-        [np.full(len(cable.element_names), cable.slack_tension) for cable in robot.cables]
-    )
+    shape = shape_at(model, robot.reference_pose)
+    slack = robot.per_element([cable.slack_tension for cable in robot.cables])
     given = dict(robot.uncertainty.model_error) if robot.uncertainty is not None else {}
     error = _tension_errors(robot, shape, given) if given else np.zeros(slack.size)
     known = _through(robot, shape, error)
@@ -41,13 +39,6 @@ def unmodelled(model: Model) -> Table:
     for k, name in enumerate(names):
         known[k] = given.get(name, known[k])
     return np.stack([known**2, _through(robot, shape, slack)])
-
-
-def _parts(robot: Robot) -> list[tuple[Cable, slice]]:
-    """Every cable with the slice of its elements."""
-    ends = np.cumsum([len(cable.element_names) for cable in robot.cables]).tolist()
-    begins = [0, *ends[:-1]]
-    return [(c, slice(a, b)) for c, a, b in zip(robot.cables, begins, ends, strict=True)]
 
 
 def motor_arms(robot: Robot, name: str) -> Vector:
@@ -78,7 +69,7 @@ def stiffness(robot: Robot, shape: Shape) -> Table:
     arms = np.abs(np.column_stack([*motors, shape.lever_arm]))
     rows = [
         cable.axial_stiffness * arms[own].sum(axis=0) / float(shape.length[own].sum())
-        for cable, own in _parts(robot)
+        for cable, own in zip(robot.cables, robot.parts, strict=True)
     ]
     return np.stack(rows)
 
@@ -89,17 +80,16 @@ def offset_gain(model: Model) -> Table:
     Those of several cables add up, as they do where cables pull against each other.
     """
     robot = model.robot
-    shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
-    counts = [len(cable.element_names) for cable in robot.cables]
-    per_element = np.repeat(stiffness(robot, shape), counts, axis=0)
+    shape = shape_at(model, robot.reference_pose)
+    per_element = robot.per_element(stiffness(robot, shape))
     return np.stack([_through(robot, shape, one, together=True) for one in per_element.T], axis=1)
 
 
 def length_share(model: Model) -> Vector:
     """Length of every element by that of its cable, in the reference pose, shape (elements,)."""
     robot = model.robot
-    shape = shape_at(model, np.array([joint.reference_angle for joint in robot.joints]))
-    shares = [shape.length[own] / float(shape.length[own].sum()) for _, own in _parts(robot)]
+    shape = shape_at(model, robot.reference_pose)
+    shares = [shape.length[own] / float(shape.length[own].sum()) for own in robot.parts]
     return np.concatenate(shares)
 
 
@@ -110,25 +100,26 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
     between the elements with given errors, and constant beyond them.  A cable without any has the
     largest error of another one in proportion to its preload: it was not looked at.
     """
-    parts = _parts(robot)
+    parts = robot.parts
     sources: list[dict[int, float]] = [{} for _ in parts]
     efforts = [(f"effort/{motor.name}", motor_arms(robot, motor.name)) for motor in robot.motors]
     efforts += [
         (f"effort/{joint.name}", _joint_arms(shape, j)) for j, joint in enumerate(robot.joints)
     ]
     for name, arms in efforts:
-        acting = [c for c, (_, part) in enumerate(parts) if arms[part].any()]
+        acting = [c for c, part in enumerate(parts) if arms[part].any()]
         for c in acting if name in given else ():
-            own = arms[parts[c][1]]
+            own = arms[parts[c]]
             error = given[name] / (float(own.sum()) * np.sqrt(len(acting)))
             for element in np.flatnonzero(own).tolist():
                 sources[c][element] = max(sources[c].get(element, 0.0), error)
-    for c, (cable, _) in enumerate(parts):
+    for c, cable in enumerate(robot.cables):
         for element, name in enumerate(cable.element_names):
             if f"tension/{name}" in given:
                 sources[c][element] = given[f"tension/{name}"]
     worst = max(
-        (max(own.values()) / cable.preload for (cable, _), own in zip(parts, sources, strict=True)
+        (max(own.values()) / cable.preload
+         for cable, own in zip(robot.cables, sources, strict=True)
          if own and cable.preload > 0.0),
         default=0.0,
     )  # fmt: skip
@@ -136,17 +127,16 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
         np.interp(np.arange(len(cable.element_names)), sorted(own), [own[k] for k in sorted(own)])
         if own
         else np.full(len(cable.element_names), worst * cable.preload)
-        for (cable, _), own in zip(parts, sources, strict=True)
+        for cable, own in zip(robot.cables, sources, strict=True)
     ]
     return np.concatenate(errors)
 
 
 def _through(robot: Robot, shape: Shape, tension: Vector, *, together: bool = False) -> Vector:
     """What errors of the tensions are in all columns; cables err independently, or all together."""
-    parts = _parts(robot)
     forces = []
     at = 0
-    for cable, part in parts:
+    for cable, part in zip(robot.cables, robot.parts, strict=True):
         count = len(cable.pulleys)
         lever = 2.0 * np.abs(np.sin(0.5 * shape.wrap[at : at + count]))
         own = tension[part]
@@ -154,7 +144,7 @@ def _through(robot: Robot, shape: Shape, tension: Vector, *, together: bool = Fa
         at += count
     arms = [motor_arms(robot, motor.name) for motor in robot.motors]
     arms += [_joint_arms(shape, j) for j in range(len(robot.joints))]
-    own = np.array([[arm[part] @ tension[part] for _, part in parts] for arm in arms])
-    own = own.reshape(len(arms), len(parts))
+    own = np.array([[arm[part] @ tension[part] for part in robot.parts] for arm in arms])
+    own = own.reshape(len(arms), len(robot.cables))
     efforts = own.sum(axis=1) if together else np.linalg.norm(own, axis=1)
     return np.concatenate([tension, *forces, efforts])

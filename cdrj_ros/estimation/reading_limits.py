@@ -168,5 +168,5 @@ def _worth(model: Model) -> list[float]:
 
 def _stiffness(model: Model) -> Table:
     """See ``stiffness``, in the reference pose."""
-    pose = np.array([joint.reference_angle for joint in model.robot.joints])
+    pose = model.robot.reference_pose
     return stiffness(model.robot, shape_at(model, pose))

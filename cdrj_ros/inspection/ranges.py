@@ -59,7 +59,7 @@ def visited_poses(robot: Robot) -> Matrix:
     """
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])
-    reference = np.array([[joint.reference_angle for joint in robot.joints]])
+    reference = robot.reference_pose[None]
     count = len(robot.joints)
     if count == 0:
         return reference.reshape(1, 0)
@@ -111,11 +111,11 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
     shapes = [shape_at(model, pose) for pose in poses]
     length = np.array([shape.length for shape in shapes])
     by_joint = np.array([shape.lever_arm for shape in shapes])
-    whole = np.stack([length[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
-    whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in _parts(robot)], axis=1)
+    whole = np.stack([length[:, part].sum(axis=1) for part in robot.parts], axis=1)
+    whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in robot.parts], axis=1)
 
     stiffness = stiffness_at_preload(robot, whole[0])
-    drums = cable_per_turn(robot)
+    drums = robot.drums
     motors, followed = follow_joints(robot, whole, stiffness, drums)
     unbalanced: list[tuple[float, ...]] = []
     if loads:
@@ -140,23 +140,15 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
     )
 
 
-def _parts(robot: Robot) -> Iterator[slice]:
-    """For every cable, the slice of its elements."""
-    at = 0
-    for cable in robot.cables:
-        yield slice(at, at + len(cable.nodes) - 1)
-        at += len(cable.nodes) - 1
-
-
 def following_motors(model: Model, poses: Matrix) -> Matrix:
     """Motor angles that keep the preloads in given poses [rad], shape (poses, motors)."""
     robot = model.robot
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     lengths = [shape_at(model, pose).length for pose in (reference, *poses)]
-    whole = np.array([[one[part].sum() for part in _parts(robot)] for one in lengths])
+    whole = np.array([[one[part].sum() for part in robot.parts] for one in lengths])
     stiffness = stiffness_at_preload(robot, whole[0])
-    angles, _ = follow_joints(robot, whole, stiffness, cable_per_turn(robot))
-    zero = np.array([motor.reference_angle for motor in robot.motors])
+    angles, _ = follow_joints(robot, whole, stiffness, robot.drums)
+    zero = robot.reference_motors
     return zero + angles[1:]
 
 
@@ -171,7 +163,7 @@ def _cables(
     robot = model.robot
     joints = range(len(robot.joints))
     pulley_at = 0
-    for c, (cable, part) in enumerate(zip(robot.cables, _parts(robot), strict=True)):
+    for c, (cable, part) in enumerate(zip(robot.cables, robot.parts, strict=True)):
         length = np.array([shape.length[part] for shape in shapes])
         by_joint = np.array([shape.lever_arm[part] for shape in shapes])
         count = len(cable.pulleys)
@@ -279,17 +271,6 @@ def _scaled(arms: Matrix) -> Matrix:
     norm = np.linalg.norm(arms, axis=0)
     scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
     return scaled
-
-
-def cable_per_turn(robot: Robot) -> Matrix:
-    """Cable wound in per radian of every motor [m], shape (cables, motors)."""
-    names = [motor.name for motor in robot.motors]
-    drums = np.zeros((len(robot.cables), len(names)))
-    for c, cable in enumerate(robot.cables):
-        for node in (cable.nodes[0], cable.nodes[-1]):
-            if isinstance(node, Winch):
-                drums[c, names.index(node.motor)] += node.winding * node.reel
-    return drums
 
 
 def stiffness_at_preload(robot: Robot, length: Vector) -> Vector:

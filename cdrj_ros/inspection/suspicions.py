@@ -333,7 +333,7 @@ def determined_joints(model: Model) -> tuple[Determined, ...]:
     if not robot.unmeasured:
         return ()
     noise = np.array([motor.effort_noise for motor in robot.motors])
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     worst = np.zeros(len(robot.unmeasured))
     for k in robot.unmeasured:
         joint = robot.joints[k]
@@ -360,10 +360,7 @@ def effort_slopes(model: Model, joint_angle: NDArray[np.float64]) -> NDArray[np.
     shape = shape_at(model, joint_angle)
     slopes = np.zeros((len(robot.motors), len(robot.joints)))
     names = [motor.name for motor in robot.motors]
-    at = 0
-    for cable in robot.cables:
-        own = slice(at, at + len(cable.element_names))
-        at = own.stop
+    for cable, own in zip(robot.cables, robot.parts, strict=True):
         stiffness = cable.axial_stiffness / float(shape.length[own].sum())
         longer = shape.lever_arm[own].sum(axis=0)
         for node in (cable.nodes[0], cable.nodes[-1]):

@@ -181,7 +181,7 @@ def _at_rest(robot: Robot) -> tuple[Model, Shape]:
         RobotFileError: the geometry is impossible there.
     """
     model = _model(robot)
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     rest, views = placed(model, reference)
     if not rest.possible:
         raise RobotFileError(reason(robot, reference, views))

@@ -181,7 +181,9 @@ class RigOutputs:
         self._force_template = Template(NODAL_FORCES, layout.pulleys, FORCES, layout.force_frame)
         self._pulley_status = layout.pulley_status
         self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
-        self._slack_at, self._overload_at = _bounds(model.robot)
+        robot = model.robot
+        self._slack_at = robot.per_element([cable.slack_tension for cable in robot.cables])
+        self._overload_at = robot.per_element([cable.maximum_tension for cable in robot.cables])
         self._tension_publisher = node.create_publisher(
             CableTensions, f"truth/{topics.TENSIONS}", default_profile()
         )
@@ -212,15 +214,6 @@ class RigOutputs:
                 stamp_ns, position=position, velocity=self._speed, effort=effort
             )
         )
-
-
-def _bounds(robot: Robot) -> tuple[Vector, Vector]:
-    """Tensions at or below which each element is slack, and above which it is overloaded [N]."""
-    counts = [len(cable.nodes) - 1 for cable in robot.cables]
-    return (
-        np.repeat([cable.slack_tension for cable in robot.cables], counts),
-        np.repeat([cable.maximum_tension for cable in robot.cables], counts),
-    )
 
 
 def as_given(_mode: Mode, _names: Sequence[str], values: Sequence[float]) -> Sequence[float]:

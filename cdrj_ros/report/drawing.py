@@ -69,7 +69,7 @@ def draw_robot(inspection: Inspection) -> Figure:
         inspection: of ``cdrj_ros.inspection.ranges``.
     """
     model, robot = inspection.model, inspection.model.robot
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     scenes = [scene_of(model, pose) for pose in (reference, *_end_poses(robot))]
     views = PLANE if robot.planar else SPACE
     room = _room(model, scenes[0])
@@ -110,7 +110,7 @@ def _end_poses(robot: Robot) -> Iterator[Vector]:
     """Poses with one joint at an end of its range and the others at the reference."""
     for j, joint in enumerate(robot.joints[:MOST_JOINTS]):
         for end in {joint.lower, joint.upper} - {joint.reference_angle}:
-            pose = np.array([joint.reference_angle for joint in robot.joints])
+            pose = robot.reference_pose
             pose[j] = end
             yield pose
 

@@ -233,11 +233,9 @@ def straight_piece(path: Points) -> Points:
 def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Vector]]:
     """Elements and nodes of a cable as a straight line, in the reference pose."""
     robot = model.robot
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     lengths = shape_at(model, reference).length
-    first = sum(len(cable.nodes) - 1 for cable in robot.cables[:c])
-    cable = robot.cables[c]
-    along = np.concatenate([[0.0], np.cumsum(lengths[first : first + len(cable.nodes) - 1])])
+    along = np.concatenate([[0.0], np.cumsum(lengths[robot.parts[c]])])
     y = -row * ROW * max(node.radius for cable in robot.cables for node in cable.nodes)
     nodes = np.column_stack([along, np.full(len(along), y), np.zeros(len(along))])
     return [nodes[e : e + 2] for e in range(len(nodes) - 1)], list(nodes)

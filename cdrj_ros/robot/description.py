@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cdrj_ros.robot.space import Frame, Place
 from cdrj_ros.robot.visuals import Visual
@@ -364,6 +364,37 @@ class Robot:
     def axes(self) -> tuple[Motor | Joint, ...]:
         """All motors, followed by all joints."""
         return (*self.motors, *self.joints)
+
+    @property
+    def reference_pose(self) -> NDArray[np.float64]:
+        """Angles of all joints in the pose in which the preload was measured, shape (joints,)."""
+        return np.array([joint.reference_angle for joint in self.joints], dtype=np.float64)
+
+    @property
+    def reference_motors(self) -> NDArray[np.float64]:
+        """Angles of all motors in that pose [rad], shape (motors,)."""
+        return np.array([motor.reference_angle for motor in self.motors], dtype=np.float64)
+
+    @property
+    def parts(self) -> tuple[slice, ...]:
+        """For every cable, the slice of its elements among those of all cables."""
+        ends = np.cumsum([0, *(len(cable.nodes) - 1 for cable in self.cables)]).tolist()
+        return tuple(map(slice, ends, ends[1:]))
+
+    def per_element(self, values: ArrayLike) -> NDArray[Any]:
+        """One value or row for every element, from those of the cables."""
+        return np.repeat(values, [len(cable.nodes) - 1 for cable in self.cables], axis=0)
+
+    @property
+    def drums(self) -> NDArray[np.float64]:
+        """Cable that every motor winds in per radian [m], shape (cables, motors)."""
+        drums = np.zeros((len(self.cables), len(self.motors)))
+        names = [motor.name for motor in self.motors]
+        for c, cable in enumerate(self.cables):
+            for node in cable.nodes:
+                if isinstance(node, Winch):
+                    drums[c, names.index(node.motor)] += node.winding * node.reel
+        return drums
 
     @property
     def effort_scale(self) -> dict[str, float]:

@@ -82,7 +82,7 @@ def drive_limits(
         inertias.append(max(USUAL_INERTIA, least) if inertia is None else inertia)
     return DriveLimits(
         tuple(motor.name for motor in robot.motors),
-        tuple(motor.reference_angle for motor in robot.motors),
+        tuple(robot.reference_motors.tolist()),
         tuple(motor.effort_sign for motor in robot.motors),
         tuple(speeds), tuple(torques), tuple(inertias), damping, timeout_s,
     )  # fmt: skip
@@ -90,14 +90,13 @@ def drive_limits(
 
 def _stiffness(robot: Robot, motor: int) -> float:
     """Stiffness of the cables' first elements against one motor, with all else held [N m/rad]."""
-    pose = np.array([joint.reference_angle for joint in robot.joints])
+    pose = robot.reference_pose
     length = shape_at(prepare(robot, check_range=False), pose).length
-    first = np.cumsum([0, *(len(cable.nodes) - 1 for cable in robot.cables)])
     total = 0.0
     for cable, node, owner, radius in drums_of(robot):
         if owner == motor:
-            element = first[cable] if node == 0 else first[cable + 1] - 1
-            total += radius**2 * robot.cables[cable].axial_stiffness / float(length[element])
+            element = length[robot.parts[cable]][0 if node == 0 else -1]
+            total += radius**2 * robot.cables[cable].axial_stiffness / float(element)
     return total
 
 

@@ -15,7 +15,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch
 
 FaultKind = Literal["slack", "snap", "slip"]
 KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
@@ -232,9 +232,7 @@ def _wound_together(robot: Robot, index: int) -> list[int]:
 def _elongation(robot: Robot, index: int) -> float:
     """Elongation of a cable under its preload in the reference pose [m]."""
     cable = robot.cables[index]
-    first = sum(len(other.nodes) - 1 for other in robot.cables[:index])
-    pose = np.array([joint.reference_angle for joint in robot.joints])
-    length = shape_at(prepare(robot), pose).length[first : first + len(cable.nodes) - 1].sum()
+    length = shape_at(prepare(robot), robot.reference_pose).length[robot.parts[index]].sum()
     secant = secant_at(elasticity_of(cable), cable.preload)
     return float(length * cable.preload / (secant + cable.preload))
 
@@ -246,5 +244,5 @@ def drums_of(robot: Robot) -> list[tuple[int, int, int, float]]:
         (c, k, names.index(node.motor), node.winding * node.reel)
         for c, cable in enumerate(robot.cables)
         for k, node in enumerate(cable.nodes)
-        if isinstance(node, Winch) and not isinstance(node, Pulley)
+        if isinstance(node, Winch)
     ]

@@ -20,7 +20,6 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import course
 from cdrj_ros.simulation.drives import Program
-from cdrj_ros.simulation.faults import drums_of
 from cdrj_ros.simulation.load import AT_AN_END
 
 MotionName = Literal["none"] | motion.MotionKind
@@ -61,18 +60,14 @@ def follow_joints(model: Model, joint_angle: Table) -> Following:
         UsageError: the geometry is impossible in one of the poses.
     """
     robot = model.robot
-    reference = np.array([[joint.reference_angle for joint in robot.joints]])
+    reference = robot.reference_pose[None]
     lengths = course(model, np.concatenate([reference, joint_angle])).length
-    first = np.cumsum([0] + [len(cable.nodes) - 1 for cable in robot.cables])[:-1]
-    total = np.add.reduceat(lengths, first, axis=1)
-    longer = total[1:] - total[0]
-    drums = np.zeros((len(robot.cables), len(robot.motors)))
-    for cable, _, motor, radius in drums_of(robot):
-        drums[cable, motor] += radius
+    total = np.add.reduceat(lengths, [part.start for part in robot.parts], axis=1)
+    longer, drums = total[1:] - total[0], robot.drums
     wound = np.any(drums != 0.0, axis=1)
     turned = -longer[:, wound] @ np.linalg.pinv(drums[wound]).T
     untaken = np.where(wound, longer + turned @ drums.T, 0.0)
-    rest = np.array([motor.reference_angle for motor in robot.motors])
+    rest = robot.reference_motors
     return Following(rest + turned, untaken)
 
 
@@ -85,7 +80,7 @@ def pull_together(model: Model, joint: int) -> Vector:
     robot = model.robot
     if len(robot.motors) == 1:
         return np.ones(1)
-    reference = np.array([axis.reference_angle for axis in robot.joints])
+    reference = robot.reference_pose
     span = robot.joints[joint].upper - robot.joints[joint].lower
     poses = np.tile(reference, (2, 1))
     step = 1e-3 * span
@@ -128,7 +123,7 @@ def program_of(
     course = _course(model, joint, demonstration)
     if course is None:
         return None
-    reference = np.array([axis.reference_angle for axis in model.robot.joints])
+    reference = model.robot.reference_pose
     first, angles = -1, np.empty((0, len(model.robot.motors)))
 
     def program(step: int) -> np.ndarray:

@@ -95,8 +95,8 @@ class LiveRig:
         self.steps = 0
         self.unsolved = 0
         self.stalled = 0
-        self.motor_angle = np.array([motor.reference_angle for motor in self.robot.motors])
-        pose = np.array([joint.reference_angle for joint in self.robot.joints])
+        self.motor_angle = self.robot.reference_motors
+        pose = self.robot.reference_pose
         drums = self._rig.drums(self.motor_angle[None])
         start = self.settings.start
         if start is None:

@@ -188,8 +188,8 @@ def usual_payload(robot: Robot, joint: int, kind: LoadKind, gravity: float) -> f
     if robot.joints[joint].lower == robot.joints[joint].upper:
         return USUAL_PAYLOAD
     axis, rig = robot.joints[joint], make_rig(robot, 1)
-    motors = np.array([[motor.reference_angle for motor in robot.motors]])
-    joints = np.array([other.reference_angle for other in robot.joints])
+    motors = robot.reference_motors[None]
+    joints = robot.reference_pose
     drums = rig.drums(motors)[0]
     torque = cable_torque(rig, drums, joints, joint)
     empty, full = (make_load(kind, mass, 0.0, gravity) for mass in (0.0, 1.0))

@@ -107,7 +107,7 @@ def simulate(
     """
     _require_one_rule(robot, joint_torque, load, motor_angle)
     rig, n = make_rig(robot, cells, faults), time.size
-    reference = np.array([axis.reference_angle for axis in robot.joints])
+    reference = robot.reference_pose
     poses = np.tile(reference, (n, 1)) if joint_angle is None else joint_angle
     joints = _columns(poses, n, len(robot.joints), "joint_angle")
     offset, happening = rig.wiring.offset(time), rig.wiring.during(time)

@@ -56,7 +56,7 @@ def nothing_known(model: Model) -> Snapshot:
 
     return Snapshot(
         0,
-        np.array([joint.reference_angle for joint in model.robot.joints]),
+        model.robot.reference_pose,
         unknown(elements),
         unknown(elements),
         unknown(elements),

@@ -18,7 +18,7 @@ from cdrj_ros.model.state import INVALID
 from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
 from cdrj_ros.report.scene import Colour
 from cdrj_ros.view.history import Curves, Snapshot
-from cdrj_ros.view.picture import DrawnCable, Picture, cable_numbers
+from cdrj_ros.view.picture import DrawnCable, Picture
 
 TENSION: Final = "#2f9e44"
 BAND: Final = "rgba(47, 158, 68, 0.25)"
@@ -329,9 +329,9 @@ def table_of(model: Model, shown: Snapshot, picture: Picture, chosen: str) -> st
         for cable in model.robot.cables
     ]
     rows = [
-        _row(look, shown, e, limits[c], look.name == chosen)
-        for e, (look, c) in enumerate(
-            zip(picture.cables, cable_numbers(model).tolist(), strict=True)
+        _row(look, shown, e, limit, look.name == chosen)
+        for e, (look, limit) in enumerate(
+            zip(picture.cables, model.robot.per_element(limits).tolist(), strict=True)
         )
     ]
     style = "width:100%;border-collapse:collapse;font-size:13px;line-height:1.55"

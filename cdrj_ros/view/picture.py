@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.errors import CdrjError
@@ -170,12 +169,6 @@ def element_words(name: str, tension: float, stddev: float, known: bool) -> str:
     return f"{name} {tension:.1f}{spread} N"
 
 
-def cable_numbers(model: Model) -> NDArray[np.intp]:
-    """Index of the cable of every element."""
-    counts = [len(cable.nodes) - 1 for cable in model.robot.cables]
-    return np.repeat(np.arange(len(counts)), counts)
-
-
 def typical_radius(model: Model, scene: Scene) -> float:
     """Median radius of winches, pulleys and anchors, or a share of the robot's size [m]."""
     radii = [node.radius for cable in model.robot.cables for node in cable.nodes if node.radius > 0]
@@ -198,10 +191,9 @@ def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[DrawnCable]:
     width = 0.1 * typical_radius(model, scene)
     flags, known = shown.status, usable(shown.status)
     looks = []
-    for e, (name, c) in enumerate(
-        zip(model.layout.elements, cable_numbers(model).tolist(), strict=True)
-    ):
-        cable, tension = model.robot.cables[c], float(shown.tension[e])
+    cables = [cable for cable in model.robot.cables for _ in cable.element_names]
+    for e, (name, cable) in enumerate(zip(model.layout.elements, cables, strict=True)):
+        tension = float(shown.tension[e])
         good = bool(known[e]) and np.isfinite(tension)
         looks.append(
             DrawnCable(

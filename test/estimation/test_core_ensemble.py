@@ -20,8 +20,8 @@ APART_NS = 2_000_000
 def _motion(model: Model) -> Samples:
     robot = model.robot
     swing = 0.05 * np.sin(0.1 * np.arange(COUNT))[:, None]
-    motor = np.array([one.reference_angle for one in robot.motors]) + swing
-    joint = np.array([one.reference_angle for one in robot.joints]) + 0.3 * swing
+    motor = robot.reference_motors + swing
+    joint = robot.reference_pose + 0.3 * swing
     return Samples(1_000_000_000 + APART_NS * np.arange(COUNT), motor, joint)
 
 

@@ -369,7 +369,7 @@ def geometry(robot: Robot, q: Vector) -> Geometry:
 
 def by_positions(robot: Robot, cable: Cable, q: Vector) -> Geometry:
     """Section 13 for one cable."""
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     rest = path(robot, cable, reference, None)
     found = path(robot, cable, q, rest)
     length, direction = elements(cable, found)
@@ -414,7 +414,7 @@ def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
 
 def moved(robot: Robot, before: Vector, now: Vector) -> Vector:
     """(G13), (E26): motion of the middles of all arcs on their bodies between two poses [m]."""
-    reference = np.array([joint.reference_angle for joint in robot.joints])
+    reference = robot.reference_pose
     found = []
     for cable in robot.cables:
         if not cable.placed:

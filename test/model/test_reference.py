@@ -105,7 +105,7 @@ def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
 
 
 def reference_angles(robot: Robot) -> Vector:
-    return np.array([joint.reference_angle for joint in robot.joints])
+    return robot.reference_pose
 
 
 def with_law(robot: Robot, law: Law) -> Robot:

@@ -42,8 +42,8 @@ cables:
 def written(model: Model, filler: float) -> np.ndarray:
     """State and estimate after two samples whose memory was full of a number."""
     robot = model.robot
-    motor = np.array([axis.reference_angle for axis in robot.motors])
-    joint = np.array([axis.reference_angle for axis in robot.joints])
+    motor = robot.reference_motors
+    joint = robot.reference_pose
     before = initial_state(model).values
     for k in range(2):
         out = np.full(model.out_size, filler)

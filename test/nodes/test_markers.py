@@ -123,7 +123,7 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
 
     node = drawing(robot=robot)
     model, drawn = node.model, markers_of(node)
-    scene = scene_of(model, np.array([joint.reference_angle for joint in model.robot.joints]))
+    scene = scene_of(model, model.robot.reference_pose)
 
     def along(marker: Any) -> Any:
         turned = marker.pose.orientation

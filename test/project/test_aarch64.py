@@ -54,10 +54,10 @@ def test_aarch64_gives_the_numbers_of_this_processor(program: Path, path: Path) 
     time = np.linspace(0.0, 0.2, SAMPLES)[:, None]
     low = np.array([joint.lower for joint in robot.joints])
     high = np.array([joint.upper for joint in robot.joints])
-    middle = np.array([joint.reference_angle for joint in robot.joints])
+    middle = robot.reference_pose
     swing = 0.2 * (high - low) * np.sin(20.0 * time + np.arange(len(low)))
     joint = np.ascontiguousarray(np.clip(middle + swing, low, high))
-    rest = np.array([motor.reference_angle for motor in robot.motors])
+    rest = robot.reference_motors
     motor = np.ascontiguousarray(rest + 0.02 * np.sin(30.0 * time + np.arange(len(rest))))
     dt = np.append(0.0, np.full(SAMPLES - 1, 1e-3))
     expected = np.empty((SAMPLES, model.layout.size))

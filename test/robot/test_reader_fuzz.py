@@ -115,8 +115,8 @@ def judge_document(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, str], bool
 def follow(model: Model) -> None:
     """Step the estimator three times; valid tensions must be finite and not negative."""
     robot, state = model.robot, initial_state(model)
-    motors = np.array([motor.reference_angle for motor in robot.motors])
-    joints = np.array([joint.reference_angle for joint in robot.joints])
+    motors = robot.reference_motors
+    joints = robot.reference_pose
     for k in range(3):
         moved = Sample(10**18 + k * 10**6, motors + 0.01 * k, joints + 0.001 * k)
         state, estimate = step(model, state, moved)

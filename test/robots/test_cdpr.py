@@ -68,7 +68,7 @@ def test_lengths_are_those_of_the_literature() -> None:
 def test_the_preloads_carry_the_platform() -> None:
     """At the reference pose; the file gives them to 0.1 N."""
     model = load_model("cdpr")
-    pose = np.array([joint.reference_angle for joint in model.robot.joints])
+    pose = model.robot.reference_pose
     _, estimate = step(model, initial_state(model), Sample(1, np.zeros(8), pose))
     force = np.array([0.0, 0.0, MASS * 9.80665])
     expected = [*force, *np.cross(CENTRE, force)]

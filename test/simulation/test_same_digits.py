@@ -57,7 +57,7 @@ def round_bodies() -> Robot:
 def assert_same_digits(robot: Robot, load: Load, planned: bool) -> None:
     """Drive all motors to and fro, in turn with opposite signs; faults are planned or commanded."""
     first, last = robot.cables[0].name, robot.cables[-1].name
-    rest = np.array([motor.reference_angle for motor in robot.motors])
+    rest = robot.reference_motors
     signs = np.where(np.arange(rest.size) % 2, -1.0, 1.0)
     motors = rest + np.multiply.outer(0.1 * np.sin(6.0 * TIME), signs)
     faults = (Fault("snap", SNAP_S, SNAP_M, first), Fault("slip", SLIP_S, SLIP_RAD, last))
