@@ -65,7 +65,9 @@ class RigNode(Node):
         model, self.options = declare_rig(self)
         settings = self.options.settings
         self.rig = LiveRig(model.robot, settings)
-        program = program_of(model, settings.joint, settings.rate, self.options.demonstration)
+        program = program_of(
+            model, settings.joint, settings.rate, self.options.motion, self.options.seed
+        )
         self.drives = Drives(self.options.limits, program)
         self._period_s = 1.0 / settings.rate
         self._time_s = 0.0
@@ -81,7 +83,7 @@ class RigNode(Node):
         self.get_logger().info(
             f"{model.robot.name}: {settings.cells} contact cells per pulley, "
             f"{model.robot.joints[settings.joint].name} moves freely, motion "
-            f"{self.options.demonstration.kind}"
+            f"{self.options.motion}"
         )
         if self.rig.at_stop:
             self.get_logger().warning(

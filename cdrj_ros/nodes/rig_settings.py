@@ -15,7 +15,7 @@ from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, as_double, declare, values_of
 from cdrj_ros.simulation.commands import DriveLimits
 from cdrj_ros.simulation.drives import drive_limits
-from cdrj_ros.simulation.follow import MOTIONS, Demonstration
+from cdrj_ros.simulation.follow import MOTIONS, MotionName
 from cdrj_ros.simulation.live import LiveSettings
 from cdrj_ros.simulation.load import Load, usual_load, usual_payload
 from cdrj_ros.simulation.rig_file import LoadChoice, load_rig
@@ -74,7 +74,7 @@ class RigOptions:
 
     settings: LiveSettings
     limits: DriveLimits
-    demonstration: Demonstration
+    motion: MotionName
     load_of: Callable[[float], Load]
     """The load by the parameter ``payload`` [kg]."""
     sensors: SensorSettings
@@ -110,7 +110,7 @@ def declare_rig(node: Node) -> tuple[Model, RigOptions]:
     return model, RigOptions(
         settings,
         drive_limits(model.robot, rate, **rig.drives),
-        Demonstration(given["motion"], seed=given["seed"]),
+        given["motion"],
         load_of,
         rig.sensors,
         given["truth_rate"],

@@ -73,7 +73,7 @@ class ViewNode(Node):
         self.page = Page(self.model, *at, f"cdrj_ros · {self.model.robot.name}", AXIS)
         self.link = EstimatorLink(self, values["estimator"], self.model)
         self._add_controls()
-        self.history = History(self.model.layout)
+        self.history = History()
         self.inputs = Inputs(self, self.model, values["references"])
         self._diagnostics: Any = None
         self.heard = Heard(self.resolve_topic_name(topics.TENSIONS), self.link.name)
@@ -124,7 +124,8 @@ class ViewNode(Node):
                 self.history.add(shown)
             publishers = self.count_publishers(heard.topic)
             words = words_of(heard, there, publishers, self.get_clock().now().nanoseconds)
-            self.page.show(shown, self.history.table(), words)
+            table = self.history.table() if self.page.plot_is_due() else None
+            self.page.show(shown, table, words)
         except CdrjError as error:
             self.get_logger().warning(f"nothing drawn: {error}", throttle_duration_sec=5.0)
 

@@ -108,8 +108,7 @@ def check_document(document: Document, schema: Mapping[str, Any], source: str) -
 def _check(document: Document, validator: Any, source: str) -> None:
     for complaint in _complaints(validator, document, ""):
         raise RobotFileError(f"{complaint} ({source})")
-    if not _possible(document):
-        path, value = next(_impossible(document, ""))
+    for path, value in _impossible(document, ""):
         raise RobotFileError(
             f"{path} must be a finite number of at most {LARGEST:g} in SI, got {_shown(value)} "
             f"({source})"
@@ -123,21 +122,9 @@ def load_schema(package: str, name: str) -> Document:
     return document
 
 
-def _schema() -> Document:
-    return load_schema("cdrj_ros.robot", "robot.schema.json")
-
-
-@lru_cache(maxsize=1)
 def schema() -> Mapping[str, Any]:
-    """The JSON schema of the robot file, read-only at every level."""
-    frozen: Mapping[str, Any] = _frozen(_schema())
-    return frozen
-
-
-def _frozen(value: Any) -> Any:
-    if isinstance(value, dict):
-        return MappingProxyType({key: _frozen(entry) for key, entry in value.items()})
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+    """The JSON schema of the robot file."""
+    return load_schema("cdrj_ros.robot", "robot.schema.json")
 
 
 @lru_cache(maxsize=2)
@@ -145,7 +132,7 @@ def _validator(definition: str = "") -> Any:
     """The validator of the schema, or of one of its definitions."""
     import jsonschema  # as in check_document
 
-    rules = _schema()
+    rules = schema()
     if definition:
         rules = {"$ref": f"#/$defs/{definition}", "$defs": rules["$defs"]}
     return jsonschema.Draft202012Validator(rules)
@@ -164,15 +151,6 @@ def term_complaints(term: Any, path: str) -> Iterator[str]:
 def _complaints(validator: Any, value: Any, path: str) -> Iterator[str]:
     errors = sorted(validator.iter_errors(value), key=lambda error: len(error.path))
     return (_complaint(error, path) for error in errors)
-
-
-def _possible(value: Any) -> bool:
-    """Whether all numbers are finite and at most ``LARGEST`` in magnitude."""
-    if isinstance(value, (int, float)):
-        return -LARGEST <= value <= LARGEST
-    if isinstance(value, dict):
-        return all(map(_possible, value.values()))
-    return not isinstance(value, list) or all(map(_possible, value))
 
 
 def _impossible(value: Any, path: str) -> Iterator[tuple[str, float]]:

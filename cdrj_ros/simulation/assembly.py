@@ -124,6 +124,18 @@ class Rig:
         owner = self.wiring.owner
         return np.ascontiguousarray(np.where(owner >= 0, motor_angle[:, owner], 0.0))
 
+    def of_motors(self, effort: Vector) -> Vector:
+        """Efforts of the robot's motors, with those of the faulty ends that turn with them.
+
+        ``effort`` is that of all motors of the fine robot, shape (..., all motors).
+        """
+        own = len(self.lumped.robot.motors)
+        motors = effort[..., :own].copy()
+        for end in range(own, self.wiring.owner.size):
+            if self.wiring.owner[end] >= 0:
+                motors[..., self.wiring.owner[end]] += effort[..., end]
+        return np.asarray(motors)
+
 
 def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
     """Divide contacts into cells and add a motor for every faulty end.
@@ -193,23 +205,17 @@ def read_out(
     imbalance: Vector,
     notes: tuple[str, ...] = (),
 ) -> Truth:
-    """The truth from the fine robot's estimates; additional motors count for their owners."""
-    robot = rig.lumped.robot
-    motors = kept.motor_effort[:, : len(robot.motors)].copy()
-    ends = range(len(robot.motors), rig.wiring.owner.size)
-    for end in ends:
-        if rig.wiring.owner[end] >= 0:
-            motors[:, rig.wiring.owner[end]] += kept.motor_effort[:, end]
+    """The truth from the fine robot's estimates."""
     return Truth(
         time,
         motor_angle,
         joint_angle,
         kept.tension,
         kept.force,
-        motors,
+        rig.of_motors(kept.motor_effort),
         kept.joint_effort,
         imbalance,
-        offset[:, list(ends)],
+        offset[:, len(rig.lumped.robot.motors) :],
         notes,
     )
 

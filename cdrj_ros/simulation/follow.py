@@ -17,6 +17,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Joint
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import course
 from cdrj_ros.simulation.drives import Program
@@ -29,8 +30,11 @@ MOTIONS: Final[tuple[MotionName, ...]] = ("none", *motion.MOTIONS)
 BEGIN_S: Final = 1.0
 """Rest before the motion [s]."""
 
-USUAL_SHARE: Final = 0.6
-"""Default amplitude, as a share of the distance to the nearer end of the range."""
+SHARE: Final = 0.6
+"""Amplitude, as a share of the distance to the nearer end of the range."""
+
+FREQUENCY_HZ: Final = 0.2
+"""Frequency of the cycle, or the highest frequency of a random motion [Hz]."""
 
 APPROACH_S: Final = 2.0
 """Duration of the move to the middle of the range if the reference is at its end [s]."""
@@ -93,36 +97,24 @@ def pull_together(model: Model, joint: int) -> Vector:
     return np.asarray(way / most)
 
 
-@dataclass(frozen=True)
-class Demonstration:
-    """A motion of the free joint about the reference, or about the middle if it is at an end."""
-
-    kind: MotionName = "none"
-    amplitude: float | None = None
-    """Amplitude [rad] or [m]; None for ``USUAL_SHARE`` of what the range allows."""
-    frequency: float = 0.2
-    """Frequency of the cycle, or the highest frequency of a random motion [Hz]."""
-    seed: int = 0
-    """Seed of a random motion."""
-
-
 def program_of(
-    model: Model, joint: int, rate: float, demonstration: Demonstration
+    model: Model, joint: int, rate: float, kind: MotionName, seed: int = 0
 ) -> Program | None:
     """Motor angles by step of a rig, as in ``simulate --mode forward``.
+
+    The free joint moves about the reference, or about the middle of its range if the reference is
+    at an end of it.
 
     Args:
         model: the prepared robot.
         joint: index of the free joint.
         rate: steps per second [Hz].
-        demonstration: the motion; if it is none, the function returns None.
-
-    Raises:
-        UsageError: an unknown motion, or a motion that leaves the joint's range.
+        kind: of the motion; if it is none, the function returns None.
+        seed: of a random motion.
     """
-    course = _course(model, joint, demonstration)
-    if course is None:
+    if kind == "none":
         return None
+    angle_at = _angle_of(model.robot.joints[joint], kind, seed)
     reference = model.robot.reference_pose
     first, angles = -1, np.empty((0, len(model.robot.motors)))
 
@@ -131,38 +123,21 @@ def program_of(
         if first < 0 or not first <= step < first + AHEAD:
             first = step
             poses = np.tile(reference, (AHEAD, 1))
-            poses[:, joint] = course(np.arange(step, step + AHEAD) / rate)
+            poses[:, joint] = angle_at(np.arange(step, step + AHEAD) / rate)
             angles = follow_joints(model, poses).motor_angle
         return angles[step - first].copy()
 
     return program
 
 
-def _course(
-    model: Model, joint: int, demonstration: Demonstration
-) -> Callable[[Vector], Vector] | None:
+def _angle_of(axis: Joint, kind: motion.MotionKind, seed: int) -> Callable[[Vector], Vector]:
     """Angle of the joint as a function of time."""
-    kind = demonstration.kind
-    if kind not in MOTIONS:
-        raise UsageError(f"motion must be one of {', '.join(MOTIONS)}, got {kind!r}")
-    if kind == "none":
-        return None
-    axis = model.robot.joints[joint]
     centre, begin = axis.reference_angle, BEGIN_S
     most = min(centre - axis.lower, axis.upper - centre)
     if most < AT_AN_END * (axis.upper - axis.lower):
         centre, begin = 0.5 * (axis.lower + axis.upper), BEGIN_S + APPROACH_S
         most = 0.5 * (axis.upper - axis.lower)
-    amplitude = demonstration.amplitude
-    if amplitude is None:
-        amplitude = USUAL_SHARE * most
-    if not 0.0 < amplitude <= most:
-        raise UsageError(
-            f"the amplitude of {axis.name} must be in (0, {most:.4g}], got {amplitude:g}"
-        )
-    course = motion.named_motion(
-        kind, amplitude, demonstration.frequency, demonstration.seed, begin, centre
-    )
+    course = motion.named_motion(kind, SHARE * most, FREQUENCY_HZ, seed, begin, centre)
     away = axis.reference_angle - centre
 
     def angle(time: Vector) -> Vector:

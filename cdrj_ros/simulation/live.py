@@ -298,13 +298,8 @@ class LiveRig:
         parts = (layout.force_x, layout.force_y, layout.force_z)
         self.force = np.stack([row[part] for part in parts], axis=-1)
         """Force of the cable on every pulley [N], shape (pulleys, 3), as ``Truth.force``."""
-        every = row[layout.motor_effort]
-        owner = self._rig.wiring.owner
-        self.motor_effort = every[: len(self.robot.motors)].copy()
+        self.motor_effort = self._rig.of_motors(row[layout.motor_effort])
         """Efforts of the cables on the motors [N m], shape (motors,)."""
-        for end in range(len(self.robot.motors), owner.size):
-            if owner[end] >= 0:
-                self.motor_effort[owner[end]] += every[end]
         self.joint_effort = row[layout.joint_effort].copy()
         """Efforts of the cables on the joints [N m], shape (joints,)."""
 
@@ -312,12 +307,6 @@ class LiveRig:
 def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:
     if not robot.motors or not robot.joints:
         raise UsageError("a live rig needs at least one motor and one joint")
-    if not 0 <= settings.joint < len(robot.joints):
-        raise UsageError(f"joint must be in [0, {len(robot.joints) - 1}], got {settings.joint}")
-    if not 1 <= settings.cells <= 200:
-        raise UsageError(f"cells must be in [1, 200], got {settings.cells}")
-    if not 10.0 <= settings.rate <= 1e5:
-        raise UsageError(f"rate must be in [10, 1e5] Hz, got {settings.rate:g}")
     axis = robot.joints[settings.joint]
     lower = axis.lower if settings.lower is None else settings.lower
     upper = axis.upper if settings.upper is None else settings.upper
@@ -325,9 +314,5 @@ def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:
         raise UsageError(
             f"the stops of {axis.name} must lie within its range [{axis.lower:.4g}, "
             f"{axis.upper:.4g}], the lower one below the upper, got {lower:.4g} and {upper:.4g}"
-        )
-    if settings.start is not None and not lower <= settings.start <= upper:
-        raise UsageError(
-            f"start must lie between the stops [{lower:.4g}, {upper:.4g}], got {settings.start:g}"
         )
     return settings

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final, NamedTuple
@@ -163,20 +164,30 @@ class Curves(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Snapshots over time."""
+    """Snapshots over time: every field of ``Snapshot`` with a row for each."""
 
     stamp_ns: NDArray[np.int64]
-    """[ns], shape (n,)."""
+    angle: Vector
     tension: Vector
-    """[N], shape (n, elements)."""
     stddev: Vector
-    """[N], shape (n, elements)."""
     reference: Vector
-    """[N], shape (n, elements)."""
+    status: Flags
+    force: NDArray[np.float64]
     friction: Vector
-    """[N], shape (n, pulleys)."""
     slip_speed: Vector
-    """[m/s], shape (n, pulleys)."""
+    pulley_status: Flags
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last snapshot [s]."""
+        return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9
+
+    def at(self, time_s: float) -> Snapshot:
+        """The last snapshot at a time since the first one [s]; the first one before that."""
+        wanted = int(self.stamp_ns[0]) + round(time_s * 1e9)
+        k = max(int(np.searchsorted(self.stamp_ns, wanted, side="right")) - 1, 0)
+        stamp_ns, *columns = (column[k] for column in self)
+        return Snapshot(int(stamp_ns), *columns)
 
     def curves(self, layout: Layout, chosen: str, zero_ns: int) -> Curves:
         """The curves of an element or a pulley, with its neighbour.
@@ -187,17 +198,30 @@ class Table(NamedTuple):
             zero_ns: stamp at which the time is 0 [ns].
         """
         element, pulley = indices_of(layout, chosen)
-        nothing = np.full(len(self.stamp_ns), np.nan)
+        fine = usable(self.status[:, element])
+        sure = np.zeros(0) if pulley is None else usable(self.pulley_status[:, pulley])
+
+        def of_pulley(values: Vector) -> Vector:
+            if pulley is None:
+                return np.full(len(self.stamp_ns), np.nan)
+            return np.where(sure, values[:, pulley], np.nan)
+
         return Curves(
             layout.elements[element],
             "" if pulley is None else layout.pulleys[pulley],
             (self.stamp_ns - zero_ns).astype(np.float64) * 1e-9,
-            self.tension[:, element],
-            self.stddev[:, element],
+            np.where(fine, self.tension[:, element], np.nan),
+            np.where(fine, self.stddev[:, element], np.nan),
             self.reference[:, element],
-            nothing if pulley is None else self.friction[:, pulley],
-            nothing if pulley is None else self.slip_speed[:, pulley],
+            of_pulley(self.friction),
+            of_pulley(self.slip_speed),
         )
+
+
+def stacked(snapshots: Iterable[Snapshot]) -> Table:
+    """The table of at least one snapshot."""
+    rows = [tuple(getattr(one, name) for name in Table._fields) for one in snapshots]
+    return Table(*map(np.array, zip(*rows, strict=True)))
 
 
 def indices_of(layout: Layout, chosen: str) -> tuple[int, int | None]:
@@ -228,45 +252,23 @@ def choices(layout: Layout) -> tuple[str, ...]:
 
 
 class History:
-    """A ring of snapshots."""
+    """The last snapshots."""
 
-    def __init__(self, layout: Layout, size: int = PICTURES) -> None:
-        """Reserve the memory for ``size`` snapshots."""
-        elements, pulleys = len(layout.elements), len(layout.pulleys)
-        self._stamp = np.zeros(size, np.int64)
-        self._columns = [
-            np.full((size, width), np.nan)
-            for width in (elements, elements, elements, pulleys, pulleys)
-        ]
-        self._count = 0
+    def __init__(self, size: int = PICTURES) -> None:
+        """Keep at most ``size``."""
+        self._kept: deque[Snapshot] = deque(maxlen=size)
 
     def clear(self) -> None:
         """Forget everything."""
-        self._count = 0
+        self._kept.clear()
 
     def add(self, shown: Snapshot) -> None:
         """Append a snapshot; a stamp that goes back clears the others, an equal one is ignored."""
-        if self._count:
-            before = self._stamp[(self._count - 1) % len(self._stamp)]
-            if shown.stamp_ns == before:
-                return
-            if shown.stamp_ns < before:
-                self.clear()
-        k = self._count % len(self._stamp)
-        self._stamp[k] = shown.stamp_ns
-        fine, sure = usable(shown.status), usable(shown.pulley_status)
-        self._columns[0][k] = np.where(fine, shown.tension, np.nan)
-        self._columns[1][k] = np.where(fine, shown.stddev, np.nan)
-        self._columns[2][k] = shown.reference
-        self._columns[3][k] = np.where(sure, shown.friction, np.nan)
-        self._columns[4][k] = np.where(sure, shown.slip_speed, np.nan)
-        self._count += 1
+        if self._kept and shown.stamp_ns < self._kept[-1].stamp_ns:
+            self.clear()
+        if not self._kept or shown.stamp_ns > self._kept[-1].stamp_ns:
+            self._kept.append(shown)
 
-    def table(self) -> Table:
-        """All snapshots in the order of time."""
-        size = len(self._stamp)
-        if self._count <= size:
-            order = np.arange(self._count)
-        else:
-            order = (np.arange(size) + self._count) % size
-        return Table(self._stamp[order], *(column[order] for column in self._columns))
+    def table(self) -> Table | None:
+        """All snapshots in the order of time; None if there are none."""
+        return stacked(self._kept) if self._kept else None

@@ -12,7 +12,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.view.drawing import Drawing, Labels
-from cdrj_ros.view.history import History, Snapshot, Table, choices, nothing_known
+from cdrj_ros.view.history import Snapshot, Table, choices, nothing_known
 from cdrj_ros.view.panels import Plots, TimeAxis, paragraphs, table_of
 from cdrj_ros.view.picture import Picture, picture_of
 from cdrj_ros.view.server import address_of, open_server
@@ -151,7 +151,7 @@ class Page:
         view_camera = Camera(self.drawing.size, self._flat, self._plots.appear)
         view_camera.begin(self.server.initial_camera)
         self.server.on_client_connect(view_camera.follow)
-        self.show(nothing_known(model), History(model.layout, 1).table(), ())
+        self.show(nothing_known(model), None, ())
 
     def close(self) -> None:
         """Stop the server."""
@@ -176,13 +176,17 @@ class Page:
         self._plotted_s = 0.0
 
     def show(
-        self, shown: Snapshot, table: Table, words: Sequence[str], now_ns: int | None = None
+        self,
+        shown: Snapshot,
+        table: Table | None,
+        words: Sequence[str],
+        now_ns: int | None = None,
     ) -> None:
         """Draw a snapshot, at most ``PICTURE_HZ`` times a second.
 
         Args:
             shown: the values.
-            table: values over time.
+            table: values over time; None: the curves stay.
             words: the state in words, one paragraph each, see ``markup.plain``.
             now_ns: time that is marked in the curves [ns]; None for none, whose time is 0 at the
                 end.
@@ -199,10 +203,12 @@ class Page:
             self._plotted_s = monotonic()
             self._plot(shown, picture, table, now_ns)
 
-    def _plot(self, shown: Snapshot, picture: Picture, table: Table, now_ns: int | None) -> None:
+    def _plot(
+        self, shown: Snapshot, picture: Picture, table: Table | None, now_ns: int | None
+    ) -> None:
         _, _, name = self.chosen.partition(" ")
         self._table.content = table_of(self.model, shown, picture, name)
-        if not len(table.stamp_ns):
+        if table is None:
             return
         zero_ns = int(table.stamp_ns[-1 if now_ns is None else 0])
         curves = table.curves(self.model.layout, self.chosen, zero_ns)

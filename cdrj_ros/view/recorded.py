@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from math import ceil, isfinite
 from time import monotonic
 from typing import Any, Final
@@ -22,7 +21,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.prepared import TENSION, Layout, Model
 from cdrj_ros.recordings import Recording, Series
-from cdrj_ros.view.history import Flags, Snapshot, Table, usable
+from cdrj_ros.view.history import Table
 from cdrj_ros.view.page import Page
 from cdrj_ros.view.panels import filled
 
@@ -30,44 +29,12 @@ MOST: Final = 20_000
 """Maximum number of pictures of a recording; of longer ones every n-th estimate is kept."""
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedEstimates:
-    """Estimates of a recording over time."""
-
-    table: Table
-    """What is plotted."""
-    angle: Vector
-    """Of the joints [rad] or [m], shape (n, joints)."""
-    status: Flags
-    """Shape (n, elements)."""
-    force: NDArray[np.float64]
-    """Shape (n, pulleys, 3) [N]."""
-    pulley_status: Flags
-    """Shape (n, pulleys)."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first to the last picture [s]."""
-        return float(self.table.stamp_ns[-1] - self.table.stamp_ns[0]) * 1e-9
-
-    def at(self, time_s: float) -> Snapshot:
-        """The last picture at a time since the first one [s]; the first one before that."""
-        stamps, table = self.table.stamp_ns, self.table
-        wanted = int(stamps[0]) + round(time_s * 1e9)
-        k = max(int(np.searchsorted(stamps, wanted, side="right")) - 1, 0)
-        return Snapshot(
-            int(stamps[k]), self.angle[k], table.tension[k], table.stddev[k], table.reference[k],
-            self.status[k], self.force[k], table.friction[k], table.slip_speed[k],
-            self.pulley_status[k],
-        )  # fmt: skip
-
-
 def recorded_estimates(
     model: Model,
     recording: Recording,
     conditioned: Conditioned,
     progress: Callable[[float], None] | None = None,
-) -> RecordedEstimates:
+) -> Table:
     """Estimate a recording as the validation does, and keep what is shown.
 
     Args:
@@ -85,17 +52,16 @@ def recorded_estimates(
     total = segment.stamp_ns.size
     every = 1 + total // MOST
     measured = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
-    parts: list[RecordedEstimates] = []
+    parts: list[Table] = []
     done = 0
     for piece in pieces_of(model, segment, spread=True):
         kept = slice((-done) % every, None, every)
         samples = segment.part(slice(done, done + piece.stamp_ns.size))
-        if part := _part(model.layout, piece, samples, kept, measured):
-            parts.append(part)
+        parts.append(_part(model.layout, piece, samples, kept, measured))
         done += piece.stamp_ns.size
         if progress:
             progress(done / total)
-    return _joined(parts)
+    return Table(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _part(
@@ -104,11 +70,9 @@ def _part(
     samples: Samples,
     kept: slice,
     measured: Mapping[str, Series],
-) -> RecordedEstimates | None:
-    """The kept pictures of one piece; None if there are none."""
+) -> Table:
+    """The kept pictures of one piece."""
     stamps, values = piece.stamp_ns[kept], piece.values[kept]
-    if not stamps.size:
-        return None
     nothing = np.full((stamps.size, len(layout.elements)), np.nan)
     known = stddev_channels(layout, piece.stddev)
     names = [f"{TENSION}/{name}" for name in layout.elements]
@@ -118,20 +82,19 @@ def _part(
         if name in measured:
             reference[:, e] = at_stamps(measured[name], stamps)
     status = values[:, layout.status].astype(np.uint8)
-    pulley_status = layout.pulley_status(status)
-    fine, sure = usable(status), usable(pulley_status)
-    table = Table(
+    axes = (layout.force_x, layout.force_y, layout.force_z)
+    return Table(
         stamps,
-        np.where(fine, values[:, layout.tension], np.nan),
-        np.where(fine, stddev, np.nan),
+        samples.joint_angle[kept],
+        values[:, layout.tension],
+        stddev,
         reference,
-        np.where(sure, values[:, layout.friction], np.nan),
-        np.where(sure, values[:, layout.slip_speed], np.nan),
+        status,
+        np.stack([values[:, axis] for axis in axes], axis=-1),
+        values[:, layout.friction],
+        values[:, layout.slip_speed],
+        layout.pulley_status(status),
     )
-    force = np.stack(
-        [values[:, where] for where in (layout.force_x, layout.force_y, layout.force_z)], axis=-1
-    )
-    return RecordedEstimates(table, samples.joint_angle[kept].copy(), status, force, pulley_status)
 
 
 def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
@@ -141,15 +104,6 @@ def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
     if not times.size:
         return np.full(stamps.size, np.nan)
     return values_at(stamps, Angle("", times, series.value[fine][first]), MAX_GAP_NS)
-
-
-def _joined(parts: Sequence[RecordedEstimates]) -> RecordedEstimates:
-    tables = [part.table for part in parts]
-    table = Table(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
-    columns = ("angle", "status", "force", "pulley_status")
-    return RecordedEstimates(
-        table, *(np.concatenate([getattr(part, name) for part in parts]) for name in columns)
-    )
 
 
 RATES: Final = ("0.1", "0.25", "0.5", "1", "2", "5", "10")
@@ -162,7 +116,7 @@ TOUCH_S: Final = 0.2
 class Player:
     """Shows the pictures of a recording on a page."""
 
-    def __init__(self, page: Page, estimates: RecordedEstimates, title: str) -> None:
+    def __init__(self, page: Page, estimates: Table, title: str) -> None:
         """Add the time line to the page.
 
         Args:
@@ -228,4 +182,4 @@ class Player:
             filled("<b>{}</b>", self.title),
             f"{self.time_s:.2f} s of {self.estimates.duration_s:.2f} s",
         )
-        self.page.show(shown, self.estimates.table, words, shown.stamp_ns)
+        self.page.show(shown, self.estimates, words, shown.stamp_ns)

@@ -71,8 +71,6 @@ def open_server(host: str, port: int) -> Any:
     viser = load_viser()
     import rich
 
-    from cdrj_ros.view.server import Proxy, secret_address
-
     class Server(viser.ViserServer):  # type: ignore[misc, name-defined]
         """A server behind a proxy, without a tunnel to a public address."""
 

@@ -150,7 +150,7 @@ def page(scene: Scene) -> Scene:
     scene.start_estimator()
     scene.browser.get(scene.view.page.address)
     wait_for(lambda: scene.view.page.watched, "the browser")
-    wait_for(lambda: scene.view.history.table().stamp_ns.size > 2, "tensions")
+    wait_for(lambda: (table := scene.view.history.table()) and table.stamp_ns.size > 2, "tensions")
     return scene
 
 

@@ -15,7 +15,7 @@ from support.browser import chromium
 
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.view import page as pages
-from cdrj_ros.view.history import Curves, History, nothing_known
+from cdrj_ros.view.history import Curves, nothing_known
 from cdrj_ros.view.page import Page
 from cdrj_ros.view.panels import Controls, Plots, TimeAxis, table_of
 from cdrj_ros.view.picture import picture_of
@@ -121,14 +121,14 @@ def assert_plain(read: Read, payload: str) -> None:
 
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, payload: str) -> None:
-    nothing, history = nothing_known(page.model), History(page.model.layout, 4).table()
+    nothing = nothing_known(page.model)
     player = Player(MagicMock(watched=True), MagicMock(duration_s=1.0), payload)
     player.page.gui.add_slider.return_value.max = 1.0  # type: ignore[attr-defined]
     player.page.gui.add_dropdown.return_value.value = "1"  # type: ignore[attr-defined]
     player.tick()
     (_, _, words, _), _ = player.page.show.call_args  # type: ignore[attr-defined]
     for texts in ((payload,), words):
-        page.show(nothing, history, texts)
+        page.show(nothing, None, texts)
         assert_plain(page.gui.read(), payload)
     gui = Gui(page.server._real.gui)
     Controls(gui, (), lambda *_: None, {}).answer(payload)
@@ -149,9 +149,8 @@ def test_no_payload_runs_in_a_browser(page: Page, tmp_path: Path) -> None:
     with chromium(tmp_path, 1100, 620) as browser:
         browser.get(page.address)
         words = [f"{k}: {payload}" for k, payload in enumerate(PAYLOADS)]
-        table = History(page.model.layout, 1).table()
         browser.execute_script("window.count = 0; window.ran = () => { window.count += 1; };")
-        page.show(nothing_known(page.model), table, words)
+        page.show(nothing_known(page.model), None, words)
         wait = "const done = arguments[arguments.length - 1]; const look = () => "
         wait += "document.body.innerText.includes('19: ') ? setTimeout(done, 500, window.count) "
         wait += ": setTimeout(look, 50); look();"

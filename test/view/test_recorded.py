@@ -29,18 +29,18 @@ def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
     whole = estimate(model, conditioned)
     every = 1 + len(whole.stamp_ns) // 1000
     assert every > 1
-    np.testing.assert_array_equal(film.table.stamp_ns, whole.stamp_ns[::every])
-    np.testing.assert_array_equal(film.table.tension, whole.values[::every, model.layout.tension])
+    np.testing.assert_array_equal(film.stamp_ns, whole.stamp_ns[::every])
+    np.testing.assert_array_equal(film.tension, whole.values[::every, model.layout.tension])
     assert shares[-1] == 1.0
     reference = recording.references["tension/upper/1"]
-    found = film.table.reference[:, model.layout.elements.index("upper/1")]
+    found = film.reference[:, model.layout.elements.index("upper/1")]
     assert np.isfinite(found).mean() > 0.9
     assert np.nanmin(found) >= reference.value.min()
     assert np.nanmax(found) <= reference.value.max()
     last = film.at(1e9)
-    assert last.stamp_ns == film.table.stamp_ns[-1]
-    assert film.at(-1.0).stamp_ns == film.table.stamp_ns[0]
-    np.testing.assert_array_equal(last.tension, film.table.tension[-1])
+    assert last.stamp_ns == film.stamp_ns[-1]
+    assert film.at(-1.0).stamp_ns == film.stamp_ns[0]
+    np.testing.assert_array_equal(last.tension, film.tension[-1])
 
 
 def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
