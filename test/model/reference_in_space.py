@@ -235,6 +235,21 @@ class Path:
     """Of either end: angle of its point of contact about its axis, and turn of its frame [rad]."""
 
 
+FOUND: dict[tuple[int, str, bytes], tuple[Robot, Path]] = {}
+"""Paths by robot, cable and pose, with the robot, so that it keeps its ``id``."""
+
+
+def path_at(robot: Robot, cable: Cable, q: Vector) -> Path:
+    """``path`` in a pose, searched once: lengths, arms and motions need the same."""
+    key = id(robot), cable.name, q.tobytes()
+    if key not in FOUND:
+        rest = id(robot), cable.name, b"rest"
+        if rest not in FOUND:
+            FOUND[rest] = robot, path(robot, cable, robot.reference_pose, None)
+        FOUND[key] = robot, path(robot, cable, q, FOUND[rest][1])
+    return FOUND[key][1]
+
+
 def path(robot: Robot, cable: Cable, q: Vector, rest: Path | None) -> Path:
     """Points of contact, by sweeps; ``rest``: in the reference pose, None for that pose itself."""
     poses, last = frames(robot, q + 0j), len(cable.nodes) - 1
@@ -369,9 +384,7 @@ def geometry(robot: Robot, q: Vector) -> Geometry:
 
 def by_positions(robot: Robot, cable: Cable, q: Vector) -> Geometry:
     """Section 13 for one cable."""
-    reference = robot.reference_pose
-    rest = path(robot, cable, reference, None)
-    found = path(robot, cable, q, rest)
+    rest, found = path_at(robot, cable, robot.reference_pose), path_at(robot, cable, q)
     length, direction = elements(cable, found)
     wrap, arcs = np.zeros((2, len(cable.pulleys)))
     for k, (node, one) in enumerate(zip(cable.pulleys, found.contacts[1:-1], strict=True)):
@@ -414,15 +427,13 @@ def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
 
 def moved(robot: Robot, before: Vector, now: Vector) -> Vector:
     """(G13), (E26): motion of the middles of all arcs on their bodies between two poses [m]."""
-    reference = robot.reference_pose
     found = []
     for cable in robot.cables:
         if not cable.placed:
             places = [by_tables(robot, cable, q).middle for q in (before, now)]
             found.extend((places[1] - places[0]).tolist())
             continue
-        rest = path(robot, cable, reference, None)
-        one, other = (path(robot, cable, q, rest).contacts for q in (before, now))
+        one, other = (path_at(robot, cable, q).contacts for q in (before, now))
         for node, c, d in zip(cable.pulleys, one[1:-1], other[1:-1], strict=True):
             if not (c.touches and d.touches) or not node.radius:
                 found.append(0.0)

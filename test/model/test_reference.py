@@ -86,7 +86,7 @@ def motion(robot: Robot, model: Model) -> tuple[Vector, Vector]:
 def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
     """Motor angles that follow the cables' lengths and give shares of the preload."""
     length = np.array([shape_at(model, q).length for q in joint])
-    rest = shape_at(model, reference_angles(robot)).length
+    rest = shape_at(model, robot.reference_pose).length
     motor = np.zeros((pull.size, len(robot.motors)))
     for m, drive in enumerate(robot.motors):
         for c, cable in enumerate(robot.cables):
@@ -102,10 +102,6 @@ def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
             motor[:, m] = drive.reference_angle + winch.winding * wound / winch.radius
             break  # a further cable on the motor has to follow
     return motor
-
-
-def reference_angles(robot: Robot) -> Vector:
-    return robot.reference_pose
 
 
 def with_law(robot: Robot, law: Law) -> Robot:
@@ -125,7 +121,7 @@ def course(robot: Robot) -> Course:
     poses = [posed(robot, model, *both) for both in zip(joint, tracks, strict=True)]
     for (before, now), way in zip(pairwise(joint), np.diff(tracks, axis=0), strict=True):
         np.testing.assert_allclose(moved(robot, before, now), way, rtol=1e-11, atol=2e-14)
-    rest = posed(robot, model, reference_angles(robot), 0.0 * tracks[0])
+    rest = posed(robot, model, robot.reference_pose, 0.0 * tracks[0])
     return Course(motor, joint, rest, poses)
 
 
