@@ -7,7 +7,7 @@ many cycles lie between them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -132,20 +132,11 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    at = 0
-    powers, noise = [], 0.0
-    for observed in problem.observations:
-        parts = []
-        for channel in observed.channels:
-            part = residuals[at : at + channel.reference.size]
-            at += part.size
-            noise += white_power(part)
-            parts.append(part)
-        powers.append(_powers(parts))
+    powers = [_powers(parts) for parts in _by_recording(problem, residuals)]
     power = np.concatenate(powers)
-    size = max(at, 1)
-    mean = float(np.mean(residuals[:at] ** 2))
-    white = min(noise / size, mean)
+    size = residuals.size
+    mean = float(np.mean(residuals**2))
+    white = white_variance(problem, residuals)
     independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
     pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
     return max(white + (mean - white) * size / pieces, problem.least_variance, 1e-300)
@@ -161,14 +152,29 @@ def lasting_squares(problem: Problem, residuals: Vector) -> float:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    at, noise = 0, 0.0
+    whole = float(residuals @ residuals)
+    noise = white_variance(problem, residuals)
+    return whole + noise * (independent_states(problem) - residuals.size)
+
+
+def white_variance(problem: Problem, residuals: Vector) -> float:
+    """w² of (I2): variance of the white noise on the residuals, at most their mean square.
+
+    Args:
+        problem: problem with the observations of the residuals.
+        residuals: residuals with robust weights applied, shape (n,).
+    """
+    noise = sum(white_power(one) for parts in _by_recording(problem, residuals) for one in parts)
+    return min(noise, float(residuals @ residuals)) / residuals.size
+
+
+def _by_recording(problem: Problem, residuals: Vector) -> Iterator[list[Vector]]:
+    """Residuals of every channel, one list for each recording."""
+    at = 0
     for observed in problem.observations:
-        for channel in observed.channels:
-            noise += white_power(residuals[at : at + channel.reference.size])
-            at += channel.reference.size
-    whole = float(residuals[:at] @ residuals[:at])
-    noise = min(noise, whole)
-    return whole - noise + noise * independent_states(problem) / max(at, 1)
+        ends = at + np.cumsum([channel.reference.size for channel in observed.channels])
+        yield np.split(residuals[at : ends[-1]], ends[:-1] - at)
+        at = ends[-1]
 
 
 def white_power(residuals: Vector) -> float:
@@ -213,7 +219,7 @@ class Places:
     """Number of states that count as independent."""
 
 
-def residual_variance(linear: Linear, places: Places, begin: float) -> float:
+def residual_variance(linear: Linear, places: Places, begin: float, least: float) -> float:
     """(I6): variance that a residual would have if all residuals were independent.
 
     The numbers are adjusted with that variance, so both are found in turns.
@@ -222,6 +228,7 @@ def residual_variance(linear: Linear, places: Places, begin: float) -> float:
         linear: the residuals, as a function of all numbers that are not exact.
         places: of the residuals.
         begin: the first guess.
+        least: variance of the residuals' white noise.
     """
     parts = []
     for state in np.unique(places.states):
@@ -238,7 +245,7 @@ def residual_variance(linear: Linear, places: Places, begin: float) -> float:
         left = linear.residuals + linear.slopes @ moved
         short = variance * _ratio(parts, covariance, moved, variance)
         before, variance = variance, short + lasting_variance(left, places.cells) * repeats
-        variance = max(variance, 1e-300)
+        variance = max(variance, least, 1e-300)
         if abs(variance - before) < SETTLED * before:
             break
     return variance
@@ -337,11 +344,11 @@ def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
     """
     parts: dict[str, list[Vector]] = {}
     noise: dict[str, float] = {}
-    at = 0
-    for observed in problem.observations:
-        for channel in observed.channels:
-            own = residuals[at : at + channel.reference.size] * channel.sigma
-            at += own.size
+    for observed, split in zip(
+        problem.observations, _by_recording(problem, residuals), strict=True
+    ):
+        for channel, part in zip(observed.channels, split, strict=True):
+            own = part * channel.sigma
             parts.setdefault(channel.name, []).append(own)
             values = observed.recorded.references[channel.name][1]
             finite = values[np.isfinite(values)]

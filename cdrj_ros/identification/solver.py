@@ -96,7 +96,7 @@ def minimise(
         loss: one of ``LOSSES``; its weights are computed anew at every step.
         say: called with a line for every step.
         rough: problem with the same residuals, over fewer samples, which supplies the Jacobian by
-            central differences; None: the problem itself, by one-sided differences.
+            central differences; None or the problem itself: by one-sided differences.
         variance: weight of the residuals beside the priors; None: (I2), anew at every step.
         settled: largest step that is not taken [standard errors].
         most_steps: largest number of steps.
@@ -125,7 +125,7 @@ def _minimum(
     problem: Problem, here: Vector, loss: Loss, rough: Problem | None, variance: float | None
 ) -> Minimum:
     """What is known at some coordinates; arguments as of ``minimise``."""
-    if rough is None:
+    if rough is None or rough is problem:
         rows = problem.residuals_of(difference_points(problem, here))
         residuals, slopes = rows[0], jacobian(problem, here, rows)
     else:  # long runs over all samples and short ones share the processors

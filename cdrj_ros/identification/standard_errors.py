@@ -37,6 +37,7 @@ from cdrj_ros.identification.residual_statistics import (
     residual_variance,
     states_of_residuals,
     visited_states,
+    white_variance,
 )
 from cdrj_ros.identification.solver import Minimum, limits, prior_gradient, prior_information
 from cdrj_ros.identification.unknowns import Unknown
@@ -117,7 +118,8 @@ def _covariance(
     places = Places(
         states_of_residuals(problem), cells_of_residuals(problem), visited_states(problem)
     )
-    left = residual_variance(everything, places, variance)
+    noise = white_variance(problem, residuals)
+    left = residual_variance(everything, places, variance, noise)
     square = slopes.T @ slopes
     fitted = np.linalg.inv(square / variance + np.diag(known))
     absorbed = -fitted @ (slopes.T @ others) / variance

@@ -159,17 +159,28 @@ def test_white_residuals_have_their_own_variance() -> None:
     slopes = np.column_stack([np.sin(phase), np.cos(phase), np.ones(SIZE)])
     found = [
         residual_variance(
-            linear(np.random.default_rng(k).normal(0.0, 0.3, SIZE), slopes), places, 1.0
+            linear(np.random.default_rng(k).normal(0.0, 0.3, SIZE), slopes), places, 1.0, 0.0
         )
         for k in range(10)
     ]
     assert np.mean(found) == pytest.approx(0.09, rel=0.5)
 
 
+def test_noise_that_moves_no_number_by_chance_counts_as_noise_all_the_same() -> None:
+    phase, places = cyclic()
+    slopes = np.sin(phase)[:, None]
+    noise = np.random.default_rng(3).normal(0.0, 0.3, SIZE)
+    for state in range(STATES):
+        here = places.states == state
+        noise[here] -= slopes[here, 0] * (slopes[here, 0] @ noise[here]) / np.sum(slopes[here] ** 2)
+    assert residual_variance(linear(noise, slopes), places, 1.0, 0.0) < 0.01
+    assert residual_variance(linear(noise, slopes), places, 1.0, 0.09) >= 0.09
+
+
 def test_an_error_that_lasts_in_every_state_counts_once_per_state() -> None:
     _, places = cyclic()
     error = np.random.default_rng(1).normal(0.0, 0.2, STATES)[places.states]
-    found = residual_variance(linear(error, np.ones((SIZE, 1))), places, 1.0)
+    found = residual_variance(linear(error, np.ones((SIZE, 1))), places, 1.0, 0.0)
     power = float(np.var(error))
     assert lasting_variance(error - error.mean(), places.cells) == pytest.approx(power, rel=0.01)
     assert found > power * SIZE / STATES
@@ -180,9 +191,10 @@ def test_what_other_numbers_explain_is_not_counted_again() -> None:
     noise = np.random.default_rng(2).normal(0.0, 0.01, SIZE)
     cause = np.sign(np.sin(phase))
     slopes = np.column_stack([np.sin(phase), cause])
-    explained = residual_variance(linear(noise + 0.5 * cause, slopes), places, 1.0)
+    explained = residual_variance(linear(noise + 0.5 * cause, slopes), places, 1.0, 0.0)
     assert explained < 3e-4
-    assert residual_variance(linear(noise + 0.5 * cause, slopes[:, :1]), places, 1.0) > 1.0
+    alone = linear(noise + 0.5 * cause, slopes[:, :1])
+    assert residual_variance(alone, places, 1.0, 0.0) > 1.0
 
 
 def test_errors_of_fitted_numbers_go_with_those_left_alone_as_stated(fresh: Document) -> None:
