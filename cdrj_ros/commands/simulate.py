@@ -6,7 +6,6 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,10 +32,7 @@ from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
 from cdrj_ros.simulation.recorder import Recorder
 from cdrj_ros.simulation.rig_file import RigDescription, load_rig
-from cdrj_ros.simulation.truth import Progress, simulate
-
-PRELOAD_FACTORS: Final = (1.25, 1.5, 2.0, 3.0, 5.0, 10.0)
-"""Multiples of the preloads, tried in turn after a cable has become slack."""
+from cdrj_ros.simulation.truth import simulate
 
 SMALLER_SHARES: Final = (0.5, 0.25, 0.125)
 """Shares of the default amplitude, tried in turn if the rig cannot perform the default motion."""
@@ -174,52 +170,27 @@ def _simulated(
         except MotionError:
             continue
     if isinstance(refused, SlackError):
-        raise UsageError(_slack_advice(model, plan, refused)) from refused
+        raise UsageError(
+            f"{refused}: more --preload or less --amplitude keeps the cables taut, "
+            "--allow-slack permits slack"
+        ) from refused
     raise refused
 
 
 def _run(model: Model, plan: Plan, cells: int) -> Truth:
-    with progress_bar("simulating", plan.time.size) as report:
-        return _truth(model.robot, plan, cells, report)
-
-
-def _truth(robot: Robot, plan: Plan, cells: int, report: Progress | None) -> Truth:
     """Carry out the plan."""
-    given: dict[str, Any] = {
-        "cells": cells, "progress": report, "joint": plan.moved, "faults": plan.faults,
-        "allow_slack": plan.allow_slack,
-    }  # fmt: skip
-    if plan.mode == "follow":
-        return simulate(robot, plan.time, plan.joints, **given)
+    given: dict[str, Any] = {}
     if plan.mode == "forward":
-        return simulate(robot, plan.time, plan.joints, load=plan.load, **given)
-    # speed of the motion as sampled by the simulation, corners included
-    torque = plan.load.torque(*motion.differences(plan.time, plan.joints[:, plan.moved]))
-    return simulate(robot, plan.time, plan.joints, torque, plan.motor_speed, **given)
-
-
-def _slack_advice(model: Model, plan: Plan, error: SlackError) -> str:
-    """Where a cable became slack, and a preload with which it was simulated to stay taut."""
-    where = f"t = {error.time:.4g} s{', ' + error.pose if error.pose else ''}"
-    text = f"a cable becomes slack: element {error.element} has no tension at {where}"
-    robot = model.robot
-    if not any(cable.preload > 0.0 for cable in robot.cables):
-        return f"{text}; the cables have no preload: give --preload or --allow-slack"
-    for factor in PRELOAD_FACTORS:
-        tighter = replace(
-            robot,
-            cables=tuple(replace(cable, preload=factor * cable.preload) for cable in robot.cables),
-        )
-        try:
-            _truth(tighter, plan, 1, None)
-        except UsageError:
-            continue
-        preloads = ",".join(f"{cable.preload:.4g}" for cable in tighter.cables)
-        return f"{text}; --preload {preloads} keeps the cables taut, --allow-slack permits slack"
-    return (
-        f"{text}; {PRELOAD_FACTORS[-1]:g} times the preload would not help: reduce the motion, "
-        "change the load, or give --allow-slack"
-    )
+        given["load"] = plan.load
+    elif plan.mode == "balance":
+        # speed of the motion as sampled by the simulation, corners included
+        course = motion.differences(plan.time, plan.joints[:, plan.moved])
+        given = {"joint_torque": plan.load.torque(*course), "motor_speed": plan.motor_speed}
+    with progress_bar("simulating", plan.time.size) as report:
+        return simulate(
+            model.robot, plan.time, plan.joints, cells=cells, progress=report, joint=plan.moved,
+            faults=plan.faults, allow_slack=plan.allow_slack, **given,
+        )  # fmt: skip
 
 
 def _slack_notes(model: Model, truth: Truth) -> list[str]:

@@ -34,11 +34,8 @@ from cdrj_ros.recordings.source import METADATA, open_source, read_messages
 if TYPE_CHECKING:
     from mcap.writer import Writer
 
-_CHUNK_BYTES: Final = 1 << 20
 _AT_ONCE: Final = 4096
 """Number of messages encoded at once."""
-_COMPRESSIONS: Final = {"zstd": "ZSTD", "lz4": "LZ4", "": "NONE"}
-"""Names of mcap's compressions."""
 
 ArrayLike = npt.ArrayLike
 Piece = TypeVar("Piece")
@@ -111,10 +108,8 @@ class BagWriter:
     None: the stamps.  Messages with equal log times keep the order of the calls.
     """
 
-    def __init__(
-        self, path: Path | str, *, compression: str = "zstd", chunk_bytes: int = _CHUNK_BYTES
-    ) -> None:
-        """`path` is the folder to create; `compression` of the chunks is zstd, lz4 or empty."""
+    def __init__(self, path: Path | str) -> None:
+        """`path` is the folder to create."""
         self.path = Path(path)
         if self.path.exists():
             raise BagError(f"{self.path} exists already; a bag is written to a new folder")
@@ -122,11 +117,6 @@ class BagWriter:
             raise BagError(
                 f"{self.path} is not a name for a bag: metadata.yaml takes printable text"
             )
-        if compression not in _COMPRESSIONS:
-            known = tuple(_COMPRESSIONS)
-            raise BagError(f"compression must be one of {known}, got {compression!r}")
-        self._compression = _COMPRESSIONS[compression]
-        self._chunk_bytes = chunk_bytes
         self._channels: dict[str, Channel] = {}
         self._queue: list[_Encoded | _Copied | _Given | _InPieces] = []
         self._closed = False
@@ -299,10 +289,9 @@ class BagWriter:
 
     def _write_file(self, stream: IO[bytes], name: str) -> str:
         """Write the MCAP file; return the metadata text, which is also stored inside the file."""
-        from mcap.writer import CompressionType, Writer  # slow
+        from mcap.writer import Writer  # slow
 
-        compression = CompressionType[self._compression]
-        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=compression)
+        writer = Writer(stream)
         writer.start(profile="ros2", library="cdrj_ros")
         numbers = self._register(writer)
         counts = dict.fromkeys(self._channels, 0)

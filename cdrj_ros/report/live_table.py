@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Final
@@ -36,6 +36,9 @@ SLOW_S: Final = 0.1
 
 SCALES: Final = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0)
 """Full scales of a bar, times a power of ten."""
+
+FEW: Final = 4
+"""Names of invalid, overloaded or slack entries in the summary."""
 
 FOREIGN_S: Final = 3600.0
 """Age beyond which a stamp is attributed to another clock, for example a recording's [s]."""
@@ -191,10 +194,6 @@ def _summary(section: Section) -> Text:
             text.append(", ")
         text.append(f"{len(names)} {word}", style=styles.get(word, "yellow"))
         if word in ("INVALID", "OVERLOAD", "SLACK"):
-            text.append(f" ({_few(names)})", style="dim")
+            more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+            text.append(f" ({', '.join(map(printable, names[:FEW]))}{more})", style="dim")
     return text
-
-
-def _few(names: Sequence[str], most: int = 4) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(printable(name) for name in names[:most]) + more

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Final
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import QUANTITIES, BagComparison, quantity_of
@@ -44,26 +44,21 @@ def new_table(title: str = "") -> Table:
     return Table(title=heading, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
 
 
-def print_table(table: Table, file: TextIO | None) -> None:
+def print_table(table: Table) -> None:
     """Print a table with rules if the terminal is wide enough, otherwise as plain columns."""
     from rich.console import Console
 
-    stream = sys.stdout if file is None else file
-    if stream.isatty():
-        console = Console(file=stream)
+    if sys.stdout.isatty():
+        console = Console()
         room = console.options.update(max_width=UNLIMITED)
         if console.measure(table, options=room).maximum <= console.width:
             console.print(table)
             return
-    stream.write(plain(table))
+    sys.stdout.write(plain(table))
 
 
 def print_rows(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    right: bool = False,
-    file: TextIO | None = None,
+    headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: bool = False
 ) -> None:
     """Print texts as a table; ``right``: all columns but the first are numbers."""
     from rich.text import Text
@@ -73,7 +68,7 @@ def print_rows(
         table.add_column(heading, justify="right" if right and k else "left", no_wrap=True)
     for row in rows:
         table.add_row(*(Text(printable(cell)) for cell in row))
-    print_table(table, file)
+    print_table(table)
 
 
 def plain(table: Table) -> str:
@@ -133,8 +128,6 @@ class Row:
 class Group:
     """The lines of one quantity."""
 
-    quantity: str
-    """Key of QUANTITIES."""
     title: str
     """Quantity and the unit of its errors: "Tension [N]", "Effort [mN·m]"."""
     rows: tuple[Row, ...]
@@ -191,7 +184,7 @@ def table_groups(
         if len(rows) > 1:
             cells = _cells(overall, factor, decimals, more)
             summary = Row("", f"all {known.place}s", cells, asides.get(quantity, ""))
-        groups.append(Group(quantity, f"{known.title} [{scaled_unit}]", rows, summary))
+        groups.append(Group(f"{known.title} [{scaled_unit}]", rows, summary))
     return tuple(groups)
 
 
@@ -230,11 +223,7 @@ def r2_remark(errors: Mapping[str, ChannelError]) -> str:
 
 
 def print_errors(
-    errors: Mapping[str, ChannelError],
-    *,
-    title: str = "",
-    beside: Beside | None = None,
-    file: TextIO | None = None,
+    errors: Mapping[str, ChannelError], *, title: str = "", beside: Beside | None = None
 ) -> None:
     """Print the figures.
 
@@ -242,11 +231,10 @@ def print_errors(
         errors: by channel name.
         title: line above the table.
         beside: one more column, for example published figures.
-        file: where to print; standard output by default.
     """
-    print_table(errors_table(errors, title=title, beside=beside), file)
+    print_table(errors_table(errors, title=title, beside=beside))
     if remark := r2_remark(errors):
-        print(remark, file=file)
+        say(remark)
 
 
 def cause_in_words(cause: str) -> str:
@@ -330,11 +318,11 @@ def limits_sentence(limit_check: LimitCheck) -> str:
     return f"{outside} of {checked} figures {are} outside the limits of {limit_check.source}."
 
 
-def print_limits(limit_check: LimitCheck, file: TextIO | None = None) -> None:
+def print_limits(limit_check: LimitCheck) -> None:
     """Print the figures outside their limits and their excess."""
-    say(limits_sentence(limit_check), file=file)
+    say(limits_sentence(limit_check))
     if rows := outside_rows(limit_check):
-        print_rows(OUTSIDE_HEADINGS, rows, file=file)
+        print_rows(OUTSIDE_HEADINGS, rows)
 
 
 def _figure_text(one: Outside, value: float | None) -> str:

@@ -71,7 +71,7 @@ def test_topics_are_listed_with_types_and_counts(make, three_topics, tmp_path):
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 50)), max_size=60))
 def test_what_a_writer_is_given_in_any_order_is_read_in_order_of_time(tmp_path_factory, events):
     path = tmp_path_factory.mktemp("bag") / "bag"
-    with BagWriter(path, chunk_bytes=600) as bag:
+    with BagWriter(path) as bag:
         for topic in range(3):
             times = [t for which, t in events if which == topic]
             values = [i for i, (which, _) in enumerate(events) if which == topic]

@@ -10,15 +10,16 @@ from rosbags.highlevel import AnyReader
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings import BagWriter, Topics, list_topics, read_messages, read_recording
 
-T = 1_700_000_000_000_000_000 + np.arange(3000) * 1_000_000
+COUNT = 30_000
+T = 1_700_000_000_000_000_000 + np.arange(COUNT) * 1_000_000
 
 
-@pytest.fixture(params=["zstd", "lz4", ""])
-def written(request, tmp_path):
-    path = tmp_path / "bag"
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    path = tmp_path_factory.mktemp("written") / "bag"
     rng = np.random.default_rng(8)
-    arrays = {"motor": rng.normal(size=(3000, 2)), "tension": rng.normal(size=(1500, 3))}
-    with BagWriter(path, compression=request.param, chunk_bytes=50_000) as bag:
+    arrays = {"motor": rng.normal(size=(COUNT, 2)), "tension": rng.normal(size=(COUNT // 2, 3))}
+    with BagWriter(path) as bag:
         bag.write_tensions(
             "/tensions", T[::2], ["u/1", "u/2", "u/3"], arrays["tension"], log_ns=T[::2] + 7
         )
@@ -58,13 +59,13 @@ def test_mcap_reads_the_file_by_its_index_and_checks_its_sums(written, validate)
     with file.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=validate)
         summary = reader.get_summary()
-        assert summary.statistics.message_count == 4501
+        assert summary.statistics.message_count == 3 * COUNT // 2 + 1
         assert len(summary.chunk_indexes) > 3
         assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
         times = [message.log_time for _, _, message in reader.iter_messages()]
-        assert len(times) == 4501
+        assert len(times) == 3 * COUNT // 2 + 1
         assert times == sorted(times)
-        assert len(list(reader.iter_messages(topics=["/tensions"]))) == 1500
+        assert len(list(reader.iter_messages(topics=["/tensions"]))) == COUNT // 2
         assert reader.get_header().profile == "ros2"
         (metadata,) = reader.iter_metadata()
         assert metadata.name == "rosbag2"
@@ -165,8 +166,8 @@ def test_a_copy_holds_the_same_messages_beside_new_ones(make, tmp_path, written)
     assert len(list(read_messages(tmp_path / "copy", ["/joint_states"]))) == 50
     infos = {info.name: info.count for info in list_topics(tmp_path / "copy")}
     assert infos == {
-        "/motors": 3000,
-        "/tensions": 1500,
+        "/motors": COUNT,
+        "/tensions": COUNT // 2,
         "/forces": 1,
         "/never": 0,
         "/joint_states": 50,
@@ -199,8 +200,3 @@ def test_a_folder_that_has_appeared_meanwhile_is_not_replaced(tmp_path):
         bag.close()
     assert [entry.name for entry in (tmp_path / "bag").iterdir()] == ["mine"]
     assert [entry.name for entry in tmp_path.iterdir()] == ["bag"]
-
-
-def test_an_unknown_compression_is_refused(tmp_path):
-    with pytest.raises(BagError, match="compression must be one of"):
-        BagWriter(tmp_path / "bag", compression="gzip")

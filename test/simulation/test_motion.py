@@ -69,7 +69,7 @@ def test_a_recorded_motion_is_followed_to_within_its_counts() -> None:
     times = np.arange(6_000) / 500.0
     counts = 2.0 * np.pi / 16_384
     angle = 0.5 * np.sin(2.0 * np.pi * 0.2 * times)
-    course = motion.recorded(times, np.round(angle / counts) * counts, 0.0, 1.0)(times)
+    course = motion.recorded(times, np.round(angle / counts) * counts)(times)
     after = times > 1.0
     expected = np.interp(times[after] - 0.5, times, angle)  # the blend costs half a second
     assert np.abs(course.angle[after] - expected).max() < 2.0 * counts
