@@ -14,6 +14,7 @@ from support.wound import robot_of
 from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.whole_recording import angles_of
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.reader import parse_robot
 
@@ -247,7 +248,10 @@ def _in_order(conditioner, robot, motor, joint):
 
 
 def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
-    _, conditioner = _two_clocks(scale=-2.0, offset=0.5, clock_offset=0.001)
+    robot, conditioner = _two_clocks(scale=-2.0, offset=0.5, clock_offset=0.001, period=1.0)
+    whole = angles_of(robot, "m", _readings([0, 10, 20, 30], [0.1, 0.4, np.inf, -0.4]))
+    assert whole.stamp_ns.tolist() == [1_000_000, 1_000_010, 1_000_020, 1_000_030]
+    assert np.allclose(whole.value, [0.3, -0.3, np.nan, -0.7], equal_nan=True)
     conditioner.feed_motors(10_000_000, ("m",), (0.1,))
     conditioner.feed_joints(11_000_000, ("j",), (0.0,))
     (sample,) = conditioner.feed_joints(12_000_000, ("j",), (0.0,)) or [None]
