@@ -89,22 +89,14 @@ class MessageEncoder:
 class Guide:
     """What a cable given by positions touches, by the kinds of ``cdrj_ros.robot.space``."""
 
-    point: ClassVar[Guide]
-    pulley: ClassVar[Guide]
-    swivel: ClassVar[Guide]
-    cylinder: ClassVar[Guide]
-    sphere: ClassVar[Guide]
-    sheath: ClassVar[Guide]
+    __members__: ClassVar[dict[str, Guide]]
 
     def __int__(self) -> int: ...
 
 class FrameMotion:
     """Motion of a frame relative to its parent, by the words of a robot file."""
 
-    fixed: ClassVar[FrameMotion]
-    revolute: ClassVar[FrameMotion]
-    prismatic: ClassVar[FrameMotion]
-    rolling: ClassVar[FrameMotion]
+    __members__: ClassVar[dict[str, FrameMotion]]
 
     def __int__(self) -> int: ...
 
@@ -114,11 +106,6 @@ RECORDS: dict[str, np.dtype[Any]]
 class Law:
     """Friction laws, by the words of a robot file."""
 
-    none: ClassVar[Law]
-    euler: ClassVar[Law]
-    steady: ClassVar[Law]
-    lugre: ClassVar[Law]
-    elastoplastic: ClassVar[Law]
     __members__: ClassVar[dict[str, Law]]
 
     def __int__(self) -> int: ...

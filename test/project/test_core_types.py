@@ -63,4 +63,5 @@ def _split(arguments: str) -> list[str]:
 
 def test_the_stub_declares_the_names_and_arguments_of_the_module() -> None:
     stub = written(ast.parse(STUB.read_text(encoding="utf-8")).body)
-    assert stub == compiled(_core)
+    by_word = {name: {} for name in ("FrameMotion", "Guide", "Law")}  # see test_kinds
+    assert stub == compiled(_core) | by_word
