@@ -16,8 +16,6 @@ from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS, RANGE_MARGIN, WAITING
 from cdrj_ros.estimation.conditioner import MODES, Conditioner, Mode
 from cdrj_ros.estimation.reading_limits import WHOLE, axes_of
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.arrays import Series
 
 PLAIN = """
 name: plain
@@ -259,30 +257,6 @@ def test_the_order_in_which_topics_arrive_does_not_matter_while_waiting(
     assert (first.refused, first.accepted) == (second.refused, second.accepted)
     stamps = [stamp for stamp, _, _ in one]
     assert len(stamps) == len(set(stamps))
-
-
-@thorough
-@given(ROBOT, courses())
-def test_a_recording_gives_the_same_as_its_messages(
-    robot: str, streams: dict[str, list[Message]]
-) -> None:
-    conditioner = Conditioner(ROBOTS[robot])
-    channels: dict[str, dict[str, Series]] = {"motors": {}, "joints": {}}
-    found = []
-    for topic, sent in streams.items():
-        for message in sent:
-            found += _bits(feed(conditioner, message))
-        for k, name in enumerate(NAMES[topic]):
-            stamps = np.array([m.stamp for m in sent])
-            channels[topic][name] = Series(stamps, stamps, np.array([m.values[k] for m in sent]))
-    done = condition(ROBOTS[robot], channels["motors"], channels["joints"])
-    offline = [
-        one
-        for segment in done.segments
-        for one in _bits([segment.at(k) for k in range(segment.stamp_ns.size)])
-    ]
-    assert offline == found
-    assert (done.refused, done.accepted) == (conditioner.refused, conditioner.accepted)
 
 
 @pytest.mark.parametrize("mode", MODES)
