@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.reading_streams import Message
 from support.wound import robot_of
 
 from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
@@ -29,17 +29,6 @@ START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class Message:
-    """A message of one topic."""
-
-    topic: str
-    """``motors``, ``joints`` or ``both``."""
-    stamp: int
-    names: tuple[str, ...]
-    values: tuple[float, ...]
-
-
 class Listener:
     """A conditioner fed by messages, and all samples that it has returned."""
 
@@ -50,7 +39,7 @@ class Listener:
     def feed(self, message: Message) -> list[Sample]:
         jumps = self.conditioner.clock_jumps
         feed = getattr(self.conditioner, f"feed_{message.topic}")
-        samples: list[Sample] = feed(message.stamp, message.names, message.values)
+        samples: list[Sample] = feed(message.stamp_ns, message.names, message.positions)
         if self.conditioner.clock_jumps != jumps:
             self.segments.append([])
         self.segments[-1].extend(samples)
@@ -59,9 +48,6 @@ class Listener:
     @property
     def samples(self) -> list[Sample]:
         return [sample for segment in self.segments for sample in segment]
-
-    def held(self) -> int:
-        return self.conditioner.held
 
 
 def listen(messages: Sequence[Message]) -> Listener:
@@ -111,7 +97,7 @@ def interleaved(streams: Sequence[Sequence[Message]], seed: int) -> list[Message
 
 
 def by_stamp(streams: Sequence[Sequence[Message]]) -> list[Message]:
-    return sorted((m for one in streams for m in one), key=lambda message: message.stamp)
+    return sorted((m for one in streams for m in one), key=lambda message: message.stamp_ns)
 
 
 def two_topics(seed: int, count: int = 60, begin: int = START) -> list[list[Message]]:
@@ -126,12 +112,13 @@ SEEDS = st.integers(0, 2**32 - 1)
 def test_samples_increase_and_lie_between_their_neighbours(seed: int) -> None:
     streams = two_topics(seed)
     samples = listen(interleaved(streams, seed)).samples
+    assert bits(samples) == bits(listen(by_stamp(streams)).samples), "their order does not matter"
     stamps = [sample.stamp_ns for sample in samples]
     assert stamps == sorted(set(stamps))
     readings: dict[str, dict[int, float]] = {name: {} for name in NAMES}
     for message in by_stamp(streams):
-        for name, value in zip(message.names, message.values, strict=True):
-            readings[name][message.stamp] = value
+        for name, value in zip(message.names, message.positions, strict=True):
+            readings[name][message.stamp_ns] = value
     first = max(min(channel) for channel in readings.values())
     last = min(max(channel) for channel in readings.values())
     union = {stamp for channel in readings.values() for stamp in channel}
@@ -157,10 +144,10 @@ def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
 def looped(seed: int) -> tuple[list[Message], list[Message]]:
     """A recording of one topic with all channels, and the same a minute earlier."""
     once = [
-        Message("both", m.stamp, NAMES, tuple(course(k, m.stamp) for k in range(4)))
+        Message("both", m.stamp_ns, NAMES, tuple(course(k, m.stamp_ns) for k in range(4)))
         for m in stream(seed, "both", 100)
     ]
-    earlier = [Message(m.topic, m.stamp - 60 * SECOND, m.names, m.values) for m in once]
+    earlier = [Message(m.topic, m.stamp_ns - 60 * SECOND, m.names, m.positions) for m in once]
     return once, earlier
 
 
@@ -174,13 +161,13 @@ def test_a_clock_that_jumps_back_is_followed_after_enough_confirmations() -> Non
         assert (samples == []) == (k < CONFIRMATIONS - 1)
     assert len(listener.segments) == 2
     assert len(listener.segments[0]) == before
-    assert listener.samples[-1].stamp_ns == earlier[-1].stamp
+    assert listener.samples[-1].stamp_ns == earlier[-1].stamp_ns
 
 
 def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading() -> None:
     streams = two_topics(2, 200)
     once = by_stamp(streams)
-    earlier = [Message(m.topic, m.stamp - 60 * SECOND, m.names, m.values) for m in once]
+    earlier = [Message(m.topic, m.stamp_ns - 60 * SECOND, m.names, m.positions) for m in once]
     listener = listen(once + earlier)
     assert listener.conditioner.clock_jumps == 1
     assert bits(listener.segments[1]) == bits(listen(earlier).samples)
@@ -190,9 +177,12 @@ def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading() -> None:
 def test_a_gap_is_crossed_and_loses_no_reading() -> None:
     for wait in (MAX_GAP_NS + 1, 60 * SECOND):
         streams = two_topics(4, 80)
-        cut = streams[0][40].stamp
+        cut = streams[0][40].stamp_ns
         late = [
-            [Message(m.topic, m.stamp + wait * (m.stamp >= cut), m.names, m.values) for m in one]
+            [
+                Message(m.topic, m.stamp_ns + wait * (m.stamp_ns >= cut), m.names, m.positions)
+                for m in one
+            ]
             for one in streams
         ]
         messages = by_stamp(late)
@@ -203,7 +193,7 @@ def test_a_gap_is_crossed_and_loses_no_reading() -> None:
         assert not any(listener.conditioner.refused.values())
         stamps = {sample.stamp_ns for sample in listener.samples}
         first, last = min(stamps), max(stamps)
-        assert stamps == {m.stamp for m in messages if first <= m.stamp <= last}
+        assert stamps == {m.stamp_ns for m in messages if first <= m.stamp_ns <= last}
         assert last > cut + wait
 
 
