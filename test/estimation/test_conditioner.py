@@ -87,7 +87,8 @@ def test_samples_counters_and_memory_are_those_of_the_reference() -> None:
         seen += pair.seen + Counter(pair.core.refused)
         for what in ("clock_jumps", "gaps", "steps"):
             seen[what] += getattr(pair.core, what)
-    assert set(seen) >= {*REFUSALS, "clock_jumps", "gaps", "steps"}
+        seen["alternating"] += len(pair.core.alternating)
+    assert set(seen) >= {*REFUSALS, "clock_jumps", "gaps", "steps", "alternating"}
     assert min(seen.values()) > 10, seen  # everything has happened
 
 

@@ -88,6 +88,8 @@ class Sender:
         """The same for the messages of each topic, some of which are still under way."""
         self.silent_until = [-1] * len(rates)
         self.steps: dict[str, float] = {}
+        self.second = random.choice((*4 * (0.0,), 0.02, 0.3))
+        """By how much the readings of a second publisher differ."""
 
     def next(self) -> Message | None:
         """The next message; None if its topic is silent."""
@@ -122,6 +124,8 @@ class Sender:
         value += self.steps.get(name, 0.0)
         if random.random() < 0.05:
             value += random.choice((1e-3, 0.012))
+        if random.random() < 0.3:
+            value += self.second
         if random.random() < 0.01:
             value += random.choice(WRONG)
         elif sensor.period != np.inf:
