@@ -201,10 +201,10 @@ class SensorHealth:
         self.tried += 1
         self.largest = max(self.largest, abs(value))
         found = self._response(value, uncorrected, own, TRIED)
-        if found is None:
+        if found is None or not found[2]:
             return False
-        response = found[0]
-        self.trusted = _follows(*found)
+        response, error, _ = found
+        self.trusted = _follows(response, error)
         self._in_motion += 1
         if not self.trusted and self._in_motion == TRIED:
             self.dropped = (
@@ -219,23 +219,33 @@ class SensorHealth:
         return self.trusted
 
     def _strays(self, value: float, uncorrected: float, own: float) -> str:
-        """Why a trusted sensor no longer follows the motion, by its latest readings; or empty."""
+        """Why a trusted sensor no longer follows the motion, by its latest readings; or empty.
+
+        One that does not follow a motion in one direction is doubted: a preload may have been lost
+        at the same time.  In a motion to and fro it is wrong.
+        """
         found = self._response(value, uncorrected, own, FOLLOWED)
         if found is None:
             return ""
-        self.doubted = self.doubted and not _follows(*found)
-        if len(self._trial) < FOLLOWED:
-            return ""
-        response, error = found
+        response, error, both_ways = found
         low, high = RESPONSE
-        if low <= response + CERTAIN * error and response - CERTAIN * error <= high:
+        outside = response + CERTAIN * error < low or high < response - CERTAIN * error
+        if not both_ways:
+            if outside and not self.doubted:
+                self.doubt()
+            return ""
+        self.doubted = self.doubted and not _follows(response, error)
+        if not outside or len(self._trial) < FOLLOWED:
             return ""
         return f"moves {response:.2g} times as far as the estimate over {FOLLOWED} readings"
 
     def _response(
         self, value: float, uncorrected: float, own: float, latest: int
-    ) -> tuple[float, float] | None:
-        """Slope of the latest readings over the estimate and its error; None without motion."""
+    ) -> tuple[float, float, bool] | None:
+        """Slope of the latest readings over the estimate, its error, and whether to and fro.
+
+        None without motion.
+        """
         if self._uncorrected and abs(uncorrected - self._uncorrected[-1]) < TRIAL_STEP * own**0.5:
             return None
         self._trial.append(value)
@@ -243,9 +253,10 @@ class SensorHealth:
         readings, estimates = (
             np.fromiter(one, float)[-latest:] for one in (self._trial, self._uncorrected)
         )
-        if _to_and_fro(estimates) <= enough(own, float(np.abs(estimates).max())):
+        least = enough(own, float(np.abs(estimates).max()))
+        if len(estimates) < 3 or float(np.ptp(estimates)) <= least:
             return None
-        return _slope(estimates, readings, own)
+        return *_slope(estimates, readings, own), _to_and_fro(estimates) > least
 
 
 def enough(own: float, largest: float) -> float:

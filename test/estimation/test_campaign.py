@@ -67,6 +67,7 @@ def all_courses(model: Model) -> list[Course]:
         ("restart", 1),
         ("clock set by 5 s or an hour", 2),
         ("cell freezes", 0),
+        ("effort stuck at 1 to 200 mN m", 6),
         ("joint slips by half a count to 0.5 rad", 0),
         ("motor slips by half a count to a turn", 3),
         ("0.1 to 1 % of readings wrong", 1),

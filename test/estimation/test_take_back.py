@@ -220,3 +220,30 @@ def test_a_good_sensor_is_trusted_within_a_motion_to_and_fro() -> None:
         assert not used[0]
         assert used[-1]
         assert health.tried < 500
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.8, 1.3])
+def test_a_sensor_that_does_not_follow_a_stroke_is_doubted_until_it_follows(gain: float) -> None:
+    """It follows with an offset from then on: the preload was lost during the stroke."""
+    generator = np.random.default_rng(2)
+    health, angle = SensorHealth("cell"), 0.0
+
+    def read(estimate: float, said: float) -> None:
+        health.evaluate(said + float(generator.normal(0.0, 0.3)), estimate, estimate, 100.0, 0.1)
+
+    def swing() -> float:
+        return float(30.0 + 10.0 * np.sin(angle))
+
+    while not health.trusted:
+        angle += 0.01
+        read(swing(), swing())
+    start, stroke = swing(), -8.0
+    for moved in [*np.linspace(0.0, stroke, 8), *[stroke] * 50]:
+        read(start + float(moved), start + gain * float(moved))
+    assert health.doubted == (gain == 0.0)
+    for _ in range(120):
+        angle += 0.1
+        read(swing() + stroke, swing() + gain * stroke)
+    assert health.trusted
+    assert not health.doubted
+    assert not health.dropped
