@@ -154,8 +154,7 @@ def watch(model: Model, case: Case, truth: Truth, seed: int) -> list[Watched]:
     generator = np.random.default_rng(seed)
     live = LiveEstimator(model, Options())
     watched = [
-        Watched(sensors, HealthMonitor(model, model.robot.uncertainty, EFFORT_NOISE), [])
-        for sensors in SENSORS
+        Watched(sensors, HealthMonitor(model, model.robot.uncertainty), []) for sensors in SENSORS
     ]
     counts = [axis.sensor.resolution for axis in model.robot.axes]
     columns = [model.layout.elements.index(name) for name in CELLS]

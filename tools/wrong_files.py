@@ -260,7 +260,7 @@ def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -
     """
     generator = np.random.default_rng(0)
     live = LiveEstimator(model, Options())
-    watch = HealthMonitor(model, model.robot.uncertainty, EFFORT_NOISE)
+    watch = HealthMonitor(model, model.robot.uncertainty)
     names = [model.layout.elements[k] for k in range(*LAST.indices(len(model.layout.elements)))]
     inside, ok = [], []
     for k, stamp in enumerate(read.stamp_ns.tolist()):

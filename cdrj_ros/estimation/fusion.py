@@ -66,15 +66,12 @@ LARGEST: Final = 1e9
 class SensorFusion:
     """Corrects the estimate and the ensemble with measured tensions and efforts."""
 
-    def __init__(
-        self, ensemble: Ensemble, *, track_preload: bool = False, effort_noise: float = 0.01
-    ) -> None:
+    def __init__(self, ensemble: Ensemble, *, track_preload: bool = False) -> None:
         """Begin without measurements.
 
         Args:
             ensemble: the robot's ensemble, changed by every correction.
             track_preload: whether efforts are used; preloads without load cell drift freely then.
-            effort_noise: standard deviation of a motor's effort [N m].
         """
         self._drift = FREE_DRIFT if track_preload else SLOW_DRIFT
         self.health: dict[str, SensorHealth] = {}
@@ -84,7 +81,7 @@ class SensorFusion:
         """Sum of the corrections of every preload [N]."""
         self._quantities = quantities_of(ensemble.model)
         self.waiting = WaitingMeasurements(
-            ensemble.model.robot, self._quantities, effort_noise if track_preload else None
+            ensemble.model.robot, self._quantities, takes_efforts=track_preload
         )
         """The readings of these sensors."""
         self._adopt(ensemble)

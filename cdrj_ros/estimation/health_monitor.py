@@ -67,17 +67,15 @@ class HealthMonitor:
         self,
         model: Model,
         known: Uncertainty | None = None,
-        effort_noise: float = 0.01,
     ) -> None:
         """Prepare nothing yet: models are prepared one per sample once a reading has arrived.
 
         Args:
             model: the prepared robot.
             known: what is uncertain about its numbers; None: nothing.
-            effort_noise: standard deviation of a motor's effort [N m].
         """
         self.model = model
-        self._effort_noise = effort_noise
+        self._effort_noise = {one.name: one.effort_noise for one in model.robot.motors}
         self._offset_ns = {one.name: one.sensor.clock_offset_ns for one in model.robot.motors}
         layout = model.layout
         columns = [*range(layout.motor_effort.start, layout.motor_effort.stop)]
@@ -133,7 +131,7 @@ class HealthMonitor:
         for name, value in zip(names, efforts, strict=True):
             if name in self._offset_ns:
                 stamp = stamp_ns + self._offset_ns[name]
-                self._read(stamp, name, float(value), self._effort_noise)
+                self._read(stamp, name, float(value), self._effort_noise[name])
         if all(name in self._read_ns for name in self._offset_ns):
             self._oldest_ns = min(self._read_ns[n] - by for n, by in self._offset_ns.items())
 

@@ -96,18 +96,18 @@ class WaitingMeasurements:
     """The readings of a robot's sensors that wait for a sample, in the order of arrival."""
 
     def __init__(
-        self, robot: Robot, quantities: Mapping[str, Quantity], effort_noise: float | None
+        self, robot: Robot, quantities: Mapping[str, Quantity], *, takes_efforts: bool
     ) -> None:
         """Begin empty.
 
         Args:
-            robot: with the noise of load cells and the clock offsets of motors; may be replaced by
-                one with other numbers.
+            robot: with the noise of load cells and efforts and the clock offsets of motors; may be
+                replaced by one with other numbers.
             quantities: what the sensors measure, by name.
-            effort_noise: standard deviation of a motor's effort [N m]; None: efforts are not used.
+            takes_efforts: whether efforts of motors are used.
         """
         self.robot = robot
-        self._quantities, self._effort_noise = quantities, effort_noise
+        self._quantities, self._takes_efforts = quantities, takes_efforts
         self.unknown_elements = 0
         """Load cell readings of elements that the robot does not have."""
         self.overlooked = 0
@@ -148,18 +148,19 @@ class WaitingMeasurements:
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
         """Queue measured efforts of motors [N m]; other names are ignored."""
-        if self._effort_noise is None:
+        if not self._takes_efforts:
             return
         for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
             what = self._quantities.get(name)
             if what is not None and what.is_effort and not self._is_early(name, stamp_ns):
-                at = stamp_ns + self.robot.motors[what.motor].sensor.clock_offset_ns
-                self._add(Measurement(at, name, float(effort), self._effort_noise))
+                motor = self.robot.motors[what.motor]
+                at = stamp_ns + motor.sensor.clock_offset_ns
+                self._add(Measurement(at, name, float(effort), motor.effort_noise))
 
     def wants_efforts(self, stamp_ns: int) -> bool:
         """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
         used = self._efforts_ns.values()
-        return self._effort_noise is not None and (
+        return self._takes_efforts and (
             len(used) < len(self.robot.motors)
             or any(abs(stamp_ns - last) >= EFFORT_INTERVAL_NS for last in used)
         )

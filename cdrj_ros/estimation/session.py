@@ -53,8 +53,6 @@ class Options:
     """Whether to use load cells; preloads may then drift."""
     track_preload: bool = False
     """Whether to correct the preloads with the motors' efforts."""
-    effort_noise: float = 0.01
-    """Standard deviation of a motor's effort [N m]."""
     tracking: float | None = None
     """Bandwidth of the tracking filters [Hz], 0 for none; None: the robot file's."""
 
@@ -127,11 +125,7 @@ class LiveEstimator:
                 self.ensemble.core.swing[:] = before.core.swing
         if self.ensemble is not None and options.corrects:
             if self.fusion is None:
-                self.fusion = SensorFusion(
-                    self.ensemble,
-                    track_preload=options.track_preload,
-                    effort_noise=options.effort_noise,
-                )
+                self.fusion = SensorFusion(self.ensemble, track_preload=options.track_preload)
             else:
                 self.fusion.use(self.ensemble)
         self.model = model

@@ -231,7 +231,7 @@ class HealthWatch:
     def _new(self) -> HealthMonitor:
         live = self._live
         known = narrowed(live.model.robot, live.changes)
-        return HealthMonitor(live.model, known, live.options.effort_noise)
+        return HealthMonitor(live.model, known)
 
     def reset(self) -> None:
         """Forget readings and results; take up new numbers of the robot."""

@@ -92,9 +92,6 @@ _SETTINGS: Final = (
     Setting("tension_sensors", False, "Whether to use load cells on the topic tension_sensors"),
     Setting("track_preload", False, "Whether to correct preloads by the efforts in motor_states"),
     Setting(
-        "effort_noise", 0.01, "Standard deviation of the efforts in motor_states", "N m", 1e-6, 1e6
-    ),
-    Setting(
         "health", HEALTH[0],
         "What to do if the efforts in motor_states or the load cells show that the robot has "
         "changed: report it on /diagnostics and mark the elements that it concerns UNSURE, only "
@@ -158,7 +155,6 @@ def read(node: Node) -> Started:
         unsure_share=values["unsure_share"],
         tension_sensors=values["tension_sensors"],
         track_preload=values["track_preload"],
-        effort_noise=values["effort_noise"],
         tracking=_bandwidth(values[TRACKING]),
     )
     given = {name: float(values[name]) for name in (f"friction.{key}" for key in FRICTION)}

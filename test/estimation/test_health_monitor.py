@@ -78,7 +78,7 @@ def watch(
     monitor: HealthMonitor | None = None,
 ) -> HealthMonitor:
     """Feed a monitor with noisy readings."""
-    monitor = monitor or HealthMonitor(model, model.robot.uncertainty, EFFORT_NOISE)
+    monitor = monitor or HealthMonitor(model, model.robot.uncertainty)
     generator = np.random.default_rng(seed)
     for k, stamp in enumerate(motion.stamp_ns.tolist()):
         effort = readings[k, :1] + generator.normal(0.0, EFFORT_NOISE, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +12,14 @@ import pytest
 
 from cdrj_ros.estimation.ensemble import preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.measurements import Measurement
 from cdrj_ros.estimation.preloads import START_SHARE
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, prepare
 
 ROOT = Path(__file__).parents[2]
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -178,7 +179,7 @@ def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_t
         noisy = effort[k] + generator.normal(0.0, 0.005)
         live.feed_efforts(int(cycles.stamp_ns[k]), ["winch"], [noisy])
 
-    options = Options(track_preload=True, effort_noise=0.01)
+    options = Options(track_preload=True)
     course = _run_beside(model, cycles, tension, options, measure)
     ninth = slice(int(8.5 / 12 * len(course.error)), int(9.5 / 12 * len(course.error)))
     assert np.abs(course.error[ninth]).mean() < 0.05 * tension.mean()
@@ -191,6 +192,17 @@ def test_efforts_are_ignored_without_track_preload(model: Model, readings: Sampl
     output = live.take(_sample(readings, 0))
     plain = LiveEstimator(model).take(_sample(readings, 0))
     assert np.array_equal(output.values, plain.values)
+
+
+def test_an_effort_counts_by_the_noise_of_its_motor_in_the_robot_file(
+    model: Model,
+) -> None:
+    (motor,) = model.robot.motors
+    robot = replace(model.robot, motors=(replace(motor, effort_noise=0.5),))
+    live, stamp = LiveEstimator(prepare(robot), Options(track_preload=True)), 10**9
+    live.feed_efforts(stamp, ["winch"], [0.3])
+    assert live.fusion is not None
+    assert list(live.fusion.waiting.due(stamp)) == [Measurement(stamp, "winch", 0.3, 0.5)]
 
 
 def test_sensors_require_uncertainty(model: Model) -> None:
