@@ -116,7 +116,7 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
 
     stiffness = stiffness_at_preload(robot, whole[0])
     drums = robot.drums
-    motors, followed = follow_joints(robot, whole, stiffness, drums)
+    motors, followed = _followed(robot, whole, stiffness, drums)
     unbalanced: list[tuple[float, ...]] = []
     if loads:
         followed, unbalanced = loaded_tensions(
@@ -147,7 +147,7 @@ def following_motors(model: Model, poses: Matrix) -> Matrix:
     lengths = [shape_at(model, pose).length for pose in (reference, *poses)]
     whole = np.array([[one[part].sum() for part in robot.parts] for one in lengths])
     stiffness = stiffness_at_preload(robot, whole[0])
-    angles, _ = follow_joints(robot, whole, stiffness, robot.drums)
+    angles, _ = _followed(robot, whole, stiffness, robot.drums)
     zero = robot.reference_motors
     return zero + angles[1:]
 
@@ -284,7 +284,7 @@ def stiffness_at_preload(robot: Robot, length: Vector) -> Vector:
     return np.array(moduli) / length
 
 
-def follow_joints(
+def _followed(
     robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix
 ) -> tuple[Matrix, Matrix]:
     """Motor angles that keep the preloads in the least-squares sense, and the tensions that result.

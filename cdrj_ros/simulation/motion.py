@@ -24,7 +24,7 @@ RANDOM_TONES: Final = 4
 RECORDED_BAND: Final = 5.0
 """Cutoff frequency of the smoothing of a recorded motion [Hz]."""
 
-BEGIN_S: Final = 1.0
+SLOW_START_S: Final = 1.0
 """Duration of the slow start of a recorded motion [s]."""
 
 RECORDED_RATE: Final = 200.0
@@ -189,8 +189,8 @@ def random(
 def recorded(time: Vector, angle: Vector, begin: float = 0.0) -> Motion:
     """A recorded motion, smoothed so that its acceleration is usable.
 
-    It starts from rest: during the first ``BEGIN_S`` the recording is played more slowly, which
-    adds half of that to its duration.  After its end the joint keeps its angle.
+    It starts from rest: during ``SLOW_START_S`` the recording is played more slowly, which adds
+    half of that to its duration.  After its end the joint keeps its angle.
 
     Args:
         time: increasing [s], shape (n,).
@@ -219,13 +219,13 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0) -> Motion:
 
     def course(time: Vector) -> Course:
         moving = np.maximum(time - begin, 0.0)
-        inside = np.clip(moving / BEGIN_S, 0.0, 1.0)
+        inside = np.clip(moving / SLOW_START_S, 0.0, 1.0)
         # the playback rate rises as a smooth step, 3 u^2 - 2 u^3
         own = np.where(
-            inside < 1.0, BEGIN_S * (inside**3 - 0.5 * inside**4), moving - 0.5 * BEGIN_S
+            inside < 1.0, SLOW_START_S * (inside**3 - 0.5 * inside**4), moving - 0.5 * SLOW_START_S
         )
         rate = inside**2 * (3.0 - 2.0 * inside)
-        rate_by = np.where(inside < 1.0, 6.0 * inside * (1.0 - inside) / BEGIN_S, 0.0)
+        rate_by = np.where(inside < 1.0, 6.0 * inside * (1.0 - inside) / SLOW_START_S, 0.0)
         there = np.clip(own, 0.0, length)
         runs = own < length
         slope = np.where(runs, spline(there, 1), 0.0)
@@ -237,7 +237,7 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0) -> Motion:
 
 def recorded_duration(time: Vector) -> float:
     """Duration of the motion that ``recorded`` returns [s]."""
-    return float(time[-1] - time[0]) + 0.5 * BEGIN_S
+    return float(time[-1] - time[0]) + 0.5 * SLOW_START_S
 
 
 def _growth(moving: Vector, frequency: float) -> tuple[Vector, Vector, Vector]:
