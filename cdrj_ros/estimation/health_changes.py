@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import degrees, inf, radians
 from typing import Final, Literal
 
@@ -87,28 +88,21 @@ def changes_of(robot: Robot, known: Uncertainty | None) -> list[Callable[[], Cha
         )
     tight = [cable for cable in robot.cables if cable.preload >= LEAST_PRELOAD]
     makers: list[Callable[[], Change]] = [
-        lambda cable=cable: _preload(robot, [cable], loose)  # type: ignore[misc]
-        for cable in tight
+        partial(_preload, robot, [cable], loose) for cable in tight
     ]
     if len(tight) > 1:
-        makers.append(lambda: _preload(robot, tight, loose))
-    makers += [
-        lambda j=j: _zero(robot, j, loose)  # type: ignore[misc]
-        for j in range(len(robot.joints))
-    ]
+        makers.append(partial(_preload, robot, tight, loose))
+    makers += [partial(_zero, robot, j, loose) for j in range(len(robot.joints))]
     if any(p.friction.mu_c > 0.0 for cable in robot.cables for p in cable.pulleys):
-        makers.append(lambda: _friction(robot, loose))
+        makers.append(partial(_friction, robot, loose))
     if any(p.radius > 0.0 for cable in tight for p in cable.pulleys):
-        makers.append(lambda: _drag(robot, loose))
+        makers.append(partial(_drag, robot, loose))
     makers += [
-        lambda motor=motor: _motor_friction(robot, motor, loose)  # type: ignore[misc]
+        partial(_motor_friction, robot, motor, loose)
         for motor in robot.motors
         if preload_torque(robot, motor.name) > 0.0
     ]
-    makers += [
-        lambda cable=cable: _broken(robot, cable)  # type: ignore[misc]
-        for cable in tight
-    ]
+    makers += [partial(_broken, robot, cable) for cable in tight]
     return makers
 
 

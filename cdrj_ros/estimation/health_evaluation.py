@@ -94,7 +94,12 @@ class Evaluation:
     @property
     def alarming(self) -> bool:
         """Whether the robot differs from its file."""
-        return not self.explained or any(one.matters for one in self.found)
+        return not self.explained or bool(self.named)
+
+    @property
+    def named(self) -> set[str]:
+        """The changes that matter."""
+        return {one.change.what for one in self.found if one.matters}
 
     @property
     def explained(self) -> bool:

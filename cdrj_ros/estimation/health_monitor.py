@@ -342,8 +342,4 @@ def _agree(one: Evaluation, other: Evaluation) -> bool:
         return False
     if not (one.explained and other.explained):
         return one.explained == other.explained
-    names = [
-        {found.change.what for found in evaluated.found if found.matters}
-        for evaluated in (one, other)
-    ]
-    return bool(names[0] & names[1])
+    return bool(one.named & other.named)

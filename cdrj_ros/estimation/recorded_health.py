@@ -144,7 +144,11 @@ class RecordedHealth:
             return
         words = self._monitor.report()
         now, cycle = self._now_s, self._monitor.cycles
-        if self._standing is not None and _alike(self._standing, standing):
+        before = self._standing
+        if before is not None and (before.explained, before.named) == (
+            standing.explained,
+            standing.named,
+        ):
             self._alarms[-1] = replace(
                 self._alarms[-1], message=words.message, end_s=now, last_cycle=cycle
             )
@@ -178,12 +182,3 @@ class _Readings:
         while self._next < len(self._all) and self._all[self._next][0] <= stamp_ns:
             self._next += 1
         return self._all[begin : self._next]
-
-
-def _alike(one: Evaluation, other: Evaluation) -> bool:
-    """Whether two verdicts name the same changes."""
-    names = [
-        {found.change.what for found in evaluated.found if found.matters}
-        for evaluated in (one, other)
-    ]
-    return one.explained == other.explained and names[0] == names[1]
