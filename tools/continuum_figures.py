@@ -5,8 +5,8 @@
 
 BAGS and LATER, of another session, are what tools/convert_continuum.py has written.  Per run and
 wire: R², RMSE and the share of samples within two standard deviations, with the robot file as it is
-and after a tare: the screw's zero is moved so that the mean error of the run's first ten seconds
-vanishes, and only what follows them is compared.
+and after a tare: ``identify`` finds the screws' zeros in the run's first ten seconds, and only what
+follows them is compared.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
-from scipy.optimize import brentq
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -28,6 +27,9 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.evaluation.channels import BagComparison, Channel  # noqa: E402
 from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors  # noqa: E402
 from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
+from cdrj_ros.identification.fit import identify  # noqa: E402
+from cdrj_ros.identification.observations import Recorded  # noqa: E402
+from cdrj_ros.identification.unknowns import parse_unknowns  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.recordings import Topics, read_recording  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
@@ -47,8 +49,6 @@ HELD_OUT: Final = (
 )
 TARE_S: Final = 10.0
 WIRES: Final = ("wire_0", "wire_1")
-MOST_ZERO_RAD: Final = 2.0
-"""Largest shift of a screw's zero that a tare tries, 0.64 mm of wire."""
 MEASURED, ESTIMATED = "#222222", "#D55E00"
 
 
@@ -85,20 +85,18 @@ def channel_of(comparison: BagComparison, wire: str) -> Channel:
 
 
 def tared(bag: Path) -> dict[str, float]:
-    """Zero of each screw [rad] with which the first ten seconds have no mean error."""
-    return {wire: _tared_wire(bag, wire) for wire in WIRES}
-
-
-def _tared_wire(bag: Path, wire: str) -> float:
-    def mean_error(zero: float) -> float:
-        channel = channel_of(part(compared(bag, model_with({wire: zero})), 0.0, TARE_S), wire)
-        return float(np.mean(channel.estimate - channel.reference))
-
-    low, high = mean_error(-MOST_ZERO_RAD), mean_error(MOST_ZERO_RAD)
-    if low * high < 0.0:
-        return float(brentq(mean_error, -MOST_ZERO_RAD, MOST_ZERO_RAD, xtol=1e-3))
-    print(f"{bag.name}: no zero of {wire} explains the first {TARE_S:g} s")
-    return -MOST_ZERO_RAD if abs(low) < abs(high) else MOST_ZERO_RAD
+    """Zero of each screw [rad] that ``identify`` finds in the first ten seconds."""
+    run = read_recording(str(bag), Topics())
+    references = {}
+    for name, series in run.references.items():
+        first = series.stamp_ns < series.stamp_ns[0] + round(TARE_S * 1e9)
+        references[name] = series.stamp_ns[first], series.value[first]
+    document, source = load_document(ROBOT)
+    unknowns = parse_unknowns(document, "motors.{*}.reference_angle")
+    found = identify(
+        document, source, unknowns, [Recorded(bag.name, run.motors, run.joints, references)]
+    )
+    return dict(zip(WIRES, found.values.tolist(), strict=True))
 
 
 def cells(errors: Mapping[str, ChannelError]) -> str:

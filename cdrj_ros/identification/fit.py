@@ -57,10 +57,6 @@ SCOUT: Final = 4
 """The search for the minimum uses only every n-th of the thinned samples, and of the residuals."""
 
 
-LAST_STEPS: Final = 4
-"""Largest number of steps with all thinned samples."""
-
-
 @dataclass(frozen=True)
 class Identification:
     """Result of a fit."""
@@ -160,13 +156,13 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
         say(f"last round: all {sample_count(last)} samples")
-    found = minimise(last, begin, loss, say, rough=rough, most_steps=LAST_STEPS)
+    found = minimise(last, begin, loss, say, rough=rough)
     known = accuracy(rough, found)
     if known.variance > DISTRUST * found.variance and any(one.prior for one in rounds.unknowns):
         # what is known before would otherwise be given up for residuals that tell less
         say("fitting once more, with residuals that tell less")
         last.least_variance = known.variance
-        found = minimise(last, found.coordinates, loss, say, rough=rough, most_steps=LAST_STEPS)
+        found = minimise(last, found.coordinates, loss, say, rough=rough)
         known = accuracy(rough, found)
     unsettled = _unsettled(last, found)
     coordinates = np.where(known.silent, 0.0, found.coordinates)

@@ -83,7 +83,6 @@ def minimise(
     rough: Problem | None = None,
     variance: float | None = None,
     settled: float = SETTLED,
-    most_steps: int = MOST_STEPS,
 ) -> Minimum:
     """Least squares from one start.
 
@@ -99,7 +98,6 @@ def minimise(
             central differences; None or the problem itself: by one-sided differences.
         variance: weight of the residuals beside the priors; None: (I2), anew at every step.
         settled: largest step that is not taken [standard errors].
-        most_steps: largest number of steps.
 
     Raises:
         RobotFileError: the start describes no possible robot.
@@ -107,11 +105,11 @@ def minimise(
     here = np.clip(begin, *limits(problem))
     problem.model(here)  # raises an error that states the reason
     was_slow = False
-    for taken in range(most_steps + 1):
+    for taken in range(MOST_STEPS + 1):
         found = _minimum(problem, here, loss, rough, variance)
         say(f"step {taken + 1}: rms residual {found.rms:.5g}")
         slow = _expected(problem, found, found.step) >= (1.0 - GAIN) * found.cost
-        if taken == most_steps or (slow and (was_slow or found.size.max() <= settled)):
+        if taken == MOST_STEPS or (slow and (was_slow or found.size.max() <= settled)):
             break
         was_slow = slow
         better = _lower(problem, found)
