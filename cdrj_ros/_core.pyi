@@ -206,7 +206,15 @@ class Conditioner:
     def refuse(self, cause: str) -> None:
         """Count a message that is refused whole, by a cause of ``refused``."""
 
-    def reset(self, keep_turns: bool = False) -> None: ...
+    def reset(self, keep_turns: bool = False) -> None:
+        """Forget all readings; the counters stay.
+
+        Args:
+            keep_turns: keep the motion estimates of the axes and the count of turns of every sensor
+                with a ``period``.  Otherwise only the count is kept, and only if the next reading
+                follows within ``MAX_GAP_NS``.
+        """
+
     def remembered(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numbers that outlast a restart, shapes (axes, 8) and (axes,)."""
 

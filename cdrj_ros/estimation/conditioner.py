@@ -49,36 +49,19 @@ class Conditioner(_core.Conditioner):
     differs, and ``lag_ns`` is the lag of the last sample behind the newest reading.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        mode: Mode = "wait",
-        horizon_ns: int = HORIZON_NS,
-        tracking: float | None = None,
-    ) -> None:
+    def __init__(self, robot: Robot, mode: Mode = "wait", tracking: float | None = None) -> None:
         """Prepare the channels.
 
         Args:
             robot: names, sensors and limits; joints without encoder have no channel.
             mode: one of ``MODES``.
-            horizon_ns: longest time to predict [ns].
             tracking: see ``axes_of``.
         """
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
         self._robot, self._worth = robot.as_read, worth_of(robot)
         axes = axes_of(self._robot, tracking, self._worth)
-        super().__init__(axes, len(robot.motors), mode == "predict", horizon_ns)
-
-    def reset(self, keep_turns: bool = False) -> None:
-        """Forget all readings; the counters stay.
-
-        Args:
-            keep_turns: keep the motion estimates of the axes and the count of turns of every sensor
-                with a ``period``.  Otherwise only the count is kept, and only if the next reading
-                follows within ``MAX_GAP_NS``.
-        """
-        super().reset(keep_turns)
+        super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS)
 
     def memory(self) -> dict[str, Vector]:
         """Values that outlast a restart, for ``recall``: motion so far and the sensors' steps."""
@@ -106,29 +89,12 @@ class Conditioner(_core.Conditioner):
         """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
         self.use_tracking_of(axes_of(self._robot, tracking, self._worth))
 
-    def feed_motors(
-        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
+    def take(
+        self,
+        kind: Kind,
+        stamp_ns: int,
+        names: Sequence[str],
+        positions: Sequence[float] | Vector,
     ) -> list[Sample]:
-        """Take a message of motor angles [rad]; returns the samples that are now complete."""
-        return samples_of(self.feed(_core.Topic.MOTORS, stamp_ns, names, positions))
-
-    def feed_joints(
-        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
-    ) -> list[Sample]:
-        """Take a message of joint angles [rad]; returns the samples that are now complete."""
-        return samples_of(self.feed(_core.Topic.JOINTS, stamp_ns, names, positions))
-
-    def feed_both(
-        self, stamp_ns: int, names: Sequence[str], positions: Sequence[float] | Vector
-    ) -> list[Sample]:
-        """Take a message of motors and joints; returns the samples that are now complete."""
-        return samples_of(self.feed(_core.Topic.BOTH, stamp_ns, names, positions))
-
-    def take(self, kind: Kind, message: _core.JointStateDecoder) -> list[Sample]:
-        """Take the last message of a decoder; returns the samples that are now complete."""
-        return samples_of(self.feed_message(TOPICS[kind], message))
-
-
-def samples_of(found: list[tuple[Any, ...]]) -> list[Sample]:
-    """The samples whose fields the core returns."""
-    return [Sample(*fields) for fields in found]
+        """Take a message of angles [rad]; returns the samples that are now complete."""
+        return [Sample(*one) for one in self.feed(TOPICS[kind], stamp_ns, names, positions)]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.estimation.conditioner import Conditioner, Kind, Mode
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
+from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import CdrjError
@@ -167,7 +167,8 @@ class Run:
             if not message.decode(payload):
                 self.conditioner.refuse("malformed")
                 return
-            for sample in self.conditioner.take(kind, message):
+            for fields in self.conditioner.feed_message(TOPICS[kind], message):
+                sample = Sample(*fields)
                 if not sample.silent:
                     self.unanswerable = 0
                     self._asked_s = perf_counter()

@@ -32,7 +32,7 @@ class Pair:
 
     def feed(self, message: Message) -> None:
         stamp, names, positions = message.stamp_ns, message.names, message.positions
-        found = getattr(self.core, f"feed_{message.topic}")(stamp, names, positions)
+        found = self.core.take(message.topic, stamp, names, positions)
         wanted = self.python.feed(message.topic, stamp, names, positions)
         assert [content(one) for one in found] == [content(one) for one in wanted]
         for sample in wanted:

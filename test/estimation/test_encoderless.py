@@ -147,8 +147,8 @@ def test_a_late_topic_is_named_where_the_angles_alone_give_the_tensions(
     joints = [joint.name for joint in robot.joints if joint.measured]
     for k in range(200):
         stamp, angle = START + 10 * MS * k, 0.3 * np.sin(k / 10)
-        conditioner.feed_motors(stamp, motors, [angle] * len(motors))
-        conditioner.feed_joints(stamp - 50 * MS, joints, [angle] * len(joints))
+        conditioner.take("motors", stamp, motors, [angle] * len(motors))
+        conditioner.take("joints", stamp - 50 * MS, joints, [angle] * len(joints))
     assert conditioner.lagging == dict.fromkeys(named, (50 * MS, 0.0))
 
 

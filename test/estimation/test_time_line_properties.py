@@ -33,9 +33,7 @@ def any_streams(count: int = 60) -> Iterator[tuple[Robot, Sequence[Message]]]:
 
 
 def feed(conditioner: Conditioner, message: Message) -> list[Sample]:
-    method = getattr(conditioner, f"feed_{message.topic}")
-    samples: list[Sample] = method(message.stamp_ns, message.names, message.positions)
-    return samples
+    return conditioner.take(message.topic, message.stamp_ns, message.names, message.positions)
 
 
 def bits(samples: Sequence[Sample]) -> list[tuple[bytes, ...]]:
@@ -134,10 +132,10 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(mode: Mode)
     recent = 1000
 
     def motors(k: int) -> list[Sample]:
-        return conditioner.feed_motors(begin + k * MILLISECOND, ("a", "b"), (0.0, 0.001 * k))
+        return conditioner.take("motors", begin + k * MILLISECOND, ("a", "b"), (0.0, 0.001 * k))
 
     def joints(k: int) -> list[Sample]:
-        return conditioner.feed_joints(begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
+        return conditioner.take("joints", begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
 
     for k in range(first):
         assert motors(k) == []
@@ -174,8 +172,8 @@ joints: [{name: p, range: [-1, 1]}, {name: q, range: [0, 2], clock_offset: -0.00
     conditioner = Conditioner(early)
     for k in range(1, 1001):
         stamp = k * MILLISECOND
-        conditioner.feed_motors(stamp, ("a", "b"), (0.0, 0.0))
-        conditioner.feed_joints(stamp, ("p", "q"), (0.0, 0.5))
+        conditioner.take("motors", stamp, ("a", "b"), (0.0, 0.0))
+        conditioner.take("joints", stamp, ("p", "q"), (0.0, 0.5))
     assert conditioner.refused["late"] == 250 + 2
     assert conditioner.lag_ns < 300 * MILLISECOND
 
@@ -183,10 +181,10 @@ joints: [{name: p, range: [-1, 1]}, {name: q, range: [0, 2], clock_offset: -0.00
 def test_held_readings_must_be_plausible_too() -> None:
     """Five readings of another time confirm the clock, but not an impossible motion."""
     conditioner = Conditioner(ROBOT)
-    conditioner.feed_motors(BEGIN, ("a",), (0.0,))
+    conditioner.take("motors", BEGIN, ("a",), (0.0,))
     for k in range(5):
         stamp = BEGIN + 2 * MAX_GAP_NS + k * MILLISECOND
-        conditioner.feed_motors(stamp, ("a",), (1e6 if k == 2 else 0.01 * k,))
+        conditioner.take("motors", stamp, ("a",), (1e6 if k == 2 else 0.01 * k,))
     assert conditioner.accepted == 5
     assert conditioner.refused["implausible"] == 1
     assert conditioner.gaps == 1

@@ -98,8 +98,8 @@ def test_the_node_path_and_the_bulk_path_agree_bit_for_bit_across_a_silence(
     conditioner = Conditioner(robot)
     samples = []
     for stamp, angle in zip(stamps.tolist(), joint.tolist(), strict=True):
-        samples += conditioner.feed_motors(stamp, ("winch",), (0.0,))
-        samples += conditioner.feed_joints(stamp, ("elbow",), (angle,))
+        samples += conditioner.take("motors", stamp, ("winch",), (0.0,))
+        samples += conditioner.take("joints", stamp, ("elbow",), (angle,))
     live = np.concatenate([sample.joint_angle for sample in samples])
     assert np.array_equal(live, whole.joint_angle[:, 0])
     assert not np.array_equal(live, joint)

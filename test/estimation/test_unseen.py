@@ -233,7 +233,7 @@ def test_a_glitch_is_no_step(model: Model, readings: Samples, lasting: int) -> N
     conditioner = Conditioner(stepping(model).robot)
     for k in range(200):
         off = 3.0 if 100 <= k < 100 + lasting else 0.0
-        conditioner.feed_motors(START + k * MS, ("winch",), readings.motor_angle[k] + off)
+        conditioner.take("motors", START + k * MS, ("winch",), readings.motor_angle[k] + off)
     assert conditioner.refused["implausible"] == lasting
     assert conditioner.steps == 0
 

@@ -62,7 +62,7 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
             for name in heard.keys() & positions.keys():
                 heard[name].append((message.stamp_ns, k, positions[name]))
             for name in [name for name in heard if name in positions]:  # those that arrive at once
-                wanted += conditioner.feed_both(message.stamp_ns, [name], [positions[name]])
+                wanted += conditioner.take("both", message.stamp_ns, [name], [positions[name]])
         channels = {
             name: Series(
                 *(
@@ -132,5 +132,5 @@ def test_the_greatest_leaps_of_the_least_period_have_an_angle() -> None:
     assert np.all(np.isfinite(samples.motor_angle))
     conditioner = Conditioner(robot)
     for stamp, value in zip(motor.stamp_ns, motor.value, strict=True):
-        conditioner.feed_motors(int(stamp), ("winch",), (float(value),))
+        conditioner.take("motors", int(stamp), ("winch",), (float(value),))
     assert conditioner.accepted == done.accepted - 40

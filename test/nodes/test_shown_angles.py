@@ -57,6 +57,6 @@ def test_a_shown_angle_is_the_estimators_to_the_bit(ros: None, tmp_path: Path) -
     samples = []
     for k, reading in enumerate(READING.tolist(), start=1):
         stamp = k * 10_000_000
-        samples += conditioner.feed_motors(stamp, ["m"], [0.0])
-        samples += conditioner.feed_joints(stamp, ["q"], [reading])
+        samples += conditioner.take("motors", stamp, ["m"], [0.0])
+        samples += conditioner.take("joints", stamp, ["q"], [reading])
     np.testing.assert_array_equal(shown, [sample.joint_angle[0] for sample in samples])

@@ -122,8 +122,8 @@ def test_corrected_readings_are_the_true_angles() -> None:
     found = []
     for stamp, row in zip(read.stamps, read.position, strict=True):
         stamp_ns = 10**9 + round(stamp * 1e9)
-        conditioner.feed_joints(stamp_ns, ["j1", "j2"], np.zeros(2))
-        found += [s.motor_angle[0] for s in conditioner.feed_motors(stamp_ns, motors.names, row)]
+        conditioner.take("joints", stamp_ns, ["j1", "j2"], np.zeros(2))
+        found += [s.motor_angle[0] for s in conditioner.take("motors", stamp_ns, motors.names, row)]
     assert len(found) > 3_990
     np.testing.assert_allclose(found, ANGLE[: len(found), 0], atol=1e-6)
     uncorrected = -0.5 * np.unwrap(read.position[:, 0], period=3.0) + 0.1

@@ -152,8 +152,8 @@ def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGI
     for one, piece in zip(models, pieces, strict=True):
         for k in piece:
             sent = sample_at(k, begin)
-            gate.feed_joints(sent.stamp_ns, ("elbow",), sent.joint_angle)
-            (sample,) = gate.feed_motors(sent.stamp_ns, ("winch",), sent.motor_angle)
+            gate.take("joints", sent.stamp_ns, ("elbow",), sent.joint_angle)
+            (sample,) = gate.take("motors", sent.stamp_ns, ("winch",), sent.motor_angle)
             state, estimate = step(one, state, sample)
             found.append(estimate.tension.copy())
     return np.array(found)

@@ -8,6 +8,7 @@ from random import Random
 
 import numpy as np
 
+from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.robot.description import Robot
 from support.wound import robot_of
 
@@ -22,8 +23,7 @@ WRONG = (0.2, 3.0, 1e13, 1e12, 1e308, np.nan, np.inf, -np.inf)
 class Message:
     """A message of one topic."""
 
-    topic: str
-    """``motors``, ``joints`` or ``both``."""
+    topic: Kind
     stamp_ns: int
     names: tuple[str, ...]
     positions: tuple[float, ...]
