@@ -127,7 +127,9 @@ class HealthMonitor:
     def read_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
-        """Take measured efforts of motors [N m]; other names are ignored."""
+        """Take measured efforts of motors [N m]; ignores other names, and efforts without names."""
+        if len(efforts) != len(names):
+            return
         for name, value in zip(names, efforts, strict=True):
             if name in self._offset_ns:
                 stamp = stamp_ns + self._offset_ns[name]
@@ -142,7 +144,9 @@ class HealthMonitor:
         tensions: Sequence[float] | Vector,
         stddevs: Sequence[float] | Vector = (),
     ) -> None:
-        """Take readings of load cells [N]; unknown elements are ignored."""
+        """Take readings of load cells [N]; ignores other elements, and readings without names."""
+        if len(tensions) != len(names):
+            return
         noises = {cable.name: cable.sensor_noise for cable in self.model.robot.cables}
         for k, name in enumerate(names):
             if name in self._index and name not in self._offset_ns:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -16,7 +16,6 @@ from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.health_verdict import unsure_elements
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, UNSURE
 
@@ -241,31 +240,10 @@ class HealthWatch:
         else:
             self.monitor = self._new()
 
-    @property
-    def heard(self) -> bool:
-        """Whether any effort or load cell has been read, so that there is something to compare."""
-        return self.monitor.heard
-
-    def wants_efforts(self, stamp_ns: int) -> bool:
-        """Whether efforts of this stamp [ns] would be used for any motor."""
-        return self.monitor.wants_efforts(stamp_ns)
-
-    def read_efforts(self, stamp_ns: int, names: Sequence[str], efforts: Vector) -> None:
-        """Take the efforts of a message [N m]; a message without one for every name has none."""
-        if len(efforts) == len(names):
-            self.monitor.read_efforts(stamp_ns, names, efforts)
-
-    def read_tensions(
-        self, stamp_ns: int, names: Sequence[str], tensions: Vector, stddevs: Vector
-    ) -> None:
-        """Take the load cells of a message [N]."""
-        if len(tensions) == len(names):
-            self.monitor.read_tensions(stamp_ns, names, tensions, stddevs)
-
     def follow(self, estimate: Estimate) -> None:
         """Follow the estimator to its last sample, with the estimate there."""
         live = self._live
-        if live.sample is None or not self.heard:
+        if live.sample is None or not self.monitor.heard:
             return
         if self.monitor.model is not live.model:
             self.monitor = self._new()

@@ -221,7 +221,7 @@ class Estimation:
 
         def read_efforts() -> None:
             stamp_ns = message.stamp_ns
-            wanted = health is not None and health.wants_efforts(stamp_ns)
+            wanted = health is not None and health.monitor.wants_efforts(stamp_ns)
             feeds = fed and live.wants_efforts(stamp_ns)
             if feeds or wanted:
                 names = message.names
@@ -229,7 +229,7 @@ class Estimation:
                 if feeds:
                     live.feed_efforts(stamp_ns, names, efforts)
                 if health is not None and wanted:
-                    health.read_efforts(stamp_ns, names, efforts)
+                    health.monitor.read_efforts(stamp_ns, names, efforts)
 
         def on_angles(payload: bytes) -> None:
             begin_s = monotonic()
@@ -279,7 +279,7 @@ class Estimation:
             readings = cable_tensions(payload)
             self.live.feed_tensions(*readings)
             if self.health is not None:
-                self.health.read_tensions(*readings)
+                self.health.monitor.read_tensions(*readings)
         except MessageError:
             self.live.conditioner.refuse("malformed")
 
@@ -306,7 +306,7 @@ class Estimation:
         self._diagnosed_s = monotonic()
         name = self.node.get_fully_qualified_name().lstrip("/")
         statuses = [self._status(name)]
-        if self.configured and self.health is not None and self.health.heard:
+        if self.configured and self.health is not None and self.health.monitor.heard:
             statuses.append(self.health.status(f"{name}: health"))
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
