@@ -40,7 +40,7 @@ LIMITS = {
     ),
     "memory of the estimator: more": "the modules of the package and what they import",
     "make demo from": (
-        "the files that bind the core to Python take most of the compiler's time; two thirds of "
+        "the files that bind the core to Python take half of the compiler's time; two thirds of "
         "the time of the messages go to their generation in Python; a third of that of the "
         "demonstration goes to the pictures of its report, and most of the rest to rclpy and the "
         "middleware below: 90 000 messages to another process, and the answers"

@@ -4,7 +4,8 @@ Angles are in rad (in m for a sliding axis), stamps in ns since the clock's epoc
 """
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from enum import Enum
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,45 +87,27 @@ class MessageEncoder:
             ValueError: a stamp that no header can hold, or fewer numbers than are copied.
         """
 
-class Guide:
-    """What a cable given by positions touches, by the kinds of ``cdrj_ros.robot.space``."""
+Guide: Final[type[Enum]]
+"""What a cable given by positions touches, by the kinds of ``cdrj_ros.robot.space``."""
+FrameMotion: Final[type[Enum]]
+"""Motion of a frame relative to its parent, by the words of a robot file."""
+Law: Final[type[Enum]]
+"""Friction laws, by the words of a robot file."""
+RECORDS: dict[str, list[tuple[str, str]]]
+"""Fields of the records of ``robot_records.hpp`` and ``state_records.hpp`` with NumPy's types."""
 
-    __members__: ClassVar[dict[str, Guide]]
-
-    def __int__(self) -> int: ...
-
-class FrameMotion:
-    """Motion of a frame relative to its parent, by the words of a robot file."""
-
-    __members__: ClassVar[dict[str, FrameMotion]]
-
-    def __int__(self) -> int: ...
-
-RECORDS: dict[str, np.dtype[Any]]
-"""The records of ``robot_records.hpp`` and ``state_records.hpp`` as structured types."""
-
-class Law:
-    """Friction laws, by the words of a robot file."""
-
-    __members__: ClassVar[dict[str, Law]]
-
-    def __int__(self) -> int: ...
-
-class Stribeck:
+class Stribeck(Enum):
     """How static friction enters: (35) as printed, or the capstan equation with mu_s."""
 
-    printed: ClassVar[Stribeck]
-    capstan: ClassVar[Stribeck]
-    __members__: ClassVar[dict[str, Stribeck]]
+    printed = 0
+    capstan = 1
 
-    def __int__(self) -> int: ...
-
-class Topic:
+class Topic(Enum):
     """What a topic carries."""
 
-    MOTORS: ClassVar[Topic]
-    JOINTS: ClassVar[Topic]
-    BOTH: ClassVar[Topic]
+    MOTORS = 0
+    JOINTS = 1
+    BOTH = 2
 
 class Axis:
     """A motor or joint: how readings become angles, and what these must satisfy."""
@@ -714,7 +697,7 @@ def cell_loss(kinetic: float, static: float, share: float) -> tuple[float, float
     """(E28): losses of a contact cell that has a share of its pulley's wrap."""
 
 def friction_force(
-    law: Law, before: float, slip: float, stiffness: float, bound: float, breakaway: float
+    law: Enum, before: float, slip: float, stiffness: float, bound: float, breakaway: float
 ) -> tuple[float, float, float]:
     """(33), (E9): bristle force after a slip, exact over the slip for a constant bound.
 

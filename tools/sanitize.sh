@@ -19,7 +19,11 @@ compile() {
 }
 
 build() {
-    includes=$(python -c 'import pybind11, sysconfig; print("-I" + pybind11.get_include(), "-I" + sysconfig.get_path("include"))')
+    includes=$(python -c 'if True:
+        import nanobind, numpy, sysconfig
+        own = nanobind.include_dir()
+        folders = own, nanobind.source_dir(), own + "/../ext/robin_map/include", numpy.get_include(), sysconfig.get_path("include")
+        print(*("-I" + folder for folder in folders))')
     export made includes
     export -f compile
     rm -rf "$made"

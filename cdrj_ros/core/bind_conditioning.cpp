@@ -1,38 +1,23 @@
 // Conditioning of readings, as `cdrj_ros.estimation` uses it.
-#include <memory>
 #include <string>
 #include <tuple>
 #include <utility>
+
+#include <nanobind/stl/tuple.h>
 
 #include "bind.hpp"
 #include "conditioner.hpp"
 #include "recording.hpp"
 
-namespace py = pybind11;
-
 namespace cdrj {
 namespace {
 
-using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Stamps = py::array_t<Nanoseconds, py::array::c_style | py::array::forcecast>;
-
-/// An array that owns the memory of a vector.
-template <typename T>
-py::array_t<T> array_of(std::vector<T>&& values, std::vector<py::ssize_t> shape) {
-    auto owned = std::make_unique<std::vector<T>>(std::move(values));
-    T* data = owned->data();
-    py::capsule owner(owned.release(), [](void* memory) {
-        delete static_cast<std::vector<T>*>(memory);
-    });
-    return py::array_t<T>(std::move(shape), data, owner);
-}
-
 std::vector<Conditioner::Target> targets_of(
-    const Conditioner& conditioner, Topic topic, const py::sequence& names) {
+    const Conditioner& conditioner, Topic topic, const nb::sequence& names) {
     std::vector<Conditioner::Target> targets;
-    targets.reserve(names.size());
-    for (const py::handle name : names) {
-        py::ssize_t size = 0;
+    targets.reserve(nb::len(names));
+    for (const nb::handle name : names) {
+        Py_ssize_t size = 0;
         const char* text = PyUnicode_AsUTF8AndSize(name.ptr(), &size);
         if (text == nullptr) {  // not text, or text that no message can hold
             PyErr_Clear();
@@ -44,91 +29,88 @@ std::vector<Conditioner::Target> targets_of(
     return targets;
 }
 
-std::vector<double> numbers_of(const py::sequence& positions) {
-    if (Numbers::check_(positions)) {
-        const auto numbers = span_of(py::reinterpret_borrow<Numbers>(positions));
-        return {numbers.begin(), numbers.end()};
-    }
-    std::vector<double> numbers;
-    numbers.reserve(positions.size());
-    for (const py::handle position : positions) numbers.push_back(position.cast<double>());
-    return numbers;
-}
-
 /// `unseen` of every sample without deviations, and `offset` of those with the ones of the sample
 /// before: always the same object, to be recognised by.
-const py::object& no_deviations() {
-    static const auto* const empty = new py::object(py::array_t<double>(std::vector<py::ssize_t>{0, 0}));
+const nb::object& no_deviations() {
+    static const auto* const empty = new nb::object(Written({0, 0}).object());
     return *empty;
 }
 
-py::tuple tuple_of(const Sample& sample, std::size_t motors) {
+/// A table of so many rows; `no_deviations` where it is empty.
+nb::object table_of(const std::vector<double>& numbers, Index rows) {
+    if (numbers.empty()) return no_deviations();
+    return copy_of(numbers, {rows, Index(numbers.size()) / rows}).object();
+}
+
+nb::tuple tuple_of(const Sample& sample, std::size_t motors) {
     const auto angles = std::span(sample.angle);
-    py::object unseen = no_deviations(), offset = no_deviations();
-    if (!sample.unseen.empty()) unseen = copy_of(sample.unseen).reshape({2, -1});
-    if (!sample.offset.empty()) offset = copy_of(sample.offset).reshape({3, -1});
-    return py::make_tuple(
+    return nb::make_tuple(
         sample.stamp_ns,
         copy_of(angles.first(motors)),
         copy_of(angles.subspan(motors)),
-        unseen,
-        offset,
+        table_of(sample.unseen, 2),
+        table_of(sample.offset, 3),
         sample.doubtful,
         sample.predicted,
         sample.silent);
 }
 
-py::list list_of(const std::vector<Sample>& samples, std::size_t motors) {
-    py::list found;
+nb::list list_of(const std::vector<Sample>& samples, std::size_t motors) {
+    nb::list found;
     for (const Sample& sample : samples) found.append(tuple_of(sample, motors));
     return found;
 }
 
-py::list feed(
-    Conditioner& conditioner,
-    Topic topic,
-    Nanoseconds stamp_ns,
-    const py::sequence& names,
-    const py::sequence& positions) {
-    const auto samples = conditioner.take(
-        stamp_ns, targets_of(conditioner, topic, names), numbers_of(positions));
+nb::list feed(
+    Conditioner& conditioner, Topic topic, Nanoseconds stamp_ns, const nb::sequence& names,
+    const std::vector<double>& positions) {
+    const auto samples = conditioner.take(stamp_ns, targets_of(conditioner, topic, names), positions);
     return list_of(samples, conditioner.motors());
 }
 
-py::list feed_message(Conditioner& conditioner, Topic topic, const JointStateDecoder& decoder) {
+nb::list feed_message(Conditioner& conditioner, Topic topic, const JointStateDecoder& decoder) {
     return list_of(conditioner.take(topic, decoder.last()), conditioner.motors());
 }
 
-py::dict refused(const Conditioner& conditioner) {
-    py::dict counts;
+nb::dict refused(const Conditioner& conditioner) {
+    nb::dict counts;
     for (std::size_t cause = 0; cause < CAUSES; ++cause) {
-        counts[py::str(CAUSE_NAMES[cause].data(), CAUSE_NAMES[cause].size())] =
+        counts[nb::str(CAUSE_NAMES[cause].data(), CAUSE_NAMES[cause].size())] =
             conditioner.refused()[cause];
     }
     return counts;
 }
 
-void refuse(Conditioner& conditioner, std::string_view name) {
+void refuse(Conditioner& conditioner, const std::string& name) {
     for (std::size_t cause = 0; cause < CAUSES; ++cause) {
         if (CAUSE_NAMES[cause] == name) return conditioner.refuse(static_cast<Cause>(cause));
     }
-    throw py::key_error(std::string(name));
+    throw nb::key_error(name.c_str());
 }
 
 /// A value of every channel, by name, where `get` gives one.
 template <typename Get>
 auto by_name(const Conditioner& conditioner, Get get) {
-    py::dict found;
+    nb::dict found;
     for (std::size_t k = 0; k < conditioner.axes().size(); ++k) {
-        const py::object value = get(conditioner.channels()[k]);
-        if (!value.is_none()) found[py::str(conditioner.axes()[k].name)] = value;
+        const nb::object value = get(conditioner.channels()[k]);
+        if (!value.is_none()) found[conditioner.axes()[k].name.c_str()] = value;
     }
     return found;
 }
 
-constexpr py::ssize_t REMEMBERED = 8;  // numbers of every axis
+template <typename Condition>
+nb::list names_where(const Conditioner& conditioner, Condition condition) {
+    nb::list found;
+    for (std::size_t k = 0; k < conditioner.axes().size(); ++k) {
+        if (condition(conditioner.channels()[k])) found.append(conditioner.axes()[k].name);
+    }
+    return found;
+}
 
-py::tuple memory(const Conditioner& conditioner) {
+constexpr Index REMEMBERED = 8;  // numbers of every axis
+
+nb::tuple memory(const Conditioner& conditioner) {
     std::vector<double> rows, stepped;
     for (const Conditioner::Memory& one : conditioner.memory()) {
         rows.insert(
@@ -137,20 +119,19 @@ py::tuple memory(const Conditioner& conditioner) {
              one.steps.bend, one.steps.unexplained, one.steps.displaced});
         stepped.push_back(one.steps.stepped ? 1.0 : 0.0);
     }
-    const auto axes = static_cast<py::ssize_t>(stepped.size());
-    return py::make_tuple(
-        array_of(std::move(rows), {axes, REMEMBERED}), array_of(std::move(stepped), {axes}));
+    const auto axes = static_cast<Index>(stepped.size());
+    return nb::make_tuple(copy_of(rows, {axes, REMEMBERED}), copy_of(stepped));
 }
 
-void recall(Conditioner& conditioner, const Numbers& rows, const Numbers& stepped) {
-    const auto axes = static_cast<py::ssize_t>(conditioner.axes().size());
-    if (rows.ndim() != 2 || rows.shape(0) != axes || rows.shape(1) != REMEMBERED ||
-        stepped.size() != axes) {
-        throw py::value_error("memory of another number of axes");
-    }
+void recall(Conditioner& conditioner, const Given& rows, const Given& stepped) {
+    const auto axes = static_cast<Index>(conditioner.axes().size());
+    require(
+        rows.ndim() == 2 && rows.shape(0) == axes && rows.shape(1) == REMEMBERED &&
+            stepped.size() == axes,
+        "memory of another number of axes");
     std::vector<Conditioner::Memory> memory;
-    for (py::ssize_t k = 0; k < axes; ++k) {
-        const double* row = rows.data(k, 0);
+    for (Index k = 0; k < axes; ++k) {
+        const auto row = row_of(rows, k);
         memory.push_back(
             {row[0], row[1], row[2], row[3], row[4],
              {row[5], row[6], row[7], stepped.data()[k] != 0.0}});
@@ -158,54 +139,47 @@ void recall(Conditioner& conditioner, const Numbers& rows, const Numbers& steppe
     conditioner.recall(memory);
 }
 
-void expect(Conditioner& conditioner, const Numbers& angles, Nanoseconds stamp_ns) {
-    if (static_cast<std::size_t>(angles.size()) != conditioner.axes().size()) {
-        throw py::value_error("one angle per axis is needed");
-    }
+void expect(Conditioner& conditioner, const Given& angles, Nanoseconds stamp_ns) {
+    require(angles.size() == Index(conditioner.axes().size()), "one angle per axis is needed");
     conditioner.expect(span_of(angles), stamp_ns);
 }
 
-py::tuple tuple_of(Samples&& samples, std::size_t motors, std::size_t joints) {
-    const auto n = static_cast<py::ssize_t>(samples.stamp_ns.size());
-    const auto m = static_cast<py::ssize_t>(motors), j = static_cast<py::ssize_t>(joints);
-    const auto unseen = static_cast<py::ssize_t>(samples.unseen_rows.size());
-    const auto doubtful = static_cast<py::ssize_t>(samples.doubtful.size());
-    const auto changes = static_cast<py::ssize_t>(samples.offset_rows.size());
-    return py::make_tuple(
+nb::tuple tuple_of(const Samples& samples, Index motors, Index joints) {
+    const auto n = static_cast<Index>(samples.stamp_ns.size());
+    const auto unseen = static_cast<Index>(samples.unseen_rows.size());
+    const auto changes = static_cast<Index>(samples.offset_rows.size());
+    return nb::make_tuple(
         samples.after_jump,
-        array_of(std::move(samples.stamp_ns), {n}),
-        array_of(std::move(samples.motor), {n, m}),
-        array_of(std::move(samples.joint), {n, j}),
-        array_of(std::move(samples.unseen_rows), {unseen}),
-        array_of(std::move(samples.unseen), {unseen, 2, m + j}),
-        array_of(std::move(samples.offset_rows), {changes}),
-        array_of(std::move(samples.offset), {changes, 3, m + j}),
-        array_of(std::move(samples.doubtful), {doubtful}));
+        copy_of(samples.stamp_ns),
+        copy_of(samples.motor, {n, motors}),
+        copy_of(samples.joint, {n, joints}),
+        copy_of(samples.unseen_rows),
+        copy_of(samples.unseen, {unseen, 2, motors + joints}),
+        copy_of(samples.offset_rows),
+        copy_of(samples.offset, {changes, 3, motors + joints}),
+        copy_of(samples.doubtful));
 }
 
-/// A recording, with the arrays that it reads and the conditioner that takes it.
+/// A recording, with the arrays that it reads.
 class HeldRecording {
 public:
-    using Given = std::tuple<Topic, std::string, Stamps, Stamps, Numbers>;
+    using GivenSeries = std::tuple<Topic, std::string, GivenIntegers, GivenIntegers, Given>;
 
-    HeldRecording(py::object conditioner, std::vector<Given> given)
-        : held_(std::move(conditioner)),
-          given_(std::move(given)),
-          conditioner_(held_.cast<Conditioner&>()),
-          recording_(conditioner_, series()) {}
+    HeldRecording(Conditioner& conditioner, std::vector<GivenSeries> given)
+        : given_(std::move(given)), conditioner_(conditioner), recording_(conditioner, series()) {}
 
     bool is_over() const { return recording_.is_over(); }
 
-    py::list advance(std::size_t most) {
+    nb::list advance(std::size_t most) {
         std::vector<Samples> pieces;
         {
-            const py::gil_scoped_release others_may_run;
+            const nb::gil_scoped_release others_may_run;
             pieces = recording_.advance(most);
         }
         const std::size_t motors = conditioner_.motors();
-        py::list found;
-        for (Samples& piece : pieces) {
-            found.append(tuple_of(std::move(piece), motors, conditioner_.axes().size() - motors));
+        nb::list found;
+        for (const Samples& piece : pieces) {
+            found.append(tuple_of(piece, motors, conditioner_.axes().size() - motors));
         }
         return found;
     }
@@ -214,9 +188,9 @@ private:
     std::vector<Series> series() const {
         std::vector<Series> found;
         for (const auto& [topic, name, stamp_ns, arrival_ns, value] : given_) {
-            if (stamp_ns.size() != value.size() || arrival_ns.size() != value.size()) {
-                throw py::value_error("a series needs as many stamps and arrivals as values");
-            }
+            require(
+                stamp_ns.size() == value.size() && arrival_ns.size() == value.size(),
+                "a series needs as many stamps and arrivals as values");
             found.push_back(
                 {conditioner_.find(topic, name), span_of(stamp_ns),
                  span_of(arrival_ns), span_of(value)});
@@ -224,127 +198,117 @@ private:
         return found;
     }
 
-    py::object held_;
-    std::vector<Given> given_;
+    std::vector<GivenSeries> given_;
     Conditioner& conditioner_;
     Recording recording_;
 };
 
-py::array_t<double> angles_of_array(const Axis& axis, const Numbers& readings) {
-    std::vector<double> angles = angles_of(axis, span_of(readings));
-    const auto n = static_cast<py::ssize_t>(angles.size());
-    return array_of(std::move(angles), {n});
+Written angles_of_array(const Axis& axis, const Given& readings) {
+    return copy_of(angles_of(axis, span_of(readings)));
 }
 
-void bind_axis(py::module_& core) {
-    py::class_<Axis>(core, "Axis")
+void bind_axis(nb::module_& core) {
+    nb::class_<Axis>(core, "Axis")
         .def(
-            py::init([](std::string name, double lower, double upper, double max_speed,
-                        Nanoseconds clock_offset_ns, double period, double scale, double offset,
-                        std::vector<double> corrected_at, std::vector<double> correction,
-                        double bandwidth, bool adaptive, double band, double negligible,
-                        double worth, double start) {
-                if (corrected_at.size() != correction.size()) {
-                    throw py::value_error("a correction needs as many values as angles");
-                }
-                return Axis{std::move(name), lower, upper, max_speed, clock_offset_ns, period,
-                            scale, offset, std::move(corrected_at), std::move(correction),
-                            bandwidth, adaptive, band, negligible, worth, start};
-            }),
-            py::arg("name"), py::kw_only(), py::arg("lower"), py::arg("upper"),
-            py::arg("max_speed"), py::arg("clock_offset_ns"), py::arg("period"), py::arg("scale"),
-            py::arg("offset"), py::arg("corrected_at"), py::arg("correction"),
-            py::arg("bandwidth"), py::arg("adaptive"), py::arg("band"), py::arg("negligible"),
-            py::arg("worth"), py::arg("start"))
-        .def_readonly("name", &Axis::name)
-        .def_readonly("lower", &Axis::lower)
-        .def_readonly("upper", &Axis::upper)
-        .def_readonly("clock_offset_ns", &Axis::clock_offset_ns)
-        .def_readonly("bandwidth", &Axis::bandwidth)
-        .def_readonly("adaptive", &Axis::adaptive)
-        .def("angles_of", &angles_of_array, py::arg("readings"))
-        .def("angle_near", &angle_near, py::arg("reading"), py::arg("near"));
+            "__init__",
+            [](Axis* made, std::string name, double lower, double upper, double max_speed,
+               Nanoseconds clock_offset_ns, double period, double scale, double offset,
+               std::vector<double> corrected_at, std::vector<double> correction,
+               double bandwidth, bool adaptive, double band, double negligible,
+               double worth, double start) {
+                require(
+                    corrected_at.size() == correction.size(),
+                    "a correction needs as many values as angles");
+                new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns, period,
+                                scale, offset, std::move(corrected_at), std::move(correction),
+                                bandwidth, adaptive, band, negligible, worth, start};
+            },
+            "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
+            "period"_a, "scale"_a, "offset"_a, "corrected_at"_a, "correction"_a, "bandwidth"_a,
+            "adaptive"_a, "band"_a, "negligible"_a, "worth"_a, "start"_a)
+        .def_ro("name", &Axis::name)
+        .def_ro("lower", &Axis::lower)
+        .def_ro("upper", &Axis::upper)
+        .def_ro("clock_offset_ns", &Axis::clock_offset_ns)
+        .def_ro("bandwidth", &Axis::bandwidth)
+        .def_ro("adaptive", &Axis::adaptive)
+        .def("angles_of", &angles_of_array, "readings"_a)
+        .def("angle_near", &angle_near, "reading"_a, "near"_a);
 }
 
-void bind_conditioner(py::module_& core) {
+void bind_conditioner(nb::module_& core) {
     const auto counter = [](auto member) {
         return [member](const Conditioner& conditioner) { return conditioner.*member; };
     };
-    py::class_<Conditioner>(core, "Conditioner")
+    nb::class_<Conditioner>(core, "Conditioner")
         .def(
-            py::init<std::vector<Axis>, std::size_t, bool, Nanoseconds>(),
-            py::arg("axes"), py::arg("motors"), py::arg("predict"), py::arg("horizon_ns"))
-        .def("feed", &feed, py::arg("topic"), py::arg("stamp_ns"), py::arg("names"),
-             py::arg("positions"))
-        .def("feed_message", &feed_message, py::arg("topic"), py::arg("message"))
-        .def("refuse", &refuse, py::arg("cause"))
-        .def("reset", &Conditioner::reset, py::arg("keep_turns") = false)
+            nb::init<std::vector<Axis>, std::size_t, bool, Nanoseconds>(),
+            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a)
+        .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a)
+        .def("feed_message", &feed_message, "topic"_a.noconvert(), "message"_a)
+        .def("refuse", &refuse, "cause"_a)
+        .def("reset", &Conditioner::reset, "keep_turns"_a = false)
         .def("remembered", &memory)
-        .def("remember", &recall, py::arg("rows"), py::arg("stepped"))
-        .def("continue_from", &expect, py::arg("angles"), py::arg("stamp_ns"))
-        .def("use_tracking_of", &Conditioner::set_tracking, py::arg("axes"))
-        .def_property_readonly("refused", &refused)
-        .def_property_readonly("accepted", counter(&Conditioner::accepted))
-        .def_property_readonly("elsewhere", counter(&Conditioner::elsewhere))
-        .def_property_readonly("clock_jumps", counter(&Conditioner::clock_jumps))
-        .def_property_readonly("gaps", counter(&Conditioner::gaps))
-        .def_property_readonly("steps", counter(&Conditioner::steps))
-        .def_property_readonly("crowded", [](const Conditioner& c) { return c.time_line().crowded; })
-        .def_property_readonly("lag_ns", [](const Conditioner& c) { return c.time_line().lag_ns; })
-        .def_property_readonly("unheard", [](const Conditioner& c) {
-            return py::list(by_name(c, [](const Channel& channel) -> py::object {
-                return channel.last_ns < 0 ? py::object(py::bool_(true)) : py::none();
-            }));
+        .def("remember", &recall, "rows"_a, "stepped"_a)
+        .def("continue_from", &expect, "angles"_a, "stamp_ns"_a)
+        .def("use_tracking_of", &Conditioner::set_tracking, "axes"_a)
+        .def_prop_ro("refused", &refused)
+        .def_prop_ro("accepted", counter(&Conditioner::accepted))
+        .def_prop_ro("elsewhere", counter(&Conditioner::elsewhere))
+        .def_prop_ro("clock_jumps", counter(&Conditioner::clock_jumps))
+        .def_prop_ro("gaps", counter(&Conditioner::gaps))
+        .def_prop_ro("steps", counter(&Conditioner::steps))
+        .def_prop_ro("crowded", [](const Conditioner& c) { return c.time_line().crowded; })
+        .def_prop_ro("lag_ns", [](const Conditioner& c) { return c.time_line().lag_ns; })
+        .def_prop_ro("unheard", [](const Conditioner& c) {
+            return names_where(c, [](const Channel& channel) { return channel.last_ns < 0; });
         })
-        .def_property_readonly("displaced", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> py::object {
+        .def_prop_ro("displaced", [](const Conditioner& c) {
+            return by_name(c, [](const Channel& channel) -> nb::object {
                 const StepMemory& steps = channel.steps.memory;
-                if (!steps.stepped && steps.displaced == 0.0) return py::none();
-                return py::float_(steps.displaced);
+                if (!steps.stepped && steps.displaced == 0.0) return nb::none();
+                return nb::float_(steps.displaced);
             });
         })
-        .def_property_readonly("alternating", [](const Conditioner& c) {
-            return py::list(by_name(c, [](const Channel& channel) -> py::object {
-                if (!channel.steps.alternates()) return py::none();
-                return py::bool_(true);
-            }));
+        .def_prop_ro("alternating", [](const Conditioner& c) {
+            return names_where(c, [](const Channel& channel) { return channel.steps.alternates(); });
         })
-        .def_property_readonly("lagging", [](const Conditioner& c) {
-            py::dict found;
+        .def_prop_ro("lagging", [](const Conditioner& c) {
+            nb::dict found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {
                 const Channel& channel = c.channels()[k];
                 if (!channel.lags(c.axes()[k])) continue;
-                found[py::str(c.axes()[k].name)] =
-                    py::make_tuple(channel.lag.lag_ns, channel.lag.growth);
+                found[c.axes()[k].name.c_str()] =
+                    nb::make_tuple(channel.lag.lag_ns, channel.lag.growth);
             }
             return found;
         })
-        .def_property_readonly("held", [](const Conditioner& c) {
+        .def_prop_ro("held", [](const Conditioner& c) {
             std::size_t held = 0;
             for (const Channel& channel : c.channels()) {
                 held += channel.held.size() + (channel.off ? 1 : 0);
             }
             return held;
         })
-        .def_property_readonly("held_of", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> py::object {
-                py::list held;
+        .def_prop_ro("held_of", [](const Conditioner& c) {
+            return by_name(c, [](const Channel& channel) -> nb::object {
+                nb::list held;
                 for (const Raw& raw : channel.held) {
-                    held.append(py::make_tuple(raw.stamp_ns, raw.reading));
+                    held.append(nb::make_tuple(raw.stamp_ns, raw.reading));
                 }
                 return held;
             });
         })
-        .def_property_readonly("waiting", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> py::object {
-                return py::int_(channel.readings.size() + channel.recent.size());
+        .def_prop_ro("waiting", [](const Conditioner& c) {
+            return by_name(c, [](const Channel& channel) -> nb::object {
+                return nb::int_(channel.readings.size() + channel.recent.size());
             });
         });
 }
 
 }  // namespace
 
-void bind_conditioning(py::module_& core) {
+void bind_conditioning(nb::module_& core) {
     core.attr("ALL_SEEN") = no_deviations();
     core.attr("NONE_CHANGED") = no_deviations();
     core.attr("MAX_GAP_NS") = MAX_GAP_NS;
@@ -352,23 +316,23 @@ void bind_conditioning(py::module_& core) {
     core.attr("RANGE_MARGIN") = RANGE_MARGIN;
     core.attr("LARGEST") = LARGEST;
     core.attr("WAITING") = WAITING;
-    py::enum_<Topic>(core, "Topic")
+    nb::enum_<Topic>(core, "Topic")
         .value("MOTORS", Topic::motors)
         .value("JOINTS", Topic::joints)
         .value("BOTH", Topic::both);
     bind_axis(core);
     bind_conditioner(core);
-    py::class_<HeldRecording>(core, "Recording")
+    nb::class_<HeldRecording>(core, "Recording")
         .def(
-            py::init<py::object, std::vector<HeldRecording::Given>>(), py::arg("conditioner"),
-            py::arg("series"))
-        .def_property_readonly("is_over", &HeldRecording::is_over)
-        .def("advance", &HeldRecording::advance, py::arg("most"));
-    py::class_<TrackingFilter>(core, "TrackingFilter")
-        .def(py::init<>())
-        .def("track", &TrackingFilter::track, py::arg("since_ns"), py::arg("reading"), py::arg("bandwidth"),
-             py::arg("band"), py::arg("adaptive"))
-        .def_property_readonly("moves", &TrackingFilter::moves);
+            nb::init<Conditioner&, std::vector<HeldRecording::GivenSeries>>(), "conditioner"_a,
+            "series"_a, nb::keep_alive<1, 2>())
+        .def_prop_ro("is_over", &HeldRecording::is_over)
+        .def("advance", &HeldRecording::advance, "most"_a);
+    nb::class_<TrackingFilter>(core, "TrackingFilter")
+        .def(nb::init<>())
+        .def("track", &TrackingFilter::track, "since_ns"_a, "reading"_a, "bandwidth"_a, "band"_a,
+             "adaptive"_a)
+        .def_prop_ro("moves", &TrackingFilter::moves);
 }
 
 }  // namespace cdrj

@@ -8,18 +8,8 @@
 #include "messages.hpp"
 #include "simulation.hpp"
 
-namespace py = pybind11;
-using namespace py::literals;
-
 namespace cdrj {
 namespace {
-
-py::tuple names_of(const JointStateDecoder& decoder) {
-    const std::vector<std::string>& names = decoder.last().names;
-    py::tuple found(names.size());
-    for (std::size_t i = 0; i < names.size(); ++i) found[i] = py::str(names[i]);
-    return found;
-}
 
 using Numbers = std::vector<std::array<std::size_t, 3>>;
 
@@ -29,34 +19,33 @@ std::vector<CopiedNumbers> copied(const Numbers& numbers) {
     return found;
 }
 
-MessageEncoder encoder_of(
-    const py::bytes& blank, const Numbers& values, const Numbers& stddevs, const Numbers& flags) {
+void make_encoder(
+    MessageEncoder* made, const nb::bytes& blank, const Numbers& values, const Numbers& stddevs,
+    const Numbers& flags) {
     MessageContent content{copied(values), copied(stddevs), {}};
     for (const auto& [offset, before, after] : flags) {
         content.flags.push_back({offset, before, after});
     }
-    return {std::string(blank), std::move(content)};
+    new (made) MessageEncoder({blank.c_str(), blank.size()}, std::move(content));
 }
 
-py::bytes encode(
-    MessageEncoder& encoder, Nanoseconds stamp_ns, const py::object& values,
-    const py::object& stddevs) {
-    const Given value = quickly(values), stddev = quickly(stddevs);
+nb::bytes encode(
+    MessageEncoder& encoder, Nanoseconds stamp_ns, const Given& values, const Given& stddevs) {
     require(
         stamp_ns >= 0 && stamp_ns < END_OF_TIME_NS,
         "the stamp does not fit a ROS header");
     require(
         encoder.takes(
-            static_cast<std::size_t>(value.size()), static_cast<std::size_t>(stddev.size())),
+            static_cast<std::size_t>(values.size()), static_cast<std::size_t>(stddevs.size())),
         "the message needs more values or standard deviations");
-    return encoder.encode(stamp_ns, span_of(value), span_of(stddev));
+    const std::string& message = encoder.encode(stamp_ns, span_of(values), span_of(stddevs));
+    return nb::bytes(message.data(), message.size());
 }
 
-using Flags = py::array_t<bool, py::array::c_style>;
-
-void require_rows(const py::array& table, py::ssize_t rows, Index columns, const char* name) {
-    if (table.ndim() == 2 && table.shape(0) == rows && table.shape(1) == columns) return;
-    throw py::value_error(std::string(name) + " has not the shape of this robot's");
+void require_rows(const auto& table, Index rows, Index columns, const char* name) {
+    require(
+        table.ndim() == 2 && table.shape(0) == rows && table.shape(1) == columns,
+        (std::string(name) + " has not the shape of this robot's").c_str());
 }
 
 /// A stepper with the robot that it refers to; see `_core.pyi`.
@@ -84,27 +73,27 @@ public:
     void prescribe() { stepper_.rule = PrescribedJoints{}; }
 
     /// Effort of the joint in poses without a state before.
-    Vector efforts(const Given& motors, const Given& joints) const {
+    Written efforts(const Given& motors, const Given& joints) const {
         const Sizes& sizes = robot_.topology.sizes;
-        const py::ssize_t poses = motors.ndim() == 2 ? motors.shape(0) : 0;
+        const Index poses = motors.ndim() == 2 ? motors.shape(0) : 0;
         require_rows(motors, poses, sizes.motors, "motors");
         require_rows(joints, poses, sizes.joints, "joints");
-        Vector found(poses);
-        double* written = found.mutable_data();
+        Written found({poses});
+        const auto written = span_of(found);
         Trials trials(robot_, joint_);
-        for_samples(poses, [&](py::ssize_t k) {
+        for_samples(poses, [&](Index k) {
             written[k] = trials.effort(row_of(motors, k), row_of(joints, k), 0.0);
             return true;
         });
         return found;
     }
 
-    py::tuple run(
+    nb::tuple run(
         const Given& motors, const Given& joints, const Given& torque, const Given& dt,
-        const Given& offset, const Flags& happening, Matrix& motors_out, Matrix& joints_out,
-        Vector& imbalance, Matrix& estimates) {
+        const Given& offset, const GivenFlags& happening, const Written& motors_out, const Written& joints_out,
+        const Written& imbalance, const Written& estimates) {
         const Sizes& sizes = robot_.topology.sizes;
-        const py::ssize_t phases = torque.size(), samples = dt.size();
+        const Index phases = torque.size(), samples = dt.size();
         require_rows(motors, phases, sizes.motors, "motors");
         require_rows(joints, phases, sizes.joints, "joints");
         require_rows(offset, samples, sizes.motors, "offset");
@@ -119,27 +108,26 @@ public:
             {const_cast<double*>(motors.data()), sizes.motors},
             {const_cast<double*>(joints.data()), sizes.joints}, span_of(torque)};
         Outcome outcome{true, 0.0};
-        const py::ssize_t done = for_samples(samples, [&](py::ssize_t k) {
+        const Index done = for_samples(samples, [&](Index k) {
             const Interval sample{dt.data()[k], row_of(offset, k), happening.data()[k]};
             outcome = stepper_.step(
-                plan, sample, written_row(motors_out, k), written_row(joints_out, k),
-                written_row(estimates, k));
-            if (outcome.done) imbalance.mutable_data()[k] = outcome.imbalance;
+                plan, sample, row_of(motors_out, k), row_of(joints_out, k), row_of(estimates, k));
+            if (outcome.done) imbalance.data()[k] = outcome.imbalance;
             return outcome.done;
         });
-        return py::make_tuple(done, outcome.asked);
+        return nb::make_tuple(done, outcome.asked);
     }
 
-    Vector state() const { return copy_of(stepper_.trials.state); }
+    Written state() const { return copy_of(stepper_.trials.state); }
 
     void set_state(const Given& given) {
         require(
-            given.size() == py::ssize_t(robot_.state_size()),
+            given.size() == Index(robot_.state_size()),
             "state has not the size of this robot's");
         std::ranges::copy(span_of(given), stepper_.trials.state.begin());
     }
 
-    Vector swing() const {
+    Written swing() const {
         const Swing& now = stepper_.swing;
         return copy_of(std::array{now.angle, now.speed, now.acceleration, now.torque});
     }
@@ -164,49 +152,47 @@ private:
 
 }  // namespace
 
-void bind_messages(py::module_& core) {
-    py::class_<JointStateDecoder>(core, "JointStateDecoder")
-        .def(py::init<bool>(), "efforts"_a = false)
+void bind_messages(nb::module_& core) {
+    nb::class_<JointStateDecoder>(core, "JointStateDecoder")
+        .def(nb::init<bool>(), "efforts"_a = false)
         .def(
             "decode",
-            [](JointStateDecoder& decoder, const py::bytes& payload) {
-                return decoder.decode(std::string_view(payload));
+            [](JointStateDecoder& decoder, const nb::bytes& payload) {
+                return decoder.decode({payload.c_str(), payload.size()});
             },
             "payload"_a)
-        .def_property_readonly(
+        .def_prop_ro(
             "stamp_ns", [](const JointStateDecoder& d) { return d.last().stamp_ns; })
-        .def_property_readonly(
+        .def_prop_ro(
             "has_efforts", [](const JointStateDecoder& d) { return !d.last().efforts.empty(); })
-        .def_property_readonly("names", &names_of)
-        .def_property_readonly(
+        .def_prop_ro(
+            "names", [](const JointStateDecoder& d) { return nb::tuple(nb::cast(d.last().names)); })
+        .def_prop_ro(
             "positions", [](const JointStateDecoder& d) { return copy_of(d.last().positions); })
-        .def_property_readonly(
+        .def_prop_ro(
             "efforts", [](const JointStateDecoder& d) { return copy_of(d.last().efforts); });
-    py::class_<MessageEncoder>(core, "MessageEncoder")
+    nb::class_<MessageEncoder>(core, "MessageEncoder")
         .def(
-            py::init(&encoder_of), "blank"_a, "values"_a, "stddevs"_a,
-            "flags"_a)
+            "__init__", make_encoder, "blank"_a, "values"_a, "stddevs"_a, "flags"_a)
         .def("encode", &encode, "stamp_ns"_a, "values"_a, "stddevs"_a);
     core.attr("END_OF_TIME_NS") = END_OF_TIME_NS;
 }
 
-void bind_simulation(py::module_& core) {
-    py::class_<HeldStepper>(core, "Stepper")
-        .def(py::init<const HeldRobot&, Index>(), "robot"_a, "joint"_a, py::keep_alive<1, 2>())
+void bind_simulation(nb::module_& core) {
+    nb::class_<HeldStepper>(core, "Stepper")
+        .def(nb::init<const HeldRobot&, Index>(), "robot"_a, "joint"_a, nb::keep_alive<1, 2>())
         .def("prescribe", &HeldStepper::prescribe)
         .def(
             "release", &HeldStepper::release, "load"_a, "effort_sign"_a, "lower"_a, "upper"_a)
         .def(
-            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "motor_speed"_a,
-            "drive"_a)
+            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "motor_speed"_a, "drive"_a)
         .def("efforts", &HeldStepper::efforts, "motors"_a, "joints"_a)
         .def(
             "run", &HeldStepper::run, "motors"_a, "joints"_a, "torque"_a, "dt"_a, "offset"_a,
-            "happening"_a, "motors_out"_a.noconvert(), "joints_out"_a.noconvert(),
-            "imbalance"_a.noconvert(), "estimates"_a.noconvert())
-        .def_property("state", &HeldStepper::state, &HeldStepper::set_state)
-        .def_property("swing", &HeldStepper::swing, &HeldStepper::set_swing)
-        .def_property_readonly("phase", &HeldStepper::phase);
+            "happening"_a, "motors_out"_a, "joints_out"_a, "imbalance"_a, "estimates"_a)
+        .def_prop_rw("state", &HeldStepper::state, &HeldStepper::set_state)
+        .def_prop_rw("swing", &HeldStepper::swing, &HeldStepper::set_swing)
+        .def_prop_ro("phase", &HeldStepper::phase);
 }
 
 }  // namespace cdrj

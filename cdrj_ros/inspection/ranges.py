@@ -83,7 +83,7 @@ def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[floa
     values = friction_numbers(pulley, law)
     kinetic, static = blended_loss(
         values["rho"], values["mu_c"], values["mu_s"], wrap_angle, values["bearing_ratio"],
-        Stribeck.__members__[pulley.friction.stribeck],
+        Stribeck[pulley.friction.stribeck],
     )  # fmt: skip
     return 1.0 - kinetic - static, 1.0 - kinetic
 

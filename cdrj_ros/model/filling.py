@@ -221,7 +221,7 @@ class _Rows:
             cells=contact_cells(pulley),
             surface=self._surface if pulley.cell_width > 0.0 else -1,
             wrap_changes=int(changes),
-            stribeck=int(stribeck),
+            stribeck=stribeck.value,
         )
         self._contact += contact_cells(pulley)
         self._surface += pulley.cell_width > 0.0
@@ -314,7 +314,7 @@ def _basis(axis: tuple[float, float, float]) -> tuple[float, ...]:
 def stribeck_of(cable: Cable) -> Stribeck:
     """The cable's Stribeck form, which all of its pulleys share."""
     forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
-    return Stribeck.__members__[forms.pop()]
+    return Stribeck[forms.pop()]
 
 
 def friction_numbers(pulley: Pulley, law: FrictionLaw) -> dict[str, float]:

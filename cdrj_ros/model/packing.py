@@ -10,6 +10,7 @@ have the fields of the core's records, whose headers describe them: ``robot_reco
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from enum import Enum
 from functools import lru_cache
 from math import prod
 from typing import Any, Final, NamedTuple
@@ -140,28 +141,20 @@ Rows = Any
 """A structured array, whose rows have the fields of a record as attributes."""
 
 
-def _rows_of(record: np.dtype[Any]) -> Any:
-    """The type of rows of a record, with vectors and matrices as arrays of their numbers."""
-    columns: list[Any] = []
-    for name in record.names or ():
-        field = record[name]
-        kind = np.int64 if field.kind == "i" else np.float64
-        columns.append((name, kind, (field.itemsize // 8,) if field.itemsize > 8 else ()))
-    return np.dtype((np.record, columns))
-
-
-RECORDS: Final = {name: _rows_of(record) for name, record in _core.RECORDS.items()}
+RECORDS: Final[dict[str, Any]] = {
+    name: np.dtype((np.record, columns)) for name, columns in _core.RECORDS.items()
+}
 """Types of rows by the name of the record."""
 
 
-def code_of(kinds: Any, word: str) -> int:
+def code_of(kinds: type[Enum], word: str) -> int:
     """Code of a kind in a row, by its word in a robot file.
 
     Args:
         kinds: an enumeration of the core: ``Guide``, ``Law``, ``Stribeck`` or ``FrameMotion``.
         word: the name of a member.
     """
-    return int(kinds.__members__[word])
+    return int(kinds[word].value)
 
 
 def words(record: Any) -> int:

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import ast
-from inspect import isroutine
+from enum import EnumMeta
 from pathlib import Path
 from typing import Any
 
 from cdrj_ros import _core
 
 STUB = Path(__file__).parents[2] / "cdrj_ros" / "_core.pyi"
-
-
-OF_PYTHON = {"__members__", "__int__"}
-"""What every enumeration has."""
 
 
 def written(body: list[ast.stmt]) -> dict[str, Any]:
@@ -26,21 +22,22 @@ def written(body: list[ast.stmt]) -> dict[str, Any]:
             is_property = any(getattr(one, "id", "") == "property" for one in node.decorator_list)
             arguments = [one.arg for one in (*node.args.args, *node.args.kwonlyargs)]
             found[node.name] = None if is_property else arguments
-        elif isinstance(node, ast.AnnAssign):
-            assert isinstance(node.target, ast.Name)
-            found[node.target.id] = None
-    return {name: what for name, what in found.items() if name not in OF_PYTHON}
+        elif isinstance(node, ast.AnnAssign | ast.Assign):
+            target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+            assert isinstance(target, ast.Name)
+            found[target.id] = None
+    return found
 
 
 def compiled(owner: Any) -> dict[str, Any]:
     """The same of the module or of a class in it."""
-    if hasattr(owner, "__members__"):  # an enumeration
+    if isinstance(owner, EnumMeta):
         return dict.fromkeys(owner.__members__)
     found: dict[str, Any] = {}
     for name, value in vars(owner).items():
         if isinstance(value, type):
             found[name] = compiled(value)
-        elif isroutine(value) and (name == "__init__" or not name.startswith("_")):
+        elif callable(value) and (name == "__init__" or not name.startswith("_")):
             signature = (value.__doc__ or "").partition("\n")[0]
             arguments = signature[signature.index("(") + 1 : signature.rindex(") ->")]
             found[name] = [one.partition(":")[0] for one in _split(arguments) if one != "*"]
@@ -63,5 +60,5 @@ def _split(arguments: str) -> list[str]:
 
 def test_the_stub_declares_the_names_and_arguments_of_the_module() -> None:
     stub = written(ast.parse(STUB.read_text(encoding="utf-8")).body)
-    by_word = {name: {} for name in ("FrameMotion", "Guide", "Law")}  # see test_kinds
+    by_word = dict.fromkeys(("FrameMotion", "Guide", "Law"))  # see test_kinds
     assert stub == compiled(_core) | by_word
