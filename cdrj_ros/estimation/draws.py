@@ -114,31 +114,10 @@ def draw(
     )
 
 
-def draw_members(
-    robot: Robot,
-    members: int,
-    generator: np.random.Generator,
-    known: Uncertainty | None = None,
-) -> list[Robot]:
-    """Robots with parameters drawn from their covariance; empty if all parameters are exact.
-
-    If there are no more causes of error than pairs, the sample covariance equals the given one, so
-    quantities linear in the parameters have the exact spread.  With more causes, each of them alone
-    has exactly its spread.  A draw may be an impossible robot: two pulleys that overlap, a static
-    friction below the kinetic one.  The true robot is not impossible, so such a draw is replaced by
-    an independent one.
-    """
-    known = known or robot.uncertainty
-    if known is None or not known.parameters or not robot.document:
-        return []
-    made = _members(robot, known, members, generator, lambda one: prepare(one, False).robot)
-    return [robot if one is None else one for one in made]
-
-
 def draw_numbers(
     model: Model, members: int, generator: np.random.Generator, known: Uncertainty | None = None
 ) -> tuple[Table, Table]:
-    """The robots that ``draw_members`` gives, as the core takes them.
+    """The robots that ``draw_members`` draws, as the core takes them.
 
     Returns:
         Their numbers, shape (members, numbers), and the differences of their angles from the
@@ -150,7 +129,7 @@ def draw_numbers(
     if members == 0 or known is None or not known.parameters or not model.robot.document:
         return np.repeat(model.numbers[None, :], members, axis=0), zeros
     offsets = model.robot.offsets
-    made = _members(
+    made = draw_members(
         model.robot, known, members, generator,
         lambda one: (prepare(one, False).numbers, np.subtract(one.offsets, offsets)),
     )  # fmt: skip
@@ -160,7 +139,7 @@ def draw_numbers(
     return numbers, zeros
 
 
-def _members(
+def draw_members(
     robot: Robot,
     known: Uncertainty,
     members: int,
@@ -169,8 +148,11 @@ def _members(
 ) -> list[Made | None]:
     """What ``use`` makes of the robot with its parameters changed, once for every member.
 
-    A member whose robot is invalid, or refused by ``use`` because its cables have no path, is drawn
-    again; None if every draw is refused.
+    If there are no more causes of error than pairs, the sample covariance equals the given one, so
+    quantities linear in the parameters have the exact spread.  With more causes, each of them alone
+    has exactly its spread.  A draw may be an impossible robot: two pulleys that overlap, a static
+    friction below the kinetic one, cables without a path, which ``use`` refuses.  The true robot is
+    not impossible, so such a member is drawn again; None if every draw is refused.
     """
     factor = independent_factors(known)
     normal = _normal(members, factor.shape[1], generator)

@@ -62,14 +62,16 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     generator = np.random.default_rng(seed)
     model = load_model(ROBOT, preload)
     path = _path(model, bag)
-    truths = draw_members(model.robot, runs, generator)
+    known = model.robot.uncertainty
+    assert known is not None
+    drawn = draw_members(model.robot, known, runs, generator, lambda one: prepare(one, False))
+    truths = [one or model for one in drawn]
     generator.shuffle(truths)
     spreads = [Ensemble(model, seed=k) for k in range(4)]
     hits = []
-    for k, robot in enumerate(truths):
+    for k, truth in enumerate(truths):
         begin = int(generator.integers(int(12 * RATE), path.stamp_ns.size - WATCHED))
         until = slice(0, begin + WATCHED)
-        truth = prepare(robot, check_range=False)
         so_far = Samples(path.stamp_ns[until], path.motor_angle[until], path.joint_angle[until])
         _, true = run(truth, initial_state(truth), so_far)
         spread = spreads[k % len(spreads)]
@@ -222,7 +224,10 @@ def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
     model = load_model(str(ROBOTS / "wrist.yaml"))
     known = model.robot.uncertainty
     assert known is not None
-    robots = draw_members(model.robot, MEMBERS, np.random.default_rng(0))
+    drawn = draw_members(
+        model.robot, known, MEMBERS, np.random.default_rng(0), lambda one: prepare(one, False)
+    )
+    robots = [one.robot for one in drawn if one is not None]
     stddev = np.sqrt(np.diag(known.covariance))
     for k, path in enumerate(known.parameters):
         if ".position." in path:
