@@ -83,7 +83,7 @@ class BuildExt(build_ext):
         """Build an extension: compile its files, then link them."""
         files, ext.sources = ext.sources, []
         include_dirs = headers()
-        ext.depends += files  # what is linked anew if a file has changed
+        ext.depends += [*files, __file__]  # what is linked anew if one of them has changed
 
         def compiled(file: str) -> list[str]:
             # nanobind asks for this; the rest of the core is a tenth slower with it.
