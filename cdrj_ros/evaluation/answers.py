@@ -234,10 +234,10 @@ class Run:
         """Call ``then`` once, when at most ``under_way`` estimates remain in flight."""
         self._on_room, self._room_at = then, under_way
 
-    def give_up_stalled(self, now_s: float, patience_s: float = STALLED_S) -> int:
-        """Give up the estimates in flight after ``patience_s`` of silence; returns their number."""
+    def give_up_stalled(self, now_s: float) -> int:
+        """Give up the estimates in flight after ``STALLED_S`` of silence; returns their number."""
         waiting = self.under_way
-        if not waiting or now_s - max(self._asked_s, self.received_s) <= patience_s:
+        if not waiting or now_s - max(self._asked_s, self.received_s) <= STALLED_S:
             return 0
         self._given_up.update(self._asked.keys() - self._complete.keys())
         return waiting

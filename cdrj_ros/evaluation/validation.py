@@ -295,16 +295,9 @@ prepared_model = cache(load_model)
 """The model of a robot file with preloads, loaded once per process."""
 
 
-def validate_bag(
-    model: Model,
-    path: str,
-    topics: Topics,
-    progress: Progress | None = None,
-    *,
-    spread: bool = False,
-) -> BagComparison:
+def validate_bag(model: Model, path: str, topics: Topics, *, spread: bool = False) -> BagComparison:
     """``compare_bag`` with a given model; ``spread`` requests standard deviations."""
-    return compare_bag(BagTask(path, topics, spread=spread), progress, model)
+    return compare_bag(BagTask(path, topics, spread=spread), model=model)
 
 
 def compare_bag(

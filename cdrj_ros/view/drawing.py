@@ -26,6 +26,9 @@ from cdrj_ros.view.picture import (
 SIDES: Final = 8
 """Number of flat sides of a tube."""
 
+RIM: Final = 32
+"""Number of flat sides of a cylinder."""
+
 POINTS: Final = 33
 """Number of points of a tube's centre line, so that its faces never change."""
 
@@ -59,9 +62,7 @@ def dashed_tube(ends: Points, radius: float) -> tuple[Points, Faces]:
     return _around(ends.reshape(dashes, 2, 3), radius), _faces(dashes, 2)
 
 
-def cylinder(
-    centre: Points, axis: Points, radius: float, length: float, sides: int = 32
-) -> tuple[Points, Faces]:
+def cylinder(centre: Points, axis: Points, radius: float, length: float) -> tuple[Points, Faces]:
     """Mesh of a cylinder, or a disc if it is short.
 
     Args:
@@ -69,11 +70,11 @@ def cylinder(
         axis: unit vector, shape (3,).
         radius: [m].
         length: along the axis [m].
-        sides: number of flat sides of the rim.
 
     Returns:
-        Vertices [m], shape (2 * sides + 2, 3), and faces, shape (f, 3).
+        Vertices [m], shape (2 * RIM + 2, 3), and faces, shape (f, 3).
     """
+    sides = RIM
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[:, None]
     x, y = across(axis)
     rim = radius * (np.cos(angle) * x + np.sin(angle) * y)
