@@ -297,13 +297,28 @@ def residual_scales(
     return result
 
 
+SINGLE: Final = 1.5
+"""Steps up to this many counts are those of the quantisation."""
+
+
 def noise_of(values: Vector) -> float:
-    """Standard deviation of white noise on a smooth signal, at least that of the quantisation."""
-    steps = np.abs(np.diff(values))
-    count = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
-    bend = np.abs(np.diff(values, 2))
-    white = float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
+    """Standard deviation of white noise on a smooth signal, at least that of the quantisation.
+
+    Readings that are published more often than they are renewed count once each, but for those of
+    a sensor that moves by single counts.
+    """
+    renewed = values[np.append(True, np.diff(values) != 0.0)]
+    steps = np.abs(np.diff(renewed))
+    count = float(steps.min(initial=np.inf))
+    white = _white(values)
+    if steps.size and float(np.median(steps)) > SINGLE * count:
+        white = max(white, _white(renewed))
     return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
+
+
+def _white(values: Vector) -> float:
+    bend = np.abs(np.diff(values, 2))
+    return float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
 
 
 def given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:

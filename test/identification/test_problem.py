@@ -16,7 +16,13 @@ from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
-from cdrj_ros.identification.observations import Observations, Recorded, observe, samples_of
+from cdrj_ros.identification.observations import (
+    Observations,
+    Recorded,
+    noise_of,
+    observe,
+    samples_of,
+)
 from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
 from cdrj_ros.identification.solver import STEP, difference_points, jacobian
@@ -162,3 +168,17 @@ def test_no_cause_of_error_takes_a_number_out_of_its_range(document: Document, k
         changed = with_numbers(document, values_by_path([cause], [end]))
         assert 0.0 < changed["friction"][key] <= 2.5 * value
         assert not list(document_complaints(changed))
+
+
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_noise_is_that_of_the_sensor_however_often_a_reading_is_published(times: int) -> None:
+    smooth = np.sin(np.linspace(0.0, 6.0, 3000))
+    readings = smooth + np.random.default_rng(4).normal(0.0, 0.02, 3000)
+    assert noise_of(np.repeat(readings, times)) == pytest.approx(0.02, rel=0.1)
+
+
+def test_readings_that_rarely_leave_a_count_have_the_noise_of_their_quantisation() -> None:
+    count = 0.05
+    slow = np.round(np.sin(np.linspace(0.0, 6.0, 3000)) / count) * count
+    assert noise_of(slow) == pytest.approx(count / np.sqrt(12.0))
+    assert noise_of(np.full(3000, 7.0)) < 1e-6
