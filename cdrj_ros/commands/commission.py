@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -98,7 +97,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
-    parser.add_argument("--json", metavar="FILE", help="write what each step brought as JSON")
     parser.add_argument(
         "--png", metavar="FILE", help="draw standard deviation over tension, step by step"
     )
@@ -120,7 +118,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     path = robot_path(arguments.robot)
     named = (arguments.rest, *arguments.motion, *arguments.cells)
     bags = [bag for bag in named if bag and bag != LIVE]
-    outputs = {"--out": arguments.out, "--json": arguments.json, "--png": arguments.png}
+    outputs = {"--out": arguments.out, "--png": arguments.png}
     check_outputs(outputs, [*bags, path])
     check_new({"--out": arguments.out}, force=arguments.force)
     now = begin(path.read_text(encoding="utf-8"), str(path))
@@ -248,12 +246,6 @@ def _words(one: Judged) -> str:
 def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Step]) -> None:
     text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text
     write_text(arguments.out, moved(text, now.source, arguments.out))
-    if arguments.json:
-        rows = [
-            {"step": one.name, "ok": one.judged.ok, "relative": dict(one.judged.relative)}
-            for one in steps
-        ]
-        write_text(arguments.json, json.dumps({"steps": rows}, indent=2) + "\n")
     if arguments.png:
         _draw(steps, arguments.png)
 
