@@ -46,7 +46,6 @@ SETTINGS: Final = (
     Setting("host", "localhost", "Address to listen on; 0.0.0.0: the network"),
     Setting("port", 8080, "TCP port, or the next free one; 0: any", "", 0, 65535),
     Setting("rate", PICTURE_HZ, "Rate of pictures", "Hz", 0.1, PICTURE_HZ),
-    Setting("estimator", "estimator", "Name of the estimator's node"),
     Setting(
         "references",
         (f"truth/{topics.TENSIONS}", "reference/tensions", "/reference/tensions"),
@@ -71,7 +70,7 @@ class ViewNode(Node):
         self.model = given_model(self, values["robot"])
         at = (values["host"], values["port"])
         self.page = Page(self.model, *at, f"cdrj_ros · {self.model.robot.name}", AXIS)
-        self.link = EstimatorLink(self, values["estimator"], self.model)
+        self.link = EstimatorLink(self, self.model)
         self._add_controls()
         self.history = History()
         self.inputs = Inputs(self, self.model, values["references"])

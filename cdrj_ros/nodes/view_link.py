@@ -63,15 +63,14 @@ class EstimatorLink:
     ``change`` and ``press`` may be called in any thread; everything else runs in that of the node.
     """
 
-    def __init__(self, node: Node, name: str, model: Model) -> None:
+    def __init__(self, node: Node, model: Model) -> None:
         """Create the clients.
 
         Args:
-            node: the caller.
-            name: the estimator's node name.
+            node: the caller, in the namespace of the estimator.
             model: gives the cables.
         """
-        self.name = node.resolve_service_name(name)
+        self.name = node.resolve_service_name("estimator")
         self._cables = [cable.name for cable in model.robot.cables]
         self._get = node.create_client(GetParameters, f"{self.name}/get_parameters")
         self._set = node.create_client(SetParameters, f"{self.name}/set_parameters")
