@@ -398,10 +398,8 @@ class Ensemble:
         offset: NDArray[np.float64],
         dt: float,
         at_once: bool,
-        out: NDArray[np.float64],
-        stddev: NDArray[np.float64],
-    ) -> bool:
-        """``Robot.step`` and ``update`` in one call."""
+    ) -> tuple[bool, NDArray[np.float64], NDArray[np.float64]]:
+        """``Robot.step`` and ``update`` in one call: (solved, out, standard deviations)."""
 
     def update(
         self,
@@ -413,9 +411,8 @@ class Ensemble:
         estimate: NDArray[np.float64],
         least: int,
         at_once: bool,
-        stddev: NDArray[np.float64],
-    ) -> None:
-        """Write the standard deviations at a sample and its estimate.
+    ) -> NDArray[np.float64]:
+        """The standard deviations at a sample and its estimate, shape (quantities,).
 
         They are those after the sample before, unless more than one member is updated.  One member
         may then wait to be updated, until ``finish`` or the next sample.
@@ -425,7 +422,6 @@ class Ensemble:
             estimate: shape (estimate_size,).
             least: number of members that are updated at least.
             at_once: whether no member is left waiting.
-            stddev: shape (quantities,), written.
         """
 
     def predict(
@@ -436,8 +432,7 @@ class Ensemble:
         unseen: NDArray[np.float64],
         offset: NDArray[np.float64],
         estimate: NDArray[np.float64],
-        stddev: NDArray[np.float64],
-    ) -> None:
+    ) -> NDArray[np.float64]:
         """``update`` at a predicted sample, which the ensemble forgets at the next other one."""
 
     def follow(

@@ -79,12 +79,8 @@ SampleView view_of(
     return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen), span_of(offset)};
 }
 
-std::span<double> row_of_stddev(const Ensemble& ensemble, const Written& stddev) {
-    const auto quantities = ensemble.quantities.size();
-    require(
-        stddev.size() == Index(quantities), "stddev has not one entry per quantity");
-    return span_of(stddev);
-}
+/// Standard deviations, to be written.
+Written stddev_of(const Ensemble& ensemble) { return Written({Index(ensemble.quantities.size())}); }
 
 std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estimate) {
     require(
@@ -93,33 +89,36 @@ std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estim
     return span_of(estimate);
 }
 
-bool step(
+nb::tuple step(
     Ensemble& ensemble, const Given& before, Nanoseconds stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Given& unseen, const Given& offset, double dt, bool at_once,
-    const Written& out, const Written& stddev) {
+    const Given& joint_angle, const Given& unseen, const Given& offset, double dt, bool at_once) {
     const Robot& robot = ensemble.robot();
     require(before.size() >= Index(robot.state_size()), "before is too short");
-    require(out.size() >= Index(robot.out_size()), "out is too short");
-    return ensemble.step(
+    const Written out({Index(robot.out_size())}), stddev = stddev_of(ensemble);
+    const bool solved = ensemble.step(
         before.data(), view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset), dt,
-        at_once, out.data(), row_of_stddev(ensemble, stddev));
+        at_once, out.data(), span_of(stddev));
+    return nb::make_tuple(solved, out, stddev);
 }
 
-void update(
+Written update(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& offset, const Given& estimate, Index least, bool at_once,
-    const Written& stddev) {
+    const Given& unseen, const Given& offset, const Given& estimate, Index least, bool at_once) {
+    const Written stddev = stddev_of(ensemble);
     ensemble.update(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
-        estimate_of(ensemble, estimate), least, at_once, row_of_stddev(ensemble, stddev));
+        estimate_of(ensemble, estimate), least, at_once, span_of(stddev));
+    return stddev;
 }
 
-void predict(
+Written predict(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& offset, const Given& estimate, const Written& stddev) {
+    const Given& unseen, const Given& offset, const Given& estimate) {
+    const Written stddev = stddev_of(ensemble);
     ensemble.predict(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
-        estimate_of(ensemble, estimate), row_of_stddev(ensemble, stddev));
+        estimate_of(ensemble, estimate), span_of(stddev));
+    return stddev;
 }
 
 /// `update` for many samples and their estimates.
@@ -321,15 +320,15 @@ void bind_ensemble(nb::module_& core) {
             "Copies all arrays.")
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset"_a, "dt"_a, "at_once"_a, "out"_a, "stddev"_a,
+            "offset"_a, "dt"_a, "at_once"_a,
             "``Robot.step`` and ``update`` in one call.")
         .def(
             "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, "least"_a, "at_once"_a, "stddev"_a,
-            "Write the standard deviations at a sample and its estimate.")
+            "estimate"_a, "least"_a, "at_once"_a,
+            "The standard deviations at a sample and its estimate.")
         .def(
             "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, "stddev"_a,
+            "estimate"_a,
             "``update`` at a predicted sample, which the next call of another function forgets.")
         .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,

@@ -121,7 +121,6 @@ class Ensemble:
         draws = draw(model, members, seed, preload_share, known)
         self.model = model
         self.columns = stddev_columns(model.layout)
-        self._width = self.columns.size
         self._drawn = draws.numbers
         self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
@@ -224,10 +223,9 @@ class Ensemble:
         """
         stamp, motor_angle, joint_angle, unseen, offset = sample[:5]
         model, core, before = self.model, self.core, state.stamp_ns
-        out, stddev = np.empty(model.out_size), np.empty(self._width)
         dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-        solved = core.step(
-            state.whole, stamp, motor_angle, joint_angle, unseen, offset, dt, at_once, out, stddev
+        solved, out, stddev = core.step(
+            state.whole, stamp, motor_angle, joint_angle, unseen, offset, dt, at_once
         )
         return (
             State(stamp, out, model.state_part),
@@ -247,18 +245,14 @@ class Ensemble:
         Raises:
             ValueError: the sample or the estimate is of another robot.
         """
-        stddev = np.empty(self._width)
-        self.core.update(*sample[:5], estimate.values, 1, at_once, stddev)
-        return stddev
+        return self.core.update(*sample[:5], estimate.values, 1, at_once)
 
     def predict(self, sample: Sample, estimate: Estimate) -> Vector:
         """Standard deviations at a predicted sample, which the ensemble forgets again.
 
         Members are updated only where the prediction adds to their deviations.
         """
-        stddev = np.empty(self._width)
-        self.core.predict(*sample[:5], estimate.values, stddev)
-        return stddev
+        return self.core.predict(*sample[:5], estimate.values)
 
     def finish(self) -> None:
         """Update the member that waits; without effect if none does."""
@@ -268,8 +262,7 @@ class Ensemble:
         """Update all members to ``sample``, the last one given to ``update``."""
         self.finish()
         if not (self.stamps == sample.stamp_ns).all():
-            everyone, stddev = len(self.states), np.empty(self._width)
-            self.core.update(*sample[:5], estimate.values, everyone, False, stddev)
+            self.core.update(*sample[:5], estimate.values, len(self.states), False)
 
     def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
         """Apply ``step`` to many samples in two calls; the results are bit-identical."""
