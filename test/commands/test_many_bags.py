@@ -97,8 +97,8 @@ def test_neither_ctrl_c_nor_a_kill_leaves_a_process_behind(number: int, code: in
     _, alive = psutil.wait_procs(everyone, timeout=30.0)
     assert not alive
     assert "Traceback" not in error
-    if number == signal.SIGINT:
-        assert error.splitlines()[-1] == "validate: interrupted"
+    if number == signal.SIGINT:  # Python may add a warning of what the ended processes have left
+        assert error.splitlines().count("validate: interrupted") == 1
 
 
 def children(family: psutil.Process) -> list[psutil.Process]:
