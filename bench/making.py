@@ -8,6 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
+from bench.figures import ROOT
+
 OF_MAKE = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")
 """Variables of `make bench` itself."""
 
@@ -30,7 +32,8 @@ def make(folder: Path, target: str) -> list[Said]:
         All lines that were said, and an empty one at the end.
 
     Raises:
-        RuntimeError: it failed; the message has the last line of what ran.
+        RuntimeError: it failed; the message has the failed tests, or the last line of what ran,
+            and the file under build/ with the whole output.
     """
     command = ["make", target, *(f"--old-file={name}" for name in READY)]
     environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
@@ -42,6 +45,11 @@ def make(folder: Path, target: str) -> list[Said]:
         assert process.stdout is not None
         said = [Said(perf_counter() - begin, line.strip()) for line in process.stdout]
     if process.returncode != 0:
-        own = [line for _, line in said if line and not line.startswith("make: ")]
-        raise RuntimeError(f"make {target}: {own[-1] if own else 'no message'}")
+        lines = [line for _, line in said if line and not line.startswith("make: ")]
+        kept = ROOT / "build" / f"make_{target}.txt"
+        kept.parent.mkdir(exist_ok=True)
+        kept.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        failed = [line for line in lines if line.startswith(("FAILED ", "ERROR "))]
+        message = "; ".join(failed or lines[-1:]) or "no message"
+        raise RuntimeError(f"make {target}: {message} (output: {kept})")
     return [*said, Said(perf_counter() - begin, "")]

@@ -1,18 +1,17 @@
 """Files, options, make targets and functions that documents and comments name must exist."""
 
-import importlib
+import pkgutil
 import re
 import subprocess
 from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
+from support.page_lines import PAGES, ROOT, command_lines
 
+import cdrj_ros as cdrj
 from cdrj_ros.commands import check_robot, commission, identify_task, simulate, validate
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 KINDS = {".py", ".md", ".yaml", ".sh", ".xml", ".msg", ".srv", ".toml", ".txt", ".html"}
 FOLDERS = "bags|bench|cdrj_ros|config|docs|examples|launch|msg_defs|requirements|test|tools"
 FILE = re.compile(
@@ -55,16 +54,14 @@ def test_files_that_a_document_a_comment_or_a_docstring_names_exist() -> None:
     assert count > 50
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_selected_tests_exist(page: Path) -> None:
-    for name, word in re.findall(r"pytest .*?(test/\S+\.py)(?: -k (\w+))?", page.read_text()):
-        assert word in "".join(re.findall(r"def (test_\w+)", (ROOT / name).read_text())), word
+def test_selected_tests_exist() -> None:
+    for page in PAGES:
+        for name, word in re.findall(r"pytest .*?(test/\S+\.py)(?: -k (\w+))?", page.read_text()):
+            assert word in "".join(re.findall(r"def (test_\w+)", (ROOT / name).read_text())), word
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_options_of_commands_on_a_page_exist(page: Path) -> None:
-    blocks = re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL)
-    for line in re.sub(r"\\\n", " ", "".join(blocks)).splitlines():
+def test_options_of_commands_on_a_page_exist() -> None:
+    for line in (line for page in PAGES for line in command_lines(page)):
         words = line.partition(" #")[0].removeprefix("ros2 run cdrj_ros ").split()
         if words and words[0] in PARSERS:
             known = PARSERS[words[0]]()._option_string_actions
@@ -72,18 +69,27 @@ def test_options_of_commands_on_a_page_exist(page: Path) -> None:
                 assert option.partition("=")[0] in known, f"{words[0]} has no {option}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_targets_of_make_on_a_page_exist(page: Path) -> None:
-    makefile = (ROOT / "Makefile").read_text()
-    for target in re.findall(r"(?:`|^)make ([a-z]+)", page.read_text(), re.MULTILINE):
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+def test_targets_of_make_on_a_page_exist() -> None:
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    for page in PAGES:
+        named = re.findall(r"(?:`|^)make ([a-z]+)", page.read_text(), re.MULTILINE)
+        assert {*named} <= {*targets}, page
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_functions_that_a_page_names_by_their_module_exist(page: Path) -> None:
+def test_functions_that_a_page_names_by_their_module_exist() -> None:
     rooms = "|".join(path.parent.name for path in (ROOT / "cdrj_ros").glob("*/__init__.py"))
-    for name in re.findall(rf"`((?:{rooms})\.[a-z_]+\.\w+(?:\.\w+)?)`", page.read_text()):
-        room, module, *attributes = name.split(".")
-        found = importlib.import_module(f"cdrj_ros.{room}.{module}")
-        for attribute in attributes:
-            found = getattr(found, attribute)
+    for page in PAGES:
+        for name in re.findall(rf"`((?:{rooms})\.[a-z_]+\.\w+(?:\.\w+)?)`", page.read_text()):
+            pkgutil.resolve_name(f"cdrj_ros.{name}")
+
+
+def test_public_names_used_on_a_page_exist() -> None:
+    for page in PAGES:
+        named = re.findall(r"\bcdrj\.(?!launch|mcap)(\w+)", page.read_text())
+        assert {*named} <= {*cdrj.__all__}, page
+
+
+def test_pictures_and_pages_that_a_page_links_to_exist() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text()):
+            assert (page.parent / target).exists(), (page, target)

@@ -13,6 +13,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from support.page_lines import ROOT, command_lines
 
 from cdrj_ros.commands.check_robot import main as check_robot
 from cdrj_ros.commands.identify import main as identify
@@ -20,15 +21,13 @@ from cdrj_ros.commands.simulate import main as simulate
 from cdrj_ros.commands.validate import main as validate
 from cdrj_ros.recordings import read_recording
 
-ROOT = Path(__file__).parents[2]
 SHORT = ["--duration", "3", "--cells", "1"]
 
 
 def lines(page: str, command: str) -> list[str]:
-    """Lines of a page that begin with a command, without comments."""
-    blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
-    text = re.sub(r"\\\n", " ", "".join(blocks))
-    return [line for line in text.splitlines() if line.startswith(f"{command} ")]
+    """Lines of a page that begin with a command."""
+    found = command_lines(ROOT / "docs" / page)
+    return [line for line in found if line.startswith(f"{command} ")]
 
 
 @pytest.mark.parametrize("line", lines("simulation.md", "simulate"))

@@ -11,10 +11,8 @@ import shlex
 from itertools import pairwise
 from pathlib import Path
 
-import pytest
+from support.page_lines import PAGES, ROOT, command_lines
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 SECTIONS = {
     part.splitlines()[0]: part
     for part in (ROOT / "docs" / "ros_reference.md").read_text().split("\n## ")[1:]
@@ -24,13 +22,12 @@ SECTIONS = {
 ROBOTS = {path.stem for path in (ROOT / "config" / "robots").glob("*.yaml")}
 
 
-def ros_lines(page: Path) -> list[list[str]]:
-    """Words of every line of a page that starts with ``ros2``, comments removed."""
-    blocks = re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL)
-    lines = re.sub(r"\\\n", " ", "".join(blocks)).splitlines()
+def ros_lines() -> list[list[str]]:
+    """Words of every line of the pages that starts with ``ros2``, comments removed."""
     return [
         shlex.split(line, comments=True)
-        for line in lines
+        for page in PAGES
+        for line in command_lines(page)
         if line.startswith("ros2 ") and "$(ros2" not in line
     ]
 
@@ -74,9 +71,8 @@ def check_topic(name: str, kind: str) -> None:
     assert any(row in section for section in SECTIONS.values()), (name, kind)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_names_on_the_lines_of_ros2_exist(page: Path) -> None:
-    for words in ros_lines(page):
+def test_names_on_the_lines_of_ros2_exist() -> None:
+    for words in ros_lines():
         match words[1:]:
             case ["run", "cdrj_ros", node, *rest]:
                 check_run(node, rest)

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 NOTED = (
     "simulate", "identify", "validate", "check_robot", "import_robot", "git", "ros2", "pip", "make",
 )  # fmt: skip
@@ -34,6 +35,12 @@ set -e
 def blocks(page: str) -> list[str]:
     """The blocks of bash on a page, in order."""
     return re.findall(r"```bash\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
+
+
+def command_lines(page: Path) -> list[str]:
+    """The lines of the blocks of bash on a page; those that end with a backslash continue."""
+    blocks = re.findall(r"```bash\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    return re.sub(r"\\\n", " ", "".join(blocks)).splitlines()
 
 
 def calls(text: str, folder: Path) -> list[list[str]]:
