@@ -53,7 +53,7 @@ void bind_friction(nb::module_& core) {
         "friction_force",
         [](Law law, double before, double slip, double stiffness, double bound, double breakaway) {
             const auto [force, by_slip, by_bound] =
-                law_of(law).force({before, stiffness, bound, breakaway}, slip);
+                bristle_force(law, {before, stiffness, bound, breakaway}, slip);
             return nb::make_tuple(force, by_slip, by_bound);
         },
         "law"_a, "before"_a, "slip"_a, "stiffness"_a, "bound"_a, "breakaway"_a);

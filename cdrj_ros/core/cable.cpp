@@ -32,11 +32,10 @@ Bristles bristles_of(const Contact& contact, double hardness) {
 
 /// Friction of a contact after a slip [m]; bristle force and bound are written.
 ContactFriction contact_friction(
-    Contact& contact, double hardness, double slip, double pull, const FrictionLaw& law,
-    double dt) {
+    Contact& contact, double hardness, double slip, double pull, Law law, double dt) {
     contact.bound = contact.loss * pull + contact.drag + BOUND_FLOOR;
     const double before = contact.bristle_before;
-    const Friction bristle = law.force(bristles_of(contact, hardness), slip);
+    const Friction bristle = bristle_force(law, bristles_of(contact, hardness), slip);
     contact.bristle = bristle.force;
     double force = bristle.force, by_slip = bristle.by_slip;
     double by_pull = bristle.by_bound * contact.loss;
@@ -54,6 +53,41 @@ ContactFriction contact_friction(
         by_slip += viscous;
     }
     return {force, by_slip, by_pull};
+}
+
+/// -dt / dl of a segment [N/m]; 0 where it is slack.
+double segment_stiffness(const Elasticity& elastic, const Segment& segment) {
+    if (!(segment.tension > 0.0)) return 0.0;
+    double modulus = elastic.axial_stiffness;
+    if (elastic.bedding_strain != 0.0) modulus = modulus_at(elastic, segment.tension);
+    return modulus * (segment.length / segment.material) / segment.material;
+}
+
+/// Derivatives of a residual by the fluxes of the contact before, this one and the next [N/m].
+struct MatrixRow {
+    double lower, diagonal, upper;
+};
+
+/// A row of the Newton matrix.
+///
+/// The bound of friction depends on the tension on the pull side, so its derivative also adds to the
+/// column of a neighbouring contact. `k_left`, `k_right`: stiffness of the segments before and after
+/// the contact [N/m]; `pulled_after`: whether the segment after it is on the pull side; `slack`
+/// replaces the stiffness of a slack segment in the matrix, not in the residual: without it a taut
+/// segment between slack ones makes the system singular.
+MatrixRow matrix_row(
+    const Contact& contact, double k_left, double k_right, bool pulled_after, double slack) {
+    MatrixRow row{k_left, -(k_left + k_right) - contact.by_slip, k_right};
+    if (k_left == 0.0) row.diagonal -= slack;
+    if (k_right == 0.0) row.diagonal -= slack;
+    if (pulled_after) {
+        row.diagonal += contact.by_pull * k_right;
+        row.upper -= contact.by_pull * k_right;
+    } else {
+        row.diagonal -= contact.by_pull * k_left;
+        row.lower += contact.by_pull * k_left;
+    }
+    return row;
 }
 
 /// Limit the fraction of a step so that a segment keeps some of its material [m].
@@ -100,12 +134,11 @@ double newton_step(const Cable& cable) {
 
 /// Write flux + share * step into `trial`, or less where the law shortens the step.
 void try_step(std::span<Contact> contacts, double hardness, Law law, double share) {
-    const FrictionLaw& friction = law_of(law);
     for (Contact& contact : contacts) {
         const double shift = contact.shift;
         contact.trial = contact.flux + share * contact.step;
         double next_slip = contact.trial + shift;
-        if (friction.shorten(bristles_of(contact, hardness), contact.flux + shift, next_slip)) {
+        if (shorten_slip(law, bristles_of(contact, hardness), contact.flux + shift, next_slip)) {
             contact.trial = next_slip - shift;
         }
     }
@@ -221,28 +254,6 @@ int thin_out(Drum& drum) {
 
 }  // namespace
 
-double segment_stiffness(const Elasticity& elastic, const Segment& segment) {
-    if (!(segment.tension > 0.0)) return 0.0;
-    double modulus = elastic.axial_stiffness;
-    if (elastic.bedding_strain != 0.0) modulus = modulus_at(elastic, segment.tension);
-    return modulus * (segment.length / segment.material) / segment.material;
-}
-
-MatrixRow matrix_row(
-    const Contact& contact, double k_left, double k_right, bool pulled_after, double slack) {
-    MatrixRow row{k_left, -(k_left + k_right) - contact.by_slip, k_right};
-    if (k_left == 0.0) row.diagonal -= slack;
-    if (k_right == 0.0) row.diagonal -= slack;
-    if (pulled_after) {
-        row.diagonal += contact.by_pull * k_right;
-        row.upper -= contact.by_pull * k_right;
-    } else {
-        row.diagonal -= contact.by_pull * k_left;
-        row.lower += contact.by_pull * k_left;
-    }
-    return row;
-}
-
 double Cable::balance(double hardness) {
     const std::size_t n = contacts.size();
     double worst = 0.0;
@@ -251,7 +262,6 @@ double Cable::balance(double hardness) {
     segments[0].material = material;
     double t_left = tension_of(elastic, segments[0].length, material);
     segments[0].tension = t_left;
-    const FrictionLaw& of_contacts = law_of(law);
     for (std::size_t i = 0; i < n; ++i) {
         Segment& right = segments[i + 1];
         Contact& contact = contacts[i];
@@ -260,14 +270,11 @@ double Cable::balance(double hardness) {
         right.material = material;
         const double t_right = tension_of(elastic, right.length, material);
         right.tension = t_right;
-        ContactFriction friction{0.0, 0.0, 0.0};
-        if (law != Law::none) {
-            const double pull = std::max(t_left, t_right);
-            friction = contact_friction(contact, hardness, flux + contact.shift, pull, of_contacts, dt);
-        }
-        contact.by_slip = friction.by_slip;
-        contact.by_pull = friction.by_pull;
-        contact.residual = t_right - t_left - friction.force;
+        const auto [force, by_slip, by_pull] = contact_friction(
+            contact, hardness, flux + contact.shift, std::max(t_left, t_right), law, dt);
+        contact.by_slip = by_slip;
+        contact.by_pull = by_pull;
+        contact.residual = t_right - t_left - force;
         if (!(std::abs(contact.residual) <= worst)) {  // true for NaN too
             worst = std::abs(contact.residual);
         }

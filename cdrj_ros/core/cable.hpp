@@ -51,24 +51,6 @@ struct Cable {
     Effort solve();
 };
 
-/// -dt / dl of a segment [N/m]; 0 where it is slack.
-double segment_stiffness(const Elasticity& elastic, const Segment& segment);
-
-/// Derivatives of a residual by the fluxes of the contact before, this one and the next [N/m].
-struct MatrixRow {
-    double lower, diagonal, upper;
-};
-
-/// A row of the Newton matrix.
-///
-/// The bound of friction depends on the tension on the pull side, so its derivative also adds to the
-/// column of a neighbouring contact. `k_left`, `k_right`: stiffness of the segments before and after
-/// the contact [N/m]; `pulled_after`: whether the segment after it is on the pull side; `slack`
-/// replaces the stiffness of a slack segment in the matrix, not in the residual: without it a taut
-/// segment between slack ones makes the system singular.
-MatrixRow matrix_row(
-    const Contact& contact, double k_left, double k_right, bool pulled_after, double slack);
-
 // What a winch drum holds: cable comes off at the strain at which it went on (E3).
 //
 // The rate form ds = -r dphi / (1 + t/EA) forgets this. Where winding and unwinding happen at

@@ -2,61 +2,46 @@
 //
 // beta: wrap angle [rad], v: slip speed [m/s], eta = T_hold / T_pull: transmission in (0, 1],
 // g: largest difference T_pull - T_hold that friction can carry [N]. docs/model.md, section 4.
-// How it follows the slip: a small interface, one file per law; `euler` and `steady` of a robot file
+// How it follows the slip: one file per law, chosen by two functions; `euler` and `steady` of a robot file
 // are `elastoplastic` with constants of their own, see `cdrj_ros.robot.description`.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 
+#include "bristles.hpp"
+#include "law_elastoplastic.hpp"
+#include "law_lugre.hpp"
 #include "robot_records.hpp"
 
 namespace cdrj {
 
-enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
+// A new law adds its name in bristles.hpp, a file and a line in both functions.
 
-/// The words of a robot file; the code of a law is its place here.
-inline constexpr const char* LAW_NAMES[]{"none", "euler", "steady", "lugre", "elastoplastic"};
-
-/// A contact whose bristles have carried a force.
-struct Bristles {
-    double before;     // bristle force sigma0 z before the slip [N]
-    double stiffness;  // sigma0 [N/m]
-    double bound;      // g: largest force that friction can carry [N], positive
-    double breakaway;  // fraction of the bound up to which pre-sliding is elastic, in [0, 1]
-};
-
-/// A friction force and its derivatives.
-struct Friction {
-    double force;     // [N]
-    double by_slip;   // derivative by the slip [N/m]
-    double by_bound;  // derivative by the bound [-]
-};
-
-/// A friction law.
-struct FrictionLaw {
-    /// Bristle force after a slip, exact over the slip for a constant bound; `slip`: material that has
-    /// moved past the body's surface [m].
-    Friction (*force)(const Bristles& bristles, double slip);
-
-    /// Shorten a step of Newton's method from one slip to the next where the law would make the steps
-    /// alternate; returns whether it did.
-    bool (*shorten)(const Bristles& bristles, double slip, double& next);
-};
-
-extern const FrictionLaw FRICTIONLESS, LUGRE, ELASTOPLASTIC;
-
-/// A new law adds its name above, a file and a line here.
-inline const FrictionLaw& law_of(Law law) {
+/// Bristle force after a slip, exact over the slip for a constant bound; `slip`: material that has
+/// moved past the body's surface [m].
+inline Friction bristle_force(Law law, const Bristles& bristles, double slip) {
     switch (law) {
-        case Law::none: return FRICTIONLESS;
-        case Law::lugre: return LUGRE;
+        case Law::none: break;
+        case Law::lugre: return lugre_force(bristles, slip);
         case Law::euler:
         case Law::steady:
-        case Law::elastoplastic: return ELASTOPLASTIC;
+        case Law::elastoplastic: return elastoplastic_force(bristles, slip);
     }
-    return FRICTIONLESS;
+    return {0.0, 0.0, 0.0};
+}
+
+/// Shorten a step of Newton's method from one slip to the next where the law would make the steps
+/// alternate; returns whether it did.
+inline bool shorten_slip(Law law, const Bristles& bristles, double slip, double& next) {
+    switch (law) {
+        case Law::none: break;
+        case Law::lugre: return shorten_lugre(bristles, slip, next);
+        case Law::euler:
+        case Law::steady:
+        case Law::elastoplastic: return shorten_elastoplastic(bristles, slip, next);
+    }
+    return false;
 }
 
 /// Floor of eta: the printed (35) goes below zero for large mu_s / mu_c and wrap angles.

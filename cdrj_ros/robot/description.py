@@ -19,7 +19,7 @@ Law = Literal["none", "euler", "steady", "lugre", "elastoplastic"]
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """The constants of a law, which is in ``core/law_*.cpp``, that have an effect.
+    """The constants of a law, which is in ``core/law_*.hpp``, that have an effect.
 
     The simpler laws are limiting cases: what a law does not take has its neutral value.
     """

@@ -2,14 +2,15 @@
 //
 // It keeps df/dx = sigma0 up to `breakaway` * g and closes the rest exponentially, continuous in slope;
 // with breakaway = 1 it is an elastic, perfectly plastic contact whose minor loops close exactly.
+#pragma once
+
 #include <cmath>
 
-#include "friction.hpp"
+#include "bristles.hpp"
 
 namespace cdrj {
-namespace {
 
-Friction force(const Bristles& bristles, double slip) {
+inline Friction elastoplastic_force(const Bristles& bristles, double slip) {
     const auto [before, stiffness, bound, breakaway] = bristles;
     const double sign = slip >= 0.0 ? 1.0 : -1.0;
     const double x = sign * slip;
@@ -40,16 +41,12 @@ Friction force(const Bristles& bristles, double slip) {
 /// The elastic range lies between sliding forward and sliding back. A step across all of it would
 /// switch the friction from one bound to the other, and the next step would switch it back; such a
 /// step ends where the bristle force is zero.
-bool shorten(const Bristles& bristles, double slip, double& next) {
+inline bool shorten_elastoplastic(const Bristles& bristles, double slip, double& next) {
     const auto [before, stiffness, bound, breakaway] = bristles;
     const double was = before + stiffness * slip, is = before + stiffness * next;
     if (!((was > bound && is < -bound) || (was < -bound && is > bound))) return false;
     next = -before / stiffness;
     return true;
 }
-
-}  // namespace
-
-const FrictionLaw ELASTOPLASTIC{force, shorten};
 
 }  // namespace cdrj

@@ -2,14 +2,15 @@
 //
 // Without viscous terms it is df/dx = sigma0 (1 - sgn(x) f / g), so over a slip x the distance to the
 // bound shrinks by exp(-sigma0 |x| / g).
+#pragma once
+
 #include <cmath>
 
-#include "friction.hpp"
+#include "bristles.hpp"
 
 namespace cdrj {
-namespace {
 
-Friction force(const Bristles& bristles, double slip) {
+inline Friction lugre_force(const Bristles& bristles, double slip) {
     const auto [before, stiffness, bound, breakaway] = bristles;
     const double sign = slip >= 0.0 ? 1.0 : -1.0;
     const double x = sign * slip;
@@ -22,14 +23,10 @@ Friction force(const Bristles& bristles, double slip) {
 }
 
 /// The slope jumps where the slip reverses.
-bool shorten(const Bristles&, double slip, double& next) {
+inline bool shorten_lugre(const Bristles&, double slip, double& next) {
     if (!(slip * next < 0.0)) return false;
     next *= 0.3;
     return true;
 }
-
-}  // namespace
-
-const FrictionLaw LUGRE{force, shorten};
 
 }  // namespace cdrj
