@@ -64,18 +64,11 @@ class CableMotion:
 
     def losses(self) -> tuple[Table, Table]:
         """(43): kinetic and static loss of every pulley at every sample, shape (n, pulleys)."""
-        found = np.array(
-            [
-                [
-                    blended_loss(
-                        one.rho, one.mu_c, one.mu_s, wrap, one.bearing_ratio, self.stribeck
-                    )
-                    for wrap in wraps
-                ]
-                for one, wraps in zip(self.constants, self.wrap.T.tolist(), strict=True)
-            ]
+        rho, mu_c, mu_s, ratio = (
+            self.constants[name] for name in ("rho", "mu_c", "mu_s", "bearing_ratio")
         )
-        return found[:, :, 0].T, found[:, :, 1].T
+        kinetic, static = _LOSSES(rho, mu_c, mu_s, self.wrap, ratio, self.stribeck)
+        return kinetic, static
 
     def lagging_losses(self, tension: Table, kinetic: Table, static: Table) -> Table:
         """(E10): loss 1 - eta at the slip speeds that follow from ``tension``."""
@@ -91,6 +84,7 @@ class CableMotion:
 
 
 _SHARES: Final = np.vectorize(stribeck_share, otypes=[float])
+_LOSSES: Final = np.vectorize(blended_loss, otypes=[float, float])
 
 
 def slips_of(material: Table, wound: Vector, held_last: bool) -> Table:

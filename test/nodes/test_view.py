@@ -16,7 +16,7 @@ import pytest
 import rclpy
 from cdrj_msgs.msg import CableTensions
 from rcl_interfaces.srv import GetParameters
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support.browser import addresses, chromium
@@ -43,7 +43,7 @@ def wait_for(condition: Callable[[], Any], what: str) -> Any:
     deadline = monotonic() + PATIENCE_S
     while not (found := condition()):
         assert monotonic() < deadline, f"waited in vain for {what}"
-        sleep(0.02)
+        sleep(0.1)
     return found
 
 
@@ -55,7 +55,7 @@ class Scene:
         self.names = list(view.model.layout.elements)
         self.tension, self.status, self.publishing = 18.0, 0, True
         self._publisher = user.create_publisher(CableTensions, "/cdrj/tensions", 10)
-        user.create_timer(0.03, self._publish)
+        user.create_timer(0.1, self._publish)
         self.process: subprocess.Popen[bytes] | None = None
 
     def _publish(self) -> None:
@@ -119,7 +119,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterat
         given = {"robot": "finger", "port": 0, "rate": 5.0}
         view = ViewNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
         user = Node("user")
-        executor = SingleThreadedExecutor()
+        executor = EventsExecutor()
         for node in (view, user):
             executor.add_node(node)
         whole = Scene(view, user, browser, executables / "estimator")

@@ -112,6 +112,7 @@ def test_the_page_has_every_channel_is_well_formed_and_asks_no_network(
         assert page.index(f">{name} <") > folded
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_a_low_r2_beside_a_small_error_is_explained(
     written: Callable[..., str], comparison: BagComparison
 ) -> None:
@@ -181,7 +182,7 @@ def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(
     written: Callable[..., str], made_up: Callable[..., BagComparison],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    random, bag = np.random.default_rng(3), made_up(duration_s=600.0, elements=1, nodes=1)
+    random, bag = np.random.default_rng(3), made_up(duration_s=120.0, elements=1, nodes=1)
     channels = tuple(
         replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in bag.channels
     )
