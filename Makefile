@@ -44,13 +44,14 @@ live: setup
 
 # Tests of one file share processes, so they run in one worker. Those of nodes
 # wait for messages a good part of the time, so there is a worker more than processors. Files start
-# in the order of test/conftest.py. The types are checked beside the tests, and what is said of them
-# follows; the test of import directions is among the tests.
+# in the order of test/conftest.py. The types are checked beside the tests, then the sanitized core is
+# tested; what is said of both follows. The test of import directions is among the tests.
 WORKERS := $(shell cores=$$(nproc); echo $$((cores < 4 ? cores + 1 : 4)))
-test: style sanitize
-	@$(IN_ENV) exec 3< <(tools/types.sh 2>&1) && types=$$! && failed=0 && \
+test: style $(SANITIZED)
+	@$(IN_ENV) exec 3< <({ tools/types.sh && tools/sanitize.sh test; } 2>&1) && beside=$$! && \
+	failed=0 && \
 	{ python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder || failed=$$?; } && \
-	cat <&3 && wait $$types && exit $$failed
+	cat <&3 && wait $$beside && exit $$failed
 
 # Tests of the core, built so that it stops at an invalid address and at undefined behaviour.
 sanitize: setup $(SANITIZED)

@@ -3,6 +3,7 @@
 import os
 import sys
 import sysconfig
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from xml.etree import ElementTree
@@ -65,27 +66,36 @@ def core() -> Extension:
     )  # fmt: skip
 
 
+def is_newer(made: Path, sources: Iterable[str]) -> bool:
+    """Say whether a file exists and was made after all of its sources."""
+    if not made.exists():
+        return False
+    when = made.stat().st_mtime
+    return all(Path(source).stat().st_mtime < when for source in sources)
+
+
 class BuildExt(build_ext):
-    """Compiles the files of the core side by side."""
+    """Compiles the files of the core side by side, those alone that have changed."""
 
     def run(self):
         """Run the command, unless it would put a module beside sources that have not changed."""
         made = Path(PACKAGE) / f"_core{sysconfig.get_config_var('EXT_SUFFIX')}"
         (ext,) = self.extensions
-        sources = [Path(name) for name in (*ext.sources, *ext.depends, __file__)]
-        if self.inplace and made.exists():
-            when = made.stat().st_mtime
-            if all(source.stat().st_mtime < when for source in sources):
-                return
+        if self.inplace and is_newer(made, (*ext.sources, *ext.depends, __file__)):
+            return
         super().run()
 
     def build_extension(self, ext):
         """Build an extension: compile its files, then link them."""
         files, ext.sources = ext.sources, []
         include_dirs = headers()
-        ext.depends += [*files, __file__]  # what is linked anew if one of them has changed
+        used = [*ext.depends, __file__]
+        ext.depends = [*used, *files]  # what is linked anew if one of them has changed
 
         def compiled(file: str) -> list[str]:
+            made = self.compiler.object_filenames([file], output_dir=self.build_temp)
+            if is_newer(Path(made[0]), (file, *used)):
+                return made
             # nanobind asks for this; the rest of the core is a tenth slower with it.
             binds = ["-fno-strict-aliasing"] if Path(file).name.startswith("bind") else []
             return self.compiler.compile(
@@ -93,7 +103,6 @@ class BuildExt(build_ext):
                 output_dir=self.build_temp,
                 include_dirs=include_dirs,
                 extra_postargs=ext.extra_compile_args + binds,
-                depends=ext.depends,
             )
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:

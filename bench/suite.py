@@ -8,7 +8,7 @@ from bench.figures import ROOT, Row, Spread, additions
 from bench.making import make
 
 SUMMARY = re.compile(r"\d+ passed\b.* in ([0-9.]+)s\b")
-"""The last line of pytest."""
+"""The last line of pytest; the tests of the sanitized core follow those of the project."""
 
 
 def measure() -> list[Row]:
@@ -25,6 +25,6 @@ def measure() -> list[Row]:
         raise RuntimeError("make test did not say how long pytest took")
     return [
         Row("tests", "make test, whole", "s", Spread.of([said[-1].after_s]), aim="≤ 210"),
-        Row("tests", "make test, pytest alone", "s", Spread.of([alone[-1]])),
+        Row("tests", "make test, pytest alone", "s", Spread.of([alone[0]])),
         Row("tests", "ten million additions in Python, before and after", "s", Spread.of(speed)),
     ]

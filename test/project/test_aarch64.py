@@ -27,11 +27,17 @@ SAMPLES = 200
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def program() -> Path:
+    """The program, which is kept below build/ until something in it changes."""
     for name, package in ((COMPILER, "g++-aarch64-linux-gnu"), (EMULATOR, "qemu-user")):
         if shutil.which(name) is None:
             pytest.skip(f"{name} is not installed (Debian package {package})")
-    folder = tmp_path_factory.mktemp("aarch64")
+    folder, main = ROOT / "build" / "aarch64", ROOT / "test" / "support" / "run_robot.cpp"
+    made = folder / "run"
+    used = [*CORE.glob("*.?pp"), main, Path(__file__)]
+    if made.exists() and all(one.stat().st_mtime < made.stat().st_mtime for one in used):
+        return made
+    folder.mkdir(parents=True, exist_ok=True)
     flags = ["-std=c++20", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", f"-I{CORE}"]
 
     def compiled(source: Path) -> Path:
@@ -41,9 +47,9 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     sources = [path for path in CORE.glob("*.cpp") if not path.name.startswith("bind")]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        objects = list(pool.map(compiled, [*sources, ROOT / "test/support/run_robot.cpp"]))
-    subprocess.run([COMPILER, "-static", *objects, "-o", folder / "run"], check=True)
-    return folder / "run"
+        objects = list(pool.map(compiled, [*sources, main]))
+    subprocess.run([COMPILER, "-static", *objects, "-o", made], check=True)
+    return made
 
 
 @pytest.mark.skipif(sys.byteorder != "little", reason="the program reads little-endian numbers")

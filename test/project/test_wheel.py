@@ -81,6 +81,11 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
     archive = build("build_sdist", sources, work / "sdist")
     subprocess.run(["tar", "-xf", archive, "-C", work / "unpacked"], check=True)
     (unpacked,) = (work / "unpacked").iterdir()
+    cores = [tree / "cdrj_ros" / "core" for tree in (unpacked, ROOT)]
+    assert len({frozenset(path.name for path in core.iterdir()) for core in cores}) == 1
+    if (ROOT / "build" / "core").is_dir():  # of `make setup`: what is the same is not compiled anew
+        made = f"temp.{sysconfig.get_platform()}-{sys.implementation.cache_tag}"
+        shutil.copytree(ROOT / "build" / "core", unpacked / "build" / made)
     wheel = build("build_wheel", unpacked, work / "wheels")
 
     folder = work / "venv"
