@@ -10,7 +10,7 @@ is decided which readings are used, and with which errors; the correction itself
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -58,6 +58,10 @@ difference of cables, and its errors last over many readings."""
 
 SUDDEN: Final = 0.5
 """Largest sudden change of the preloads that a motor's effort may show, as a fraction of them."""
+
+UNCONFIRMED: Final = 1.0 / 3.0
+"""Standard deviation of a preload of which one load cell says otherwise than the robot file, as a
+fraction of the difference: either is wrong."""
 
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
@@ -322,7 +326,8 @@ class SensorFusion:
         health.used += 1
         state = self._apply(what, sensor, Innovation(innovation, own, factors), state)
         sensor.evidence.follow(uncorrected, enough(own, uncorrected))
-        self._leave_open(sensor, what)
+        alone = not what.is_effort and self._cells(what.cables[0], stamp_ns) == [name]
+        self._leave_open(sensor, what, alone=alone)
         health.dropped = sensor.errors.wrong(factors, sensor.history_error)
         return state
 
@@ -381,13 +386,23 @@ class SensorFusion:
             if not what.is_effort:
                 one.evidence.renew()
 
-    def _leave_open(self, sensor: SensorState, what: Quantity) -> None:
-        """Leave open whether a sensor drifts or the preloads creep, (U10)."""
+    def _leave_open(self, sensor: SensorState, what: Quantity, *, alone: bool) -> None:
+        """Leave open whether a sensor or the preloads have changed, (U10) and (U14).
+
+        Args:
+            sensor: the sensor.
+            what: it measures.
+            alone: whether it is the only load cell of its cable.
+        """
         change = self._preloads.total(self._changed, what)
+        bias = sensor.errors.deviation[BIAS]
         size = sensor.evidence.contradicted(change, self._preloads.stddev(what))
         if size > 0.0:
-            bias = sensor.errors.deviation[BIAS]
             bias -= self._preloads.exchange(size, what, self._lasting())
+        beyond = (UNCONFIRMED * change) ** 2 - self._preloads.stddev(what) ** 2
+        if alone and beyond > 0.0:
+            changes = sqrt(beyond) / abs(change) * self._changed
+            bias -= self._preloads.vary_together(changes, what, self._lasting())
 
     # --- errors -----------------------------------------------------------------------------------
 

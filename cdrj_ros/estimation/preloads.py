@@ -267,6 +267,25 @@ class Preloads:
             changes += change
         return changes
 
+    def vary_together(self, sizes: Vector, what: Quantity, apart: Sequence[Vector]) -> Vector:
+        """Vary all preloads in proportion, (U14).
+
+        Args:
+            sizes: standard deviations, with signs that tell which rise together [N], shape
+                (cables,).
+            what: a quantity, with which the changes are not correlated.
+            apart: see ``standard``.
+
+        Returns:
+            The change of the quantity in every member, shape (members,).
+        """
+        ensemble = self.ensemble
+        known = [*apart, ensemble.deviation[:, what.column]]
+        normal = standard(ensemble.generator, len(ensemble.states), known)
+        for c in np.flatnonzero(sizes):
+            self._shift(int(c), sizes[c] * normal)
+        return self.total(sizes, what) * normal
+
     def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
         """Cables that act on a measured quantity, and its change per newton in each of them."""
         if column < len(self.ensemble.model.layout.elements):

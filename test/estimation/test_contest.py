@@ -12,6 +12,7 @@ from support.campaign import (
     EFFORT,
     MS,
     SECOND,
+    START,
     Course,
     Faults,
     How,
@@ -24,6 +25,7 @@ from support.campaign import (
 )
 
 from cdrj_ros.estimation import estimator
+from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.draws import standard
 from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, SensorState
 from cdrj_ros.estimation.lasting_error import CELL as CELL_ERRORS
@@ -32,6 +34,7 @@ from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import UNSURE
+from cdrj_ros.robot.parameters import number_at
 
 SELDOM: Final = 20 * MS
 """Interval of a load cell's readings [ns]: correcting takes most of the time of these tests."""
@@ -144,6 +147,30 @@ def test_a_sensor_whose_bias_or_gain_is_wrong_keeps_to_the_law(
     verdict = judge(slow, outputs, 0, slow.duration_ns)
     assert verdict.ratio.size >= least * verdict.judged
     assert verdict.beyond(5.0) <= 0.001
+
+
+@pytest.mark.parametrize("sensors", [(CELL,), (CELL, EFFORT)])
+def test_a_cell_that_says_otherwise_than_the_file_does_not_decide_alone(
+    sensors: tuple[str, ...], model: Model
+) -> None:
+    """Its level and its hysteresis are those of a lower preload, which an effort allows as well."""
+    fast = course_of(model, 12.0, sine(1.9), seed=8)
+    lies = {CELL: Lie("scales", 0, -0.25)}
+    outputs = run(model, fast, Faults(quarter_rate(), sensors=sensors, lies=lies))
+    assert judge(fast, outputs, 0, fast.duration_ns).beyond(5.0) <= 0.001
+
+
+@pytest.mark.parametrize("ratio", [0.8, 1.1])
+def test_a_good_cell_beside_a_wrong_preload_leaves_its_cable_with_status_0(
+    ratio: float, model: Model
+) -> None:
+    preload = number_at(dict(model.robot.document), "cables.upper.preload")
+    other = with_other_numbers(model, {"cables.upper.preload": preload / ratio})
+    true = course_of(other, 12.0, sine(0.3, 0.45))
+    outputs = run(model, true, Faults(quarter_rate(), sensors=(CELL,), cell_ns=SELDOM))
+    upper = np.array([one.status[:8] for one in outputs if one.stamp_ns > START + 6 * SECOND])
+    assert np.mean(upper == 0) > 0.99
+    assert judge(true, outputs, 0, true.duration_ns).beyond(5.0) <= 0.001
 
 
 def test_good_sensors_leave_the_same_share_with_status_0(model: Model, longer: Course) -> None:
