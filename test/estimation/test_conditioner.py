@@ -62,7 +62,7 @@ class Pair:
     def disturb(self, random: Random) -> None:
         """Change both, as services do; or restart both, as from a state file."""
         deed, choice = random.random(), random.choice((None, 0.0, 30.0))
-        memory = self.python.memory()
+        memory = self.python.memory() if deed < 0.004 else {}
         angles = np.array([random.uniform(-0.5, 0.5) for _ in self.robot.axes])
         for one in (self.core, self.python):
             if deed < 0.002:

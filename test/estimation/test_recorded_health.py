@@ -48,6 +48,12 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> str:
     return simulated(tmp_path_factory.mktemp("loose"), LOOSE)
 
 
+@pytest.fixture(scope="module")
+def unheard(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """As ``loose``, without efforts and load cells."""
+    return simulated(tmp_path_factory.mktemp("unheard"), LOOSE, heard="{}")
+
+
 def test_a_sound_robot_raises_no_alarm(sound: str) -> None:
     found = compare_bag(BagTask(sound, Topics(), ROBOT, health="auto"))
     assert found.health is not None
@@ -79,11 +85,8 @@ def test_a_lost_preload_is_named_with_its_cycles_in_every_output(
 @pytest.mark.parametrize(
     ("health", "runs"), [("off", False), ("auto", False), ("references", True)]
 )
-def test_references_are_compared_on_request_only(
-    tmp_path: Path, health: Health, runs: bool
-) -> None:
-    bag = simulated(tmp_path, LOOSE, heard="{}")
-    found = compare_bag(BagTask(bag, Topics(), ROBOT, health=health))
+def test_references_are_compared_on_request_only(unheard: str, health: Health, runs: bool) -> None:
+    found = compare_bag(BagTask(unheard, Topics(), ROBOT, health=health))
     assert (found.health is not None) is runs
     if found.health is not None:
         assert "winch" in found.health.sensors

@@ -160,7 +160,7 @@ class Steps:
 
     def judged(self, point: tuple[int, float]) -> bool:
         stamps = [stamp for stamp, _ in (*self.points[-2:], point)]
-        return len(stamps) == 3 and max(np.diff(stamps)) <= 10**8
+        return len(stamps) == 3 and max(b - a for a, b in pairwise(stamps)) <= 10**8
 
     def bent(self, point: tuple[int, float]) -> float:
         length, rate = self.between(self.points[-2], self.points[-1])
