@@ -7,6 +7,7 @@
 
 #include "bind.hpp"
 #include "cable.hpp"
+#include "cells.hpp"
 #include "friction.hpp"
 #include "guide.hpp"
 #include "laws.hpp"
@@ -162,7 +163,7 @@ Index course(
     Workspace work(sizes, scratch.data());
     return for_samples(poses, [&](Index k) {
         if (!robot.shape({}, row_of(joint_angle, k), work)) return false;
-        robot.follow_arcs(before, after, work);
+        follow_arcs(robot.topology, robot.constants, before, after, work);
         std::ranges::copy(work.middles, before.middles.begin());
         std::ranges::copy(after.track, before.track.begin());
         std::ranges::copy(after.track, row_of(track, k).begin());

@@ -14,14 +14,6 @@ double middle_to_outer(double arc, Index cells) {
            static_cast<double>(cells - 1);
 }
 
-bool touches_anew(
-    const CableTopology& cable, Index k, const State& before, const Workspace& work) {
-    if (cable.routed == Route::tables) return false;
-    const Vector3& tangent = before.middles[cable.first_node + 1 + k].tangent;
-    const bool missed = tangent.x == 0.0 && tangent.y == 0.0 && tangent.z == 0.0;
-    return missed && work.wrap[cable.first_pulley + k] > 0.0;
-}
-
 void share_out(Contact& contact, const PulleyConstants& pulley, double share) {
     contact.share = share;
     contact.stiffness = share * pulley.bristle_stiffness;
@@ -55,24 +47,29 @@ void divide_arcs(const Topology& topology, Workspace& work) {
     }
 }
 
-void follow_arc(
-    const Topology& topology, const Constants& constants, Index cable, Index k, const State& before,
-    State& after, const Workspace& work) {
-    const CableTopology& own = topology.cables[cable];
-    const Index p = own.first_pulley + k;
-    double moved;
-    if (own.routed == Route::positions) {
-        const Index node = own.first_node + 1 + k;
-        moved = motion_along(
-            constants.nodes[node].radius, before.middles[node], work.middles[node]);
-    } else {
-        moved = work.middle[p] - before.track[p];
-        const double half_turn = PI * constants.pulleys[p].radius;
-        if (std::abs(moved) > half_turn && half_turn > 0.0) {  // whole turns are no motion
-            moved = modulo(moved + half_turn, 2.0 * half_turn) - half_turn;
+void follow_arcs(
+    const Topology& topology, const Constants& constants, const State& before, State& after,
+    Workspace& work) {
+    const bool started = *before.started != 0.0;
+    for (const CableTopology& cable : topology.cables) {
+        for (Index k = 0; k < cable.pulleys; ++k) {
+            const Index p = cable.first_pulley + k;
+            double moved;
+            if (cable.routed == Route::positions) {
+                const Index node = cable.first_node + 1 + k;
+                const ArcMiddle& was = before.middles[node];
+                moved = motion_along(constants.nodes[node].radius, was, work.middles[node]);
+                if (started && dot(was.tangent, was.tangent) == 0.0) work.wrap[p] = 0.0;
+            } else {
+                moved = work.middle[p] - before.track[p];
+                const double half_turn = PI * constants.pulleys[p].radius;
+                if (std::abs(moved) > half_turn && half_turn > 0.0) {  // whole turns are no motion
+                    moved = modulo(moved + half_turn, 2.0 * half_turn) - half_turn;
+                }
+            }
+            after.track[p] = before.track[p] + moved;
         }
     }
-    after.track[p] = before.track[p] + moved;
 }
 
 void place_contacts(
@@ -85,22 +82,20 @@ void place_contacts(
         if (topology.pulleys[p].surface >= 0) continue;
         const PulleyConstants& pulley = constants.pulleys[p];
         const Index first = topology.pulleys[p].first_contact, cells = topology.pulleys[p].cells;
-        follow_arc(topology, constants, cable, k, before, after, work);
-        if (started && touches_anew(own, k, before, work)) work.wrap[p] = 0.0;
         double share = 1.0, between = work.arc[p];
         if (cells > 1) {
             share = 1.0 / static_cast<double>(cells);
             between = work.arc[p] / static_cast<double>(cells);
         }
+        double place = after.track[p] - 0.5 * between * static_cast<double>(cells - 1);
         for (Index q = first; q < first + cells; ++q) {
             Contact& contact = work.contacts[q];
             share_out(contact, pulley, share);
-            const double cell =
-                static_cast<double>(q - first) - 0.5 * static_cast<double>(cells - 1);
-            after.place[q] = after.track[p] + cell * between;
-            const double moved = after.place[q] - before.place[q];
+            const double moved = place - before.place[q];
             contact.shift = 0.0;
             if (started && moved != 0.0) contact.shift = moved / before.stretch_at(q, cable);
+            after.place[q] = place;
+            place += between;
         }
     }
 }
@@ -329,8 +324,6 @@ void cover_surfaces(
         for (Index k = 0; k < cable.pulleys; ++k) {
             const Index p = cable.first_pulley + k, surface = topology.pulleys[p].surface;
             if (surface < 0) continue;
-            follow_arc(topology, constants, c, k, state, after, work);
-            if (started && touches_anew(cable, k, state, work)) work.wrap[p] = 0.0;
             after.covered[surface] = work.arc[p];
             if (started) move_row(topology, constants, c, p, history, after);
             place_row(topology, constants, c, p, history, after, work);

@@ -18,21 +18,21 @@ double middle_to_outer(double arc, Index cells);
 /// has no part in what lies on an end.
 void divide_arcs(const Topology& topology, Workspace& work);
 
-/// Move the place of the middle of an arc along its path on the body (E26).
-void follow_arc(
-    const Topology& topology, const Constants& constants, Index cable, Index k, const State& before,
-    State& after, const Workspace& work);
-
-/// Whether a cable touches the body of its pulley `k`, which it did not touch before.
-bool touches_anew(const CableTopology& cable, Index k, const State& before, const Workspace& work);
+/// Move the places of the middles of all arcs along their bodies (E26), from the tracks and middles of
+/// `before` to the tracks of `after`.
+///
+/// Where the cable comes to touch a body in this sample, its wrap is set to 0: the contact holds no
+/// friction yet.
+void follow_arcs(
+    const Topology& topology, const Constants& constants, const State& before, State& after,
+    Workspace& work);
 
 /// Give a contact cell its share of the pulley's constants.
 void share_out(Contact& contact, const PulleyConstants& pulley, double share);
 
 /// Constants and places of the contacts of one cable, and the shift of (E25).
 ///
-/// Cells that are fixed to a surface are left to `cover_surfaces`. Where the cable comes to touch a
-/// body in this sample, the wrap is set to 0: the contact holds no friction yet.
+/// Cells that are fixed to a surface are left to `cover_surfaces`.
 void place_contacts(
     const Topology& topology, const Constants& constants, Index cable, const State& before,
     State& after, Workspace& work);
@@ -58,7 +58,7 @@ void friction_losses(
 
 /// Lay the arcs of a sample onto the cells of their surfaces (E29).
 ///
-/// `before`: the state before the sample; `after`: `track`, `place` and `covered` are written; `work`:
+/// `before`: the state before the sample; `after`: with the tracks of the sample; `place` and `covered` are written;
 /// with the geometry of the sample; the contacts of the cells, the lengths of the segments and
 /// `history` are written. Where the cable comes to touch a body in this sample, the wrap is set to 0.
 void cover_surfaces(

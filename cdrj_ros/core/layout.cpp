@@ -80,14 +80,6 @@ std::size_t State::size(const Sizes& sizes) {
     return static_cast<std::size_t>(words);
 }
 
-double State::stretch(Index segment) const {
-    return std::max(length[segment] / material[segment], 1.0);
-}
-
-double State::stretch_at(Index contact, Index cable) const {
-    return 0.5 * (stretch(contact + cable) + stretch(contact + cable + 1));
-}
-
 Estimate::Estimate(const Sizes& sizes, double* estimate) {
     Parts parts(estimate);
     tension = parts.take<double>(sizes.elements);

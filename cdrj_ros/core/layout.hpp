@@ -4,6 +4,7 @@
 // topology and constants, state.py all others.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <span>
 
@@ -117,10 +118,14 @@ struct State {
     std::span<ArcMiddle> middles;   // of every node
 
     /// 1 + strain of a segment; 1 where it is slack.
-    double stretch(Index segment) const;
+    double stretch(Index segment) const {
+        return std::max(length[segment] / material[segment], 1.0);
+    }
 
     /// 1 + mean strain of the two segments at a contact of a cable.
-    double stretch_at(Index contact, Index cable) const;
+    double stretch_at(Index contact, Index cable) const {
+        return 0.5 * (stretch(contact + cable) + stretch(contact + cable + 1));
+    }
 };
 
 /// Results of a sample.

@@ -140,9 +140,9 @@ void yield(const Step& step, Index c, double dt) {
     const Creep law{own.creep_share, own.creep_time, own.flow_time};
     const bool none = law.share == 0.0 && std::isinf(law.flow_time) && law.flow_time > 0.0;
     const auto [first, beyond] = topology.segments_of(c);
+    std::ranges::copy(before.delayed.subspan(first, beyond - first), after.delayed.begin() + first);
+    if (none) return;
     for (Index e = first; e < beyond; ++e) {
-        after.delayed[e] = before.delayed[e];
-        if (none) continue;
         const double strain = before.length[e] / before.material[e] - 1.0;
         const auto [delayed, growth] = crept(law, strain, before.delayed[e], dt);
         after.delayed[e] = delayed;
@@ -178,7 +178,6 @@ bool move_cable(const Step& step, Index c, std::span<const double> motor_angle, 
     for (Index q = contact; q < last; ++q) {
         work.contacts[q].flux = before.slip_speed[q] * dt - work.contacts[q].shift;
         work.contacts[q].bristle_before = before.bristle[q];
-        work.contacts[q].bristle = 0.0;
     }
     Cable cable{
         elasticity_of(constants.cables[c]), plan.law, first_flux, last_flux, dt,
@@ -235,14 +234,6 @@ bool Robot::shape(
     return possible;
 }
 
-void Robot::follow_arcs(const State& before, State& after, const Workspace& work) const {
-    for (Index c = 0; c < topology.sizes.cables; ++c) {
-        for (Index k = 0; k < topology.cables[c].pulleys; ++k) {
-            follow_arc(topology, constants, c, k, before, after, work);
-        }
-    }
-}
-
 bool Robot::advance(
     const double* before_state, std::span<const double> motor_angle,
     std::span<const double> joint_angle, double dt, double* out) const {
@@ -257,6 +248,7 @@ bool Robot::advance(
         std::ranges::fill(estimate.status, static_cast<double>(INVALID));
         return false;
     }
+    follow_arcs(topology, constants, before, after, work);
     if (sizes.surfaces > 0) {  // the state before, by the contact cells of this sample
         cover_surfaces(topology, constants, before_state, after, work);
         before = State(sizes, work.history);

@@ -28,10 +28,6 @@ public:
         std::span<const double> motor_angle, std::span<const double> joint_angle,
         Workspace& work) const;
 
-    /// Move the places of the middles of all arcs along their bodies (E26), from the tracks and
-    /// middles of `before` to the tracks of `after`.
-    void follow_arcs(const State& before, State& after, const Workspace& work) const;
-
     /// One sample: (state, angles) -> (state, estimate).
     ///
     /// `before` begins with the state and does not change; `out` has the new state, the estimate and
