@@ -458,6 +458,9 @@ class Ensemble:
     def finish(self) -> None:
         """Update the member that waits, if there is one."""
 
+    def take_offset(self, offset: NDArray[np.float64]) -> None:
+        """Take the axes' deviations by lasting errors (U12), (U13) [rad], shape (3 axes,)."""
+
     def reset(self) -> None:
         """Discard the history of all members; the next sample starts them anew."""
 
@@ -490,7 +493,7 @@ class Ensemble:
 
     @property
     def offset(self) -> NDArray[np.float64]:
-        """Standard deviations of the axes' lasting errors (U12), (U13) [rad], shape (3 axes,)."""
+        """What ``take_offset`` took, to be read only."""
 
     @property
     def swing(self) -> NDArray[np.float64]:

@@ -159,6 +159,11 @@ void follow(
     });
 }
 
+void take_offset(Ensemble& ensemble, const Given& offset) {
+    require(offset.size() == Index(3 * ensemble.axes()), "offset has not the shape of this robot's");
+    ensemble.take_offset(span_of(offset));
+}
+
 /// Memory of the ensemble as an array, which keeps the ensemble alive; by rows unless `rows` is 0.
 template <typename T>
 Array<T> view(nb::handle ensemble, std::vector<T>& memory, Index rows = 0) {
@@ -337,6 +342,7 @@ void bind_ensemble(nb::module_& core) {
         .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
         .def("finish", &Ensemble::finish, "Update the member that waits, if there is one.")
         .def("reset", &Ensemble::reset, "Discard the history of all members.")
+        .def("take_offset", take_offset, "offset"_a, "Take the standard deviations of lasting errors.")
         .def_prop_ro(
             "numbers", part(&Ensemble::population, &Population::constants, true))
         .def_prop_ro(

@@ -75,6 +75,9 @@ Ensemble::Ensemble(
         one->resize(axes);
     }
     memory.offset.resize(3 * axes);
+    memory.lasting.resize(quantities.size());
+    memory.late.resize(quantities.size());
+    take_offset(memory.offset);
 }
 
 // -------------------------------------------------------------------------------------------------
@@ -134,7 +137,7 @@ void Ensemble::begin(
     std::span<double> stddev) {
     std::ranges::copy(estimate, estimate_.begin());
     const bool unknown = take_angles(sample);
-    std::ranges::copy(sample.offset, memory.offset.begin());  // if they have changed
+    if (!sample.offset.empty()) take_offset(sample.offset);
     if (unknown || moved_in_a_gap(sample.stamp_ns)) start_anew();
     std::ranges::copy(angle_, memory.angle.begin());
 
@@ -370,19 +373,27 @@ void Ensemble::bound_clocks() {
     }
 }
 
-void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
+void Ensemble::take_offset(std::span<const double> offset) {
+    std::ranges::copy(offset, memory.offset.begin());
     for (std::size_t q = 0; q < quantities.size(); ++q) {
-        const auto& [index, element, unmodelled, slack] = quantities[q];
-        double total = std::max(memory.variance[q], 0.0) + unmodelled;
         const std::span<const double> gains = row(draws.offset_gain, q, axes());
-        double late = 0.0;
+        memory.lasting[q] = quantities[q].unmodelled_variance;
+        memory.late[q] = 0.0;
         for (std::size_t a = 0; a < gains.size(); ++a) {
             const double slipped_part = gains[a] * memory.offset[a];
             const double late_part = gains[a] * memory.offset[axes() + a];
-            total += slipped_part * slipped_part;  // (U12)
-            late += late_part * late_part;
+            memory.lasting[q] += slipped_part * slipped_part;  // (U12)
+            memory.late[q] += late_part * late_part;
         }
-        total += late * (element < 0 ? possible_.back() : possible_[element]);  // (U13)
+    }
+}
+
+void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
+    for (std::size_t q = 0; q < quantities.size(); ++q) {
+        const auto& [index, element, unmodelled, slack] = quantities[q];
+        const double possible = element < 0 ? possible_.back() : possible_[element];
+        double total = std::max(memory.variance[q], 0.0) + memory.lasting[q];
+        total += memory.late[q] * possible;  // (U13)
         if (std::abs(nominal[index]) <= slack) total = std::max(total, slack * slack);
         stddev[q] = std::sqrt(total);
     }

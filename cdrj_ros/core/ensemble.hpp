@@ -93,6 +93,10 @@ struct EnsembleMemory {
     std::vector<double> angle;        // of all axes at the last sample [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
     std::vector<double> offset;       // as `Sample::offset` [rad]
+    // what follows from `offset`, of every quantity: variance that no member shows, (U5) and (U12), and
+    // that of errors of clocks if nothing excludes them, (U13)
+    std::vector<double> lasting;
+    std::vector<double> late;
     // of every axis, twice the number of its past intervals without readings, plus one during one
     std::vector<Index> intervals;
     std::vector<double> deviation;    // of every member's quantities from the estimate's
@@ -141,6 +145,9 @@ public:
 
     /// Discard the history of all members; the next sample starts them anew.
     void reset();
+
+    /// Take the standard deviations of lasting errors, as `Sample::offset`.
+    void take_offset(std::span<const double> offset);
 
     // What `EncoderlessEstimator` uses, which advances the members itself.
 

@@ -121,7 +121,7 @@ class LiveEstimator:
             share = START_SHARE if options.corrects else 0.0
             before, self.ensemble = self.ensemble, Ensemble(model, preload_share=share, known=known)
             if before is not None:
-                self.ensemble.core.offset[:] = before.core.offset
+                self.ensemble.core.take_offset(before.core.offset)
                 self.ensemble.core.swing[:] = before.core.swing
         if self.ensemble is not None and options.corrects:
             if self.fusion is None:
