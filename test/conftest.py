@@ -51,7 +51,7 @@ settings.load_profile("steady")
 
 LONGEST_FIRST = (
     "nodes/test_replay_node.py", "estimation/test_campaign.py", "model/test_reference.py",
-    "nodes/test_node_restart.py", "estimation/test_contest.py",
+    "nodes/test_node_restart.py", "estimation/test_sensor_evidence.py",
     "commands/test_commission.py", "nodes/test_estimator_node.py",
     "estimation/test_known_sensors.py", "paper/test_command.py", "truth/test_estimator.py",
     "evaluation/test_validation.py", "robots/test_davinci_jaw.py",

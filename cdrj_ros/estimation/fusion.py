@@ -326,8 +326,8 @@ class SensorFusion:
         health.used += 1
         state = self._apply(what, sensor, Innovation(innovation, own, factors), state)
         sensor.evidence.follow(uncorrected, enough(own, uncorrected))
-        alone = not what.is_effort and self._cells(what.cables[0], stamp_ns) == [name]
-        self._leave_open(sensor, what, alone=alone)
+        only_cell = not what.is_effort and self._cells(what.cables[0], stamp_ns) == [name]
+        self._leave_open(sensor, what, only_cell=only_cell)
         health.dropped = sensor.errors.wrong(factors, sensor.history_error)
         return state
 
@@ -386,13 +386,13 @@ class SensorFusion:
             if not what.is_effort:
                 one.evidence.renew()
 
-    def _leave_open(self, sensor: SensorState, what: Quantity, *, alone: bool) -> None:
+    def _leave_open(self, sensor: SensorState, what: Quantity, *, only_cell: bool) -> None:
         """Leave open whether a sensor or the preloads have changed, (U10) and (U14).
 
         Args:
             sensor: the sensor.
             what: it measures.
-            alone: whether it is the only load cell of its cable.
+            only_cell: whether it is the only load cell of its cable.
         """
         change = self._preloads.total(self._changed, what)
         bias = sensor.errors.deviation[BIAS]
@@ -400,7 +400,7 @@ class SensorFusion:
         if size > 0.0:
             bias -= self._preloads.exchange(size, what, self._lasting())
         beyond = (UNCONFIRMED * change) ** 2 - self._preloads.stddev(what) ** 2
-        if alone and beyond > 0.0:
+        if only_cell and beyond > 0.0:
             changes = sqrt(beyond) / abs(change) * self._changed
             bias -= self._preloads.vary_together(changes, what, self._lasting())
 
