@@ -375,6 +375,7 @@ def test_changes_that_no_service_makes_are_refused(
     assert again.model is again.started
 
 
+@pytest.mark.usefixtures("few_members")
 def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estimate_defined(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
@@ -470,6 +471,7 @@ def test_a_tare_is_refused_until_the_axes_have_rested_long_enough(
 # -- damage -----------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("few_members")
 def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
