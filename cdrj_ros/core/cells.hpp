@@ -58,9 +58,9 @@ void friction_losses(
 
 /// Lay the arcs of a sample onto the cells of their surfaces (E29).
 ///
-/// `before`: the state before the sample; `after`: with the tracks of the sample; `place` and `covered` are written;
-/// with the geometry of the sample; the contacts of the cells, the lengths of the segments and
-/// `history` are written. Where the cable comes to touch a body in this sample, the wrap is set to 0.
+/// `before`: the state before the sample; `after`: with the tracks of the sample, `place` and `covered`
+/// are written; `work`: with the geometry of the sample; the contacts of the cells, the lengths of the
+/// segments and `history` are written.
 void cover_surfaces(
     const Topology& topology, const Constants& constants, const double* before, State& after,
     Workspace& work);

@@ -89,6 +89,7 @@ inline double sliding_transmission(
 /// `ratio` = f_d d / r_p = 1 / alpha, so that a frictionless bearing is 0, not infinity: numerator
 /// and denominator of (41) are divided by alpha^2.
 inline double bearing_transmission(double wrap, double ratio) {
+    if (ratio == 0.0) return 1.0;  // as (41), without its root
     const double c = ratio * ratio;
     const double cosine = std::cos(wrap);
     const double root =

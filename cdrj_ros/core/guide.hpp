@@ -48,11 +48,9 @@ struct GuideKind {
     /// Find where the cable touches the guide, from `before` and `after`.
     Meeting (*meet)(const NodeConstants& node, Touch& touch);
 
-    /// Write angle, length and wrap of the arc from the points of contact.
-    void (*measure)(const NodeConstants& node, const Passing& cable, Touch& touch);
-
-    /// Middle of the arc, from which its motion along the body follows (E26).
-    ArcMiddle (*middle)(const NodeConstants& node, const Touch& touch);
+    /// Write length and wrap of the arc, from the points of contact; returns its middle, from which its
+    /// motion along the body follows (E26).
+    ArcMiddle (*measure)(const NodeConstants& node, const Passing& cable, Touch& touch);
 };
 
 /// An eyelet or a sheath: the cable passes at points of its frame, which never move in it.
@@ -84,9 +82,6 @@ struct ArcPlane {
 ///
 /// Returns false if a point of a neighbour lies inside the body, unless it then is ignored.
 bool touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane);
-
-/// Wrap and arc of a circle about the axis of the contact; inside a ring, the wrap alone.
-void measure_round(const NodeConstants& node, const Passing& cable, Touch& touch);
 
 /// Mean of a cable's directions before and after the point at which it bends over a ring.
 ///

@@ -6,15 +6,15 @@ namespace {
 
 Meeting meet(const NodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
 
-void measure(const NodeConstants&, const Passing& cable, Touch& touch) { touch.wrap = cable.bend(); }
-
-/// It never moves in the body.
-ArcMiddle middle(const NodeConstants&, const Touch&) { return {Z_AXIS, Z_AXIS, 0.0}; }
+/// The middle never moves in the body.
+ArcMiddle measure(const NodeConstants&, const Passing& cable, Touch& touch) {
+    touch.wrap = cable.bend();
+    return {Z_AXIS, Z_AXIS, 0.0};
+}
 
 }  // namespace
 
 const GuideKind POINT{
-    .fixed = true, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
-    .middle = middle};
+    .fixed = true, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

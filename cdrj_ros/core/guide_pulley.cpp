@@ -23,26 +23,22 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
 }
 
 /// (E5): the wrap is continuous within half a turn of that in the reference pose.
-void measure(const NodeConstants& node, const Passing&, Touch& touch) {
+ArcMiddle measure(const NodeConstants& node, const Passing&, Touch& touch) {
     const Vector3 &first = touch.entry_normal, &last = touch.exit_normal;
     const double angle =
         node.turn * std::atan2(dot(Z_AXIS, cross(first, last)), dot(first, last));
-    const double middle = node.arc_reference;
-    touch.angle = middle + modulo(angle - middle + PI, 2.0 * PI) - PI;
+    const double expected = node.arc_reference;
+    touch.angle = expected + modulo(angle - expected + PI, 2.0 * PI) - PI;
     touch.wrap = touch.angle;
     touch.arc = node.radius * touch.angle;
-}
-
-ArcMiddle middle(const NodeConstants&, const Touch& touch) {
     const double turned = touch.sense * (0.5 * touch.angle);
-    const Vector3 normal = about(Z_AXIS, std::cos(turned), std::sin(turned), touch.entry_normal);
+    const Vector3 normal = about(Z_AXIS, std::cos(turned), std::sin(turned), first);
     return {normal, touch.sense * cross(Z_AXIS, normal), 0.0};
 }
 
 }  // namespace
 
 const GuideKind PULLEY{
-    .fixed = false, .bridges = false, .grooved = true, .meet = meet, .measure = measure,
-    .middle = middle};
+    .fixed = false, .bridges = false, .grooved = true, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

@@ -47,17 +47,6 @@ bool touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane)
     return true;
 }
 
-void measure_round(const NodeConstants& node, const Passing& cable, Touch& touch) {
-    if (node.inside == 1.0) {
-        touch.wrap = cable.bend();
-        return;
-    }
-    touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
-                  2.0 * PI * node.turns;
-    touch.wrap = touch.angle;
-    touch.arc = node.radius * touch.angle;
-}
-
 Vector3 direction_through_ring(const NodeConstants& node, const Touch& touch, double height) {
     Vector3 point = node.radius * touch.entry_normal;
     point.z += height;

@@ -6,18 +6,16 @@ namespace {
 
 Meeting meet(const NodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
 
-void measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
+/// The middle never moves in the body.
+ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
     touch.wrap = cable.wrap;
     touch.arc = node.length;
+    return {Z_AXIS, Z_AXIS, 0.0};
 }
-
-/// It never moves in the body.
-ArcMiddle middle(const NodeConstants&, const Touch&) { return {Z_AXIS, Z_AXIS, 0.0}; }
 
 }  // namespace
 
 const GuideKind SHEATH{
-    .fixed = true, .bridges = true, .grooved = false, .meet = meet, .measure = measure,
-    .middle = middle};
+    .fixed = true, .bridges = true, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

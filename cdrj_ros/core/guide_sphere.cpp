@@ -27,10 +27,15 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
     return {possible, node.radius * touch.entry_normal, node.radius * touch.exit_normal};
 }
 
-ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
+ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
     if (node.inside == 1.0) {
+        touch.wrap = cable.bend();
         return {touch.entry_normal, direction_through_ring(node, touch, 0.0), 0.0};
     }
+    touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
+                  2.0 * PI * node.turns;
+    touch.wrap = touch.angle;
+    touch.arc = node.radius * touch.angle;
     const double turned = touch.sense * (0.5 * touch.angle);
     const Vector3 normal =
         about(touch.normal, std::cos(turned), std::sin(turned), touch.entry_normal);
@@ -40,7 +45,6 @@ ArcMiddle middle(const NodeConstants& node, const Touch& touch) {
 }  // namespace
 
 const GuideKind SPHERE{
-    .fixed = false, .bridges = false, .grooved = false, .meet = meet,
-    .measure = measure_round, .middle = middle};
+    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

@@ -24,13 +24,10 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
         length > 0.0 && out > 0.0, ZERO, {aside.x, aside.y, radius * std::sin(touch.angle)}};
 }
 
-void measure(const NodeConstants& node, const Passing&, Touch& touch) {
+/// The middle is given in the plane of the pulley, which swivels with it.
+ArcMiddle measure(const NodeConstants& node, const Passing&, Touch& touch) {
     touch.wrap = touch.angle;
     touch.arc = node.radius * touch.angle;
-}
-
-/// In the plane of the pulley, which swivels with it.
-ArcMiddle middle(const NodeConstants&, const Touch& touch) {
     const double half = 0.5 * touch.angle;
     const double c = std::cos(half), s = std::sin(half);
     return {{-c, s, 0.0}, {s, c, 0.0}, 0.0};
@@ -39,7 +36,6 @@ ArcMiddle middle(const NodeConstants&, const Touch& touch) {
 }  // namespace
 
 const GuideKind SWIVEL{
-    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure,
-    .middle = middle};
+    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

@@ -213,12 +213,14 @@ void share_line(std::span<Touch> touches, Index p, Index q) {
     }
 }
 
-/// Lengths (E6) without the arcs of ends, wraps and directions; false if impossible.
+/// Lengths (E6) without the arcs of ends, wraps, arcs with their middles, and directions; false if
+/// impossible.
 bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) {
     const auto touches = path.touches;
     const Index last = path.last(), first = own.first_element;
     double* length = work.element_length.data() + first;
     double* wrap = work.wrap.data() + own.first_pulley;
+    double* arc = work.arc.data() + own.first_pulley;
     bool possible = true;
     for (Index p = 0; p < last;) {
         const Index q = path.neighbour(p, 1);
@@ -242,15 +244,19 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
         const Table& u = work.direction;
         return Vector3{u(first + e, 0), u(first + e, 1), u(first + e, 2)};
     };
+    ArcMiddle* middle = work.middles.data() + own.first_node;
+    middle[0] = middle[last] = {Z_AXIS, Z_AXIS, 0.0};  // cable sticks to an end
     for (Index k = 1; k < last; ++k) {
         Touch& touch = touches[k];
         if (touch.touching == 0.0) {
-            wrap[k - 1] = 0.0;
+            wrap[k - 1] = arc[k - 1] = 0.0;
+            middle[k] = {Z_AXIS, ZERO, 0.0};
             continue;
         }
         const Passing cable{along(k - 1), along(k), wrap[k - 1]};
-        path.kind(k).measure(path.nodes[k], cable, touch);
+        middle[k] = path.kind(k).measure(path.nodes[k], cable, touch);
         wrap[k - 1] = touch.wrap;
+        arc[k - 1] = touch.arc;
         possible = possible && touch.wrap >= 0.0;
         length[k - 1] += 0.5 * touch.arc;
         length[k] += 0.5 * touch.arc;
@@ -296,16 +302,6 @@ bool route_cable(
         laid = path.nodes[k].reel * wound_angle(path.nodes[k], path.touches[k], k == 0);  // (G8)
         length[std::min(k, last - 1)] += laid;
     }
-    for (Index k = 1; k < last; ++k) {
-        const Touch& touch = path.touches[k];
-        work.arc[own.first_pulley + k - 1] = touch.arc;
-        ArcMiddle& middle = work.middles[own.first_node + k];
-        middle = path.kind(k).middle(path.nodes[k], touch);
-        if (touch.touching == 0.0) middle = {Z_AXIS, ZERO, 0.0};
-    }
-    for (const Index k : {Index{0}, last}) {  // cable sticks to an end
-        work.middles[own.first_node + k] = {Z_AXIS, Z_AXIS, 0.0};
-    }
     const auto along = [&](Index e) {
         const Table& u = work.direction;
         const Index row = own.first_element + e;
@@ -317,12 +313,17 @@ bool route_cable(
         const Vector3 unit = along(e);
         const NodeTopology& from = path.plans[e];
         const Index left = path.kind(e).bridges ? from.exit_frame : from.frame;
+        const Index right = path.plans[e + 1].frame;
+        const Touch &begin = path.touches[e], &end = path.touches[e + 1];
+        // the length between two points of one frame does not change
+        const bool rigid = left == right && begin.touching == 1.0 && end.touching == 1.0;
         for (Index j = 0; j < topology.sizes.joints; ++j) {
-            const Vector3 arrives = velocity_of(
-                work.twist(path.plans[e + 1].frame, j), path.touches[e + 1].entry);
-            const Vector3 leaves =
-                velocity_of(work.twist(left, j), path.touches[e].exit);
-            work.lever_arm(own.first_element + e, j) = dot(unit, arrives - leaves);
+            double& lever_arm = work.lever_arm(own.first_element + e, j);
+            lever_arm = 0.0;
+            if (rigid) continue;
+            const Vector3 arrives = velocity_of(work.twist(right, j), end.entry);
+            const Vector3 leaves = velocity_of(work.twist(left, j), begin.exit);
+            lever_arm = dot(unit, arrives - leaves);
         }
     }
     for (const Index k : {Index{0}, last}) {
@@ -338,18 +339,15 @@ bool route_cable(
 
 double motion_along(double radius, const ArcMiddle& before, const ArcMiddle& now) {
     const Vector3 along = before.tangent + now.tangent;
-    const double size = norm(along);
-    if (size == 0.0 || dot(before.tangent, before.tangent) == 0.0 ||
-        dot(now.tangent, now.tangent) == 0.0) {
-        return 0.0;
-    }
+    const double size = norm(along), was = norm(before.tangent), is = norm(now.tangent);
+    if (size == 0.0 || was == 0.0 || is == 0.0) return 0.0;
     const Vector3 way = now.normal - before.normal;
     const double chord = norm(way);
     double stretch = 1.0 + chord * chord / 24.0;  // arc over chord
     if (chord > SMALL_CHORD) stretch = 2.0 * std::asin(std::min(0.5 * chord, 1.0)) / chord;
     const double moved =
         radius * stretch * dot(way, along) + (now.height - before.height) * along.z;
-    return moved * (0.5 * (norm(before.tangent) + norm(now.tangent)) / size);
+    return moved * (0.5 * (was + is) / size);
 }
 
 }  // namespace cdrj
