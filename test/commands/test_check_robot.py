@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.commands import check_robot
 from cdrj_ros.inspection.checks import Suspicion
@@ -16,7 +17,6 @@ from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
 
 PLAIN = """\

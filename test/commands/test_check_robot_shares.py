@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE, ROBOT
 
 from cdrj_ros.commands import check_robot
 from cdrj_ros.inspection.shares import uncertainty_shares
@@ -17,8 +18,7 @@ from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.writer import with_section
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
+TEXT = PROTOTYPE.read_text(encoding="utf-8")
 
 
 def report(tmp_path: Path, uncertainty: str | None) -> Any:
@@ -49,7 +49,7 @@ def test_an_exact_file_has_nothing_to_reduce(tmp_path: Path) -> None:
 
 def test_the_contribution_of_one_number_is_its_effect() -> None:
     """A preload known to 0.4 N changes every tension of a frictionless cable by as much."""
-    model = load_model(str(ROBOTS / "prototype.yaml"))
+    model = load_model(ROBOT)
     document: Any = dict(model.robot.document)
     document["uncertainty"] = {
         "others": "exact", "parameters": ["cables.upper.preload"], "stddev": [0.4],

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from support.places import PROTOTYPE, ROBOT
 from truth import robots
 
 from cdrj_ros.commands import commission
@@ -27,7 +28,6 @@ from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import random
 from cdrj_ros.simulation.truth import simulate
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 RATE = 50.0
 EPOCH_NS = 1_700_000_000_000_000_000
 TRUTH = {
@@ -127,7 +127,7 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
 
 def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() -> None:
     fresh = with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None)
-    now = steps.drums_measured(steps.begin(fresh, str(PROTOTYPE)), {"winch": 0.0302})
+    now = steps.drums_measured(steps.begin(fresh, ROBOT), {"winch": 0.0302})
     robot = now.model.robot
     known = robot.uncertainty
     assert known is not None

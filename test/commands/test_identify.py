@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
 from cdrj_ros.commands import identify, simulate, validate
 from cdrj_ros.commands.identify_task import load_settings, parser, task_of
@@ -19,15 +20,11 @@ from cdrj_ros.robot.document import load_schema
 from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.robot.reader import load_document, load_robot
 
-ROOT = Path(__file__).parents[2]
-ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
-SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
-
 
 def rig_bag(path: Path, amplitude: str, frequency: str, seconds: str) -> Path:
     """A bag of the simulated rig, whose truth has four contact cells per pulley."""
     motion = ["--amplitude", amplitude, "--frequency", frequency, "--duration", seconds]
-    assert simulate.main([str(path), "--robot", str(ROBOT), *motion, "--cells", "4"]) == 0
+    assert simulate.main([str(path), "--robot", ROBOT, *motion, "--cells", "4"]) == 0
     return path
 
 
@@ -56,12 +53,12 @@ def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_fol
     starts = [word for name, value in off.items() for word in ("--start", f"{name}={value}")]
     code = identify.main(
         [
-            str(fitted_bag), "--robot", str(ROBOT), "--fit", ",".join(off), *starts,
+            str(fitted_bag), "--robot", ROBOT, "--fit", ",".join(off), *starts,
             "--out", str(out), "--json", str(figures), "--hold-out", str(other_motion),
         ]
     )  # fmt: skip
     assert code == 0
-    truth, _ = load_document(ROBOT)
+    truth, _ = load_document(PROTOTYPE)
     found = json.loads(figures.read_text())
     for one in found["parameters"]:
         right = number_at(truth, one["paths"][0])
@@ -87,11 +84,11 @@ def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_fro
 ) -> None:
     out = tmp_path / "identified.yaml"
     assert identify.main(
-        [str(fitted_bag), "--robot", str(ROBOT), "--fit", "friction.rho,cables.*.preload",
+        [str(fitted_bag), "--robot", ROBOT, "--fit", "friction.rho,cables.*.preload",
          "--quick", "--start", "cables.*.preload=30", "--out", str(out)]
     ) == 0  # fmt: skip
     text = out.read_text()
-    for line in ROBOT.read_text().splitlines():
+    for line in PROTOTYPE.read_text().splitlines():
         if "#" in line:
             assert line.partition("#")[2] in text
     robot = load_robot(out)
@@ -117,7 +114,7 @@ def test_bags_are_evaluated_with_fits_that_left_them_out(
 ) -> None:
     figures = tmp_path / "figures.json"
     assert identify.main(
-        [str(fitted_bag), str(other_motion), "--robot", str(ROBOT), "--fit", "friction.rho",
+        [str(fitted_bag), str(other_motion), "--robot", ROBOT, "--fit", "friction.rho",
          "--quick", "--cross-validate", "--json", str(figures)]
     ) == 0  # fmt: skip
     printed = capsys.readouterr().out
@@ -147,7 +144,7 @@ def test_a_mistake_is_answered_in_one_line_with_its_remedy(
 ) -> None:  # fmt: skip
     quiet = contextlib.nullcontext(lambda _: None)
     monkeypatch.setattr("cdrj_ros.commands.identify.progress_text", lambda _: quiet)
-    assert identify.main([str(SAMPLE), "--robot", str(ROBOT), "--quick", *arguments]) == 2
+    assert identify.main([str(SAMPLE), "--robot", ROBOT, "--quick", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     # on a slow machine, the progress of reading is printed too
     (error,) = [line for line in lines if not line.startswith("reading: ")]
@@ -174,7 +171,7 @@ def test_a_mistake_in_the_settings_is_answered_by_its_key(
 ) -> None:
     file = tmp_path / "settings.yaml"
     file.write_text(settings)
-    words = [str(SAMPLE), "--robot", str(ROBOT), "--fit", "friction.rho", "--quick"]
+    words = [str(SAMPLE), "--robot", ROBOT, "--fit", "friction.rho", "--quick"]
     assert identify.main([*words, "--settings", str(file)]) == 2
     assert taught in capsys.readouterr().err
 
@@ -185,7 +182,7 @@ def test_the_shipped_settings_are_the_defaults_and_name_every_key() -> None:
     assert list(shipped) == list(schema)
     assert schema["weights"]["enum"] == list(WEIGHTS)
     assert schema["loss"]["enum"] == list(LOSSES)
-    words = [str(SAMPLE), "--robot", str(ROBOT), "--fit", "friction.rho"]
+    words = [str(SAMPLE), "--robot", ROBOT, "--fit", "friction.rho"]
     usual = task_of(parser().parse_args(words))
     stated = task_of(
         parser().parse_args([*words, "--settings", str(ROOT / "config" / "identify.yaml")])
@@ -224,14 +221,14 @@ def test_an_output_that_would_destroy_something_is_refused_before_the_work(
     for name in ("bag", "held"):
         places[name].mkdir()
     (places["bag"] / "metadata.yaml").write_text("kept")
-    places["robot"].write_bytes(ROBOT.read_bytes())
+    places["robot"].write_bytes(PROTOTYPE.read_bytes())
     given = [option.format(**{name: str(path) for name, path in places.items()})
              for option in options]  # fmt: skip
     begin = [str(places["bag"]), "--robot", str(places["robot"]), "--fit", "friction.rho"]
     assert identify.main([*begin, *given]) == 2
     (error,) = capsys.readouterr().err.strip().splitlines()
     assert words in error
-    assert places["robot"].read_bytes() == ROBOT.read_bytes()
+    assert places["robot"].read_bytes() == PROTOTYPE.read_bytes()
     assert (places["bag"] / "metadata.yaml").read_text() == "kept"
 
 
@@ -239,13 +236,13 @@ def test_force_replaces_the_robot_file_itself_whole_or_not_at_all(
     fitted_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = tmp_path / "robot.yaml"
-    robot.write_bytes(ROBOT.read_bytes())
+    robot.write_bytes(PROTOTYPE.read_bytes())
     command = [str(fitted_bag), "--robot", str(robot), "--fit", "friction.rho", "--quick",
                "--out", str(robot), "--force"]  # fmt: skip
     with monkeypatch.context() as patched:
         patched.setattr("os.fsync", _full_disc)
         assert identify.main(command) == 2
-    assert robot.read_bytes() == ROBOT.read_bytes()
+    assert robot.read_bytes() == PROTOTYPE.read_bytes()
     assert list(tmp_path.iterdir()) == [robot], "no draft is left"
     assert identify.main(command) == 0
     assert load_robot(robot).uncertainty is not None
@@ -275,7 +272,7 @@ def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
             Topics().motors, motor.stamp_ns, ("winch",), position=motor.value[:, None],
             effort=current[:, None], log_ns=motor.log_ns,
         )  # fmt: skip
-    words = [str(tmp_path / "stack"), "--robot", str(ROBOT), "--fit", "effort_scale",
+    words = [str(tmp_path / "stack"), "--robot", ROBOT, "--fit", "effort_scale",
              "--settings", str(alone(tmp_path))]  # fmt: skip
     assert identify.main(words) == 2
     refused = capsys.readouterr().err

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.commands import identify
 from cdrj_ros.estimation.estimator import initial_state, run
@@ -16,7 +17,7 @@ from cdrj_ros.recordings import BagWriter, Topics
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 
-ROBOT = Path(__file__).parents[2] / "config" / "robots" / "davinci_jaw.yaml"
+ROBOT = ROBOTS / "davinci_jaw.yaml"
 SHIFT = 1.6
 """Angle by which the jaw was zeroed anew, beyond the range of the file [rad]."""
 CHANGED = {

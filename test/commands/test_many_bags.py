@@ -14,18 +14,16 @@ from typing import Any
 
 import psutil
 import pytest
+from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.commands import validate
 from cdrj_ros.recordings import BagWriter
 
-ROOT = Path(__file__).parents[2]
-ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
-BAG = ROOT / "bags" / "prototype_preload_36_26"
 PROGRAM = "from cdrj_ros.commands.entry import validate; validate()"
 
 
 def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-c", PROGRAM, *map(str, arguments), "--robot", str(ROBOT)]
+    return [sys.executable, "-c", PROGRAM, *map(str, arguments), "--robot", ROBOT]
 
 
 def figures(path: Path) -> dict[str, Any]:
@@ -38,7 +36,7 @@ def figures(path: Path) -> dict[str, Any]:
 def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copytree(BAG, tmp_path / "good")
+    shutil.copytree(SAMPLE, tmp_path / "good")
     (tmp_path / "none.mcap").write_bytes(b"nothing")
     (tmp_path / "other").mkdir()
     with BagWriter(tmp_path / "other" / "bag") as bag:  # another robot's
@@ -47,7 +45,7 @@ def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
         bag.write_tensions("/reference/tensions", [1, 2], ("upper/1",), [[1.0], [1.0]])
     bags = [tmp_path / "none.mcap", tmp_path / "good", tmp_path / "other" / "bag"]
     out = tmp_path / "figures.json"
-    code = validate.main([*map(str, bags), "--robot", str(ROBOT), "--json", str(out)])
+    code = validate.main([*map(str, bags), "--robot", ROBOT, "--json", str(out)])
     assert code == 2
     captured = capsys.readouterr()
     errors = [line for line in captured.err.splitlines() if "%" not in line]
@@ -69,7 +67,7 @@ def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
 def test_wrong_workers_are_refused_in_one_line(
     arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert validate.main([str(BAG), "--robot", str(ROBOT), *arguments]) == 2
+    assert validate.main([str(SAMPLE), "--robot", ROBOT, *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
 
@@ -77,7 +75,7 @@ def test_wrong_workers_are_refused_in_one_line(
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
 def test_neither_ctrl_c_nor_a_kill_leaves_a_process_behind(number: int, code: int) -> None:
     with subprocess.Popen(
-        command(*[BAG] * 60, "--jobs", 2),
+        command(*[SAMPLE] * 60, "--jobs", 2),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.commands.simulate import main
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.recordings import Recording, Topics, read_recording
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude", "20deg")
 
 
@@ -58,8 +58,7 @@ def test_the_same_command_gives_the_same_bag_and_another_seed_another(
 
 
 def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) -> None:
-    sample = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
-    kept = read_recording(sample)
+    kept = read_recording(SAMPLE)
     assert main([str(tmp_path / "bag"), "--robot", ROBOT, "--duration", "2"]) == 0
     made = read_recording(tmp_path / "bag")
     for there, here in (

@@ -7,15 +7,13 @@ import math
 from pathlib import Path
 
 import pytest
+from support.places import ROBOT, ROOT, SAMPLE
 
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation import metrics
 from cdrj_ros.recordings import BagWriter
 
-ROOT = Path(__file__).parents[2]
-ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
 LOW = ROOT / "bags" / "prototype_preload_23_6"
-HIGH = ROOT / "bags" / "prototype_preload_36_26"
 ODD = ROOT.parent / "shared" / "data" / "odd_bags"
 
 FIGURES = {"unit", "n", *metrics.FIGURES}
@@ -30,7 +28,7 @@ def _figures(path: Path) -> dict:  # type: ignore[type-arg]
 
 @pytest.mark.parametrize(
     ("bag", "preload", "last_element", "all_elements"),
-    [(HIGH, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
+    [(SAMPLE, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
 )
 def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
     bag: Path, preload: list[str], last_element: float, all_elements: float, tmp_path: Path,
@@ -38,7 +36,7 @@ def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
 ) -> None:  # fmt: skip
     out = tmp_path / "figures.json"
 
-    assert validate.main([str(bag), "--robot", str(ROBOT), "--json", str(out), *preload]) == 0
+    assert validate.main([str(bag), "--robot", ROBOT, "--json", str(out), *preload]) == 0
 
     figures = _figures(out)
     assert figures["bags"][0]["duration_s"] == pytest.approx(60.0, abs=0.1)
@@ -68,17 +66,17 @@ def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
     ("arguments", "words"),
     [
         (["/no/such/bag"], ["/no/such/bag", "does not exist"]),
-        ([str(HIGH), "--motor-topic", "/x"], ["no topic /x", "/cdrj/motor_states"]),
-        ([str(HIGH), "--motor-topic", "/reference/tensions"], ["JointState", "CableTensions"]),
-        ([str(HIGH), "--reference", "/nothing"], ["no references", "--reference"]),
-        ([str(HIGH), "--preload", "1,2,3"], ["preload needs 2"]),
-        ([str(HIGH), "--json", "/no/such/folder/f.json"], ["/no/such/folder"]),
+        ([str(SAMPLE), "--motor-topic", "/x"], ["no topic /x", "/cdrj/motor_states"]),
+        ([str(SAMPLE), "--motor-topic", "/reference/tensions"], ["JointState", "CableTensions"]),
+        ([str(SAMPLE), "--reference", "/nothing"], ["no references", "--reference"]),
+        ([str(SAMPLE), "--preload", "1,2,3"], ["preload needs 2"]),
+        ([str(SAMPLE), "--json", "/no/such/folder/f.json"], ["/no/such/folder"]),
     ],
 )
 def test_wrong_arguments_are_one_line_and_exit_code_2(
     arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert validate.main([*arguments, "--robot", str(ROBOT)]) == 2
+    assert validate.main([*arguments, "--robot", ROBOT]) == 2
     _one_line(capsys, *words)
 
 
@@ -89,7 +87,7 @@ def test_a_motor_that_is_missing_on_a_shared_topic_is_named(
     arguments = [
         f"{option}=/joint_states" for option in ("--motor-topic", "--joint-topic", "--reference")
     ]
-    assert validate.main([str(ODD / "plain"), *arguments, "--robot", str(ROBOT)]) == 2
+    assert validate.main([str(ODD / "plain"), *arguments, "--robot", ROBOT]) == 2
     _one_line(capsys, "no motor named winch", "motor")
 
 
@@ -102,5 +100,5 @@ def test_a_bag_whose_readings_are_all_refused_is_an_error(
         bag.write_joint_states("/cdrj/motor_states", stamps, ("winch",), position=nan)
         bag.write_joint_states("/cdrj/joint_states", stamps, ("elbow",), position=nan)
         bag.write_tensions("/reference/tensions", stamps, ("upper/1",), [[1.0]] * 3)
-    assert validate.main([str(tmp_path / "bag"), "--robot", str(ROBOT)]) == 2
+    assert validate.main([str(tmp_path / "bag"), "--robot", ROBOT]) == 2
     _one_line(capsys, "not one sample")

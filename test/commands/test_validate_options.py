@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
 import cdrj_ros as cdrj
 from cdrj_ros.commands import validate
@@ -19,9 +20,6 @@ from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
-ROOT = Path(__file__).parents[2]
-ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
-BAG = ROOT / "bags" / "prototype_preload_36_26"
 SECONDS = 1_000_000_000
 
 
@@ -67,7 +65,7 @@ def write(
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return read_recording(BAG)
+    return read_recording(SAMPLE)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +76,7 @@ def short(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Pat
 def run(out: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
     """Exit code and figures."""
     json_file = out / "figures.json"
-    code = validate.main([*map(str, arguments), "--robot", str(ROBOT), "--json", str(json_file)])
+    code = validate.main([*map(str, arguments), "--robot", ROBOT, "--json", str(json_file)])
     return code, json.loads(json_file.read_text()) if json_file.exists() else {}
 
 
@@ -203,7 +201,7 @@ def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
     code, figures = run(tmp_path, original, "--write-bag", out)
     assert code == 0
     assert figures["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
-    model = load_model(str(ROBOT))
+    model = load_model(ROBOT)
     read = read_inputs(str(original), Topics(), model)
     expected = estimate(model, condition_recording(model, read))
     named = estimate_channels(model.layout, expected.values)
@@ -301,7 +299,7 @@ def test_every_bag_may_have_its_own_preloads(
 
 
 def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> None:
-    off, on = (cdrj.validate(ROBOT, short, uncertainty=known).pooled for known in (False, True))
+    off, on = (cdrj.validate(PROTOTYPE, short, uncertainty=known).pooled for known in (False, True))
     for name, error in off.items():
         assert error.coverage is None
         assert 0.0 <= (on[name].coverage or 0.0) <= 1.0

@@ -8,7 +8,8 @@ import pkgutil
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from support.places import ROOT
+
 DOCUMENT = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
 SOURCES = [
     *sorted(

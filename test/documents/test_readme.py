@@ -6,13 +6,13 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 

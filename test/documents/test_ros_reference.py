@@ -6,11 +6,10 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 TOOL = ROOT / "tools" / "ros_reference.py"
 PAGE = ROOT / "docs" / "ros_reference.md"
 

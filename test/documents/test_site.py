@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 OTHERS = re.compile(
     r"""<(?:script|img|iframe)\b[^>]*\bsrc=["']?(?:https?:)?//
     |<link\b(?=[^>]*\brel=["']?(?:stylesheet|preconnect|preload|icon))[^>]*\bhref=["']?(?:https?:)?//

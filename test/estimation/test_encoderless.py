@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from support.motor_alone import (
     truth_of,
     without_encoder,
 )
+from support.places import ROBOT
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.encoderless import (
@@ -33,8 +33,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.reader import build_robot
-
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 
 
 @pytest.fixture(scope="module")
@@ -163,12 +161,12 @@ def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
     document["motors"] = [m for m in document["motors"] if m["name"] == "superficial_motor"]
     (alone,) = determined_joints(prepare(build_robot(document, "cut")))
     assert alone.stddev == float("inf")
-    assert determined_joints(load_model(str(ROBOTS / "prototype.yaml"))) == ()
+    assert determined_joints(load_model(ROBOT)) == ()
 
 
 def test_bad_arguments_are_refused(prototype: Model) -> None:
     with pytest.raises(ValueError, match="has an encoder"):
-        EncoderlessEstimator(load_model(str(ROBOTS / "prototype.yaml")))
+        EncoderlessEstimator(load_model(ROBOT))
     with pytest.raises(ValueError, match="even"):
         EncoderlessEstimator(prototype, members=3)
     samples = only_measured(prototype, motion(prototype, 5))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from support.places import ROBOT, ROBOTS, ROOT
 
 from cdrj_ros.estimation.draws import (
     draw_members,
@@ -22,9 +22,6 @@ from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
 
-ROOT = Path(__file__).parents[2]
-ROBOTS = ROOT / "config" / "robots"
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 RATE = 100.0
 RUNS = 200
 WATCHED = 1000

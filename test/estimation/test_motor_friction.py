@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pytest
+from support.places import ROBOT
 
 from cdrj_ros.estimation.lasting_error import MotorFriction
 from cdrj_ros.estimation.samples import Sample
@@ -21,7 +21,6 @@ from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 RATE: Final = 100.0
 CYCLE: Final = round(RATE / 0.25)
 SNAP: Final = Fault("snap", 13.0, 1e-3, "upper")

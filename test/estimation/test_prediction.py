@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from support.campaign import (
@@ -20,6 +19,7 @@ from support.campaign import (
     sine,
 )
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
+from support.places import ROBOT
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
@@ -27,7 +27,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion as motions
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SLOW = {"winch": 4 * MS, "elbow": 100_144_075}
 """Intervals of the readings by axis [ns]: the elbow's readings wander against the reversals."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROBOT
 
 from cdrj_ros.commands import simulate
 from cdrj_ros.commands.validate import main
@@ -18,7 +19,6 @@ from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SECONDS = 28.0
 CELLS = ("upper/8", "lower/8")
 HEARD = """

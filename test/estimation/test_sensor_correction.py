@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.arrays import Series
@@ -13,7 +12,6 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 TEXT = PROTOTYPE.read_text(encoding="utf-8")
 EPOCH_NS = 1_700_000_000_000_000_000
 

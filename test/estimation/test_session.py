@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation.ensemble import preload_of_elements
 from cdrj_ros.estimation.estimator import initial_state, run
@@ -21,8 +22,6 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 
-ROOT = Path(__file__).parents[2]
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 LOST = "25.8,26.26"
 """Preloads after the upper cable has lost 30 %."""
 
@@ -88,7 +87,7 @@ def test_a_tare_leaves_preloads_that_are_tracked_no_less_certain_than_their_drif
     name: str,
 ) -> None:
     """Lengths of the members' own cables, which are hardly known, are none of their preloads."""
-    model = load_model(str(ROOT / "config" / "robots" / f"{name}.yaml"))
+    model = load_model(str(ROBOTS / f"{name}.yaml"))
     robot = model.robot
     motor, joint = (
         np.array([axis.reference_angle for axis in axes]) for axes in (robot.motors, robot.joints)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.places import ROBOT
 
 from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner
@@ -33,7 +34,6 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID, UNSURE
 from cdrj_ros.robot.reader import build_robot
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 START = 1_700_000_000 * 10**9
 MS = 1_000_000
 UNFILTERED = Options(tracking=0.0)
@@ -334,7 +334,7 @@ def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_sta
     with pytest.raises(StateFileError, match=r"lower.preload = 20 taken up; .* other friction"):
         read_state(again, path)
     assert again.model.robot.cables[1].preload == 20.0
-    fresh = LiveEstimator(load_model(str(ROBOTS / "prototype.yaml"), "36.85,20"))
+    fresh = LiveEstimator(load_model(ROBOT, "36.85,20"))
     expected, got = send(fresh, readings, 400), send(again, readings, 400)
     assert np.array_equal(got[0].values, expected[0].values)
 

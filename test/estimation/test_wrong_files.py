@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from support.places import ROBOTS, ROOT
 
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state, step
@@ -20,8 +20,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import number_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import parse_robot
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +108,7 @@ def test_the_models_error_is_in_the_standard_deviation() -> None:
     assert np.sqrt(found[1][:2] ** 2 - found[0][:2] ** 2) == pytest.approx(0.7)
 
 
-@pytest.mark.parametrize(
-    "name", sorted(file.stem for file in (ROOT / "config" / "robots").glob("*.yaml"))
-)
+@pytest.mark.parametrize("name", sorted(file.stem for file in ROBOTS.glob("*.yaml")))
 def test_every_shipped_robot_is_estimated_with_its_spread(name: str) -> None:
     model = load_model(name)
     live = LiveEstimator(model)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.conditioner import Mode
 from cdrj_ros.estimation.estimator import Estimate, initial_state, run, step
@@ -29,8 +29,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
 
-SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 MS = 1_000_000
 FIRST_NS = 1_000 * MS
 
@@ -68,7 +66,7 @@ class Bench:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return load_model(str(ROBOTS / "prototype.yaml"))
+    return load_model(ROBOT)
 
 
 @pytest.fixture

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.motor_alone import without_encoder
+from support.places import SAMPLE
 
 from cdrj_ros.evaluation.inputs import read_encoderless
 from cdrj_ros.evaluation.validation import BagTask, compare_bag
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings import Topics
 
-BAG = str(Path(__file__).parents[2] / "bags" / "prototype_preload_36_26")
+BAG = str(SAMPLE)
 
 
 def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:

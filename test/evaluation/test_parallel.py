@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from support.clusters import running_cluster
 from support.many_tasks import killed_once, noted, square, sum_after_death, sum_with
+from support.places import ROOT
 
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation.parallel import (
@@ -32,7 +33,6 @@ from cdrj_ros.evaluation.parallel import (
 )
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 
-ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.filterwarnings("ignore")  # of Dask's own modules
 
 Run = Callable[[Work[Any, Any]], list[Any]]

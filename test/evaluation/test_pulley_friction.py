@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from support.places import ROBOT
 
 from cdrj_ros.evaluation.channels import FrictionSums
 from cdrj_ros.model.loading import load_model
 
-ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
-
 
 def test_shares_are_of_the_larger_tension() -> None:
-    layout = load_model(str(ROBOT)).layout
+    layout = load_model(ROBOT).layout
     n, elements = 200, len(layout.elements)
     tension = np.full((n, elements), 10.0)
     tension[:, layout.elements.index("upper/4")] = 8.0

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.compared import compare
+from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
@@ -26,9 +27,7 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings import Series, Topics, read_recording
 
-ROOT = Path(__file__).parents[2]
-BAG = str(ROOT / "bags" / "prototype_preload_36_26")
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
+BAG = str(SAMPLE)
 
 
 def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memory() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from support.places import ROBOTS
 
 from cdrj_ros.foundation.yaml import MAXIMUM_NODES, YamlError, load_yaml
 
@@ -144,7 +145,7 @@ def test_aliases_refer_to_one_object_and_merge_keys_give_what_a_mapping_lacks() 
 
 # Against ruamel.yaml, which reads YAML 1.2 by a parser of its own ---------------------------------
 
-FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
+FILES = sorted(ROBOTS.glob("*.yaml"))
 LINES = [
     line
     for path in FILES

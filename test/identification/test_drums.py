@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from support.made_up import recording
+from support.places import PROTOTYPE
 
 from cdrj_ros.commands.identify_uncertainty import uncertainty_section
 from cdrj_ros.estimation.estimator import initial_state, run
@@ -24,7 +24,6 @@ from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.simulation.assembly import divide_contacts
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 SETTINGS = Settings(channels=("tension/*/8", "effort/*"), coarse=True, compares_drums=True)
 TRUE = {"cables.upper.preload": 34.0, "cables.lower.preload": 28.0}
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from support.made_up import recording
+from support.places import PROTOTYPE
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
@@ -24,7 +24,6 @@ from cdrj_ros.identification.unknowns import (
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import load_document
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 QUICK = Settings(coarse=True)
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from support.made_up import recording
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.foundation.errors import UsageError
@@ -27,8 +27,6 @@ from cdrj_ros.robot.tolerances import (
     SPRING_SCALE,
     ZERO_BY_EYE,
 )
-
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
 
 @pytest.fixture(scope="module")

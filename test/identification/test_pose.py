@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.made_up import recording
+from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
@@ -25,7 +24,6 @@ from cdrj_ros.identification.unknowns import parse_unknowns, with_bounds
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_document
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 ONE_CABLE = """
 name: arm
 motors: [{name: winch, spring_stiffness: 0.01}]
@@ -125,7 +123,7 @@ def test_the_bounds_of_a_zero_are_its_joints_range_whatever_its_start() -> None:
 def test_a_zero_at_the_end_of_the_range_is_named_with_what_to_widen(
     bounds: tuple[float, float] | None, said: bool
 ) -> None:
-    document, _ = load_document(ROBOTS / "prototype.yaml")
+    document, _ = load_document(PROTOTYPE)
     path = "joints.elbow.reference_angle"
     truth = with_numbers(document, {path: 0.4})
     made = recording(truth, 5.0, amplitude=0.2)
@@ -140,7 +138,7 @@ def test_a_zero_at_the_end_of_the_range_is_named_with_what_to_widen(
 
 def test_a_zero_is_found_where_the_cable_is_slack_around_the_start() -> None:
     """The start of the fit has no slope at all: only the search over the whole range finds it."""
-    document, _ = load_document(ROBOTS / "prototype.yaml")
+    document, _ = load_document(PROTOTYPE)
     path = "joints.elbow.reference_angle"
     truth = with_numbers(document, {path: 0.45})
     made = recording(truth, 5.0, amplitude=0.5)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
@@ -32,7 +32,6 @@ from cdrj_ros.robot.document import document_complaints
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 SIGMAS = {"tension/upper/8": 2.0, "tension/lower/8": 3.0, "effort/elbow": 0.1}
 
 

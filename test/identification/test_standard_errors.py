@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.made_up import recording
+from support.places import PROTOTYPE
 
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import identify
@@ -27,7 +26,6 @@ from cdrj_ros.robot.tolerances import (
     default_tolerances,
 )
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 FIT = "drum_radius,joints.elbow.reference_angle,rho"
 SETTINGS = Settings(channels=("tension/*/[128]", "effort/*"), coarse=True)
 DRAWS = 8

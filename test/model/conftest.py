@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.robot.description import Cable, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000
 
 Variant = Callable[..., Robot]

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from support.places import PROTOTYPE
 
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK
 from cdrj_ros.robot.reader import load_robot
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-
 
 def test_a_pulley_has_the_flags_of_both_of_its_elements() -> None:
-    layout = prepare(load_robot(ROBOTS / "prototype.yaml")).layout
+    layout = prepare(load_robot(PROTOTYPE)).layout
     status = np.zeros((3, len(layout.elements)), np.uint8)
     status[0, layout.elements.index("upper/1")] = SLACK
     status[1, layout.elements.index("upper/3")] = OVERLOAD

@@ -18,7 +18,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from model.reference import Begun, Drum, History, Outputs
 from model.reference_geometry import Geometry
 from model.reference_in_space import geometry, moved
 from numpy.typing import NDArray
+from support.places import ROBOTS
 
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
 from cdrj_ros.estimation.samples import Sample
@@ -41,7 +41,6 @@ from cdrj_ros.simulation import assembly
 
 Vector = NDArray[np.float64]
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 FILES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
 EVERY_LAW = ("prototype", "finger", "finger3d")
 """Robots in the plane by tables and by positions, and one in space: a law knows no geometry."""

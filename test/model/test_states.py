@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
-FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
+FILES = sorted(ROBOTS.glob("*.yaml"))
 
 MIXED = """
 name: mixed

@@ -16,7 +16,6 @@ from cdrj_ros.commands import simulate
 
 collect_ignore_glob = [] if find_spec("rclpy") else ["test_*.py"]
 PATIENCE_S = 60.0
-SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
 @pytest.fixture(scope="session")

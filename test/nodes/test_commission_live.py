@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from support.places import ROBOTS
 
 from cdrj_ros.recordings import read_messages
 
-CONFIG = Path(__file__).resolve().parents[2] / "config" / "robots"
 ANGLES = ("/cdrj/motor_states", "/cdrj/joint_states")
 PATIENCE_S = 120.0
 
 
 def commissioned(start_executable: Any, folder: Path, *given: str) -> tuple[int, str, str]:
     process = start_executable(
-        "commission", "--robot", str(CONFIG / "prototype.yaml"), "--out", str(folder / "new.yaml"),
+        "commission", "--robot", str(ROBOTS / "prototype.yaml"), "--out", str(folder / "new.yaml"),
         "--force", "--rest", "live", "--yes", *given,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from cdrj_msgs.msg import NodalForces
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support.forked import Forked
+from support.places import ROBOT
 from support.remote import Remote
 
 from cdrj_ros.evaluation.estimating import estimate
@@ -23,8 +24,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings import Topics, read_messages
 
-ROOT = Path(__file__).parents[2]
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 120.0
 
 

@@ -36,7 +36,6 @@ from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import INVALID, UNSURE
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "25000"))
 SEED = 20_240_607
 BEGIN = 1_700_000_000 * 10**9

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,6 +30,7 @@ from support.estimators import (
     sample_at,
     values_of,
 )
+from support.places import ROOT
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
@@ -39,8 +39,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import OK, UNSURE
 from cdrj_ros.nodes.inputs import PATIENCE_S
 from cdrj_ros.nodes.parameters import estimator_file, settings
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture

@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from support.places import ROBOT, SAMPLE
 
-ROOT = Path(__file__).parents[2]
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
-BAG = str(ROOT / "bags" / "prototype_preload_36_26")
+BAG = str(SAMPLE)
 PATIENCE_S = 30.0
 """Timeout on a machine under load [s]; waiting for a thread pool would take 55 s."""
 

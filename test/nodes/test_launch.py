@@ -13,10 +13,11 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+from support.places import ROOT
 
 from cdrj_ros.messages.topics import BROADCAST
 
-FILE = Path(__file__).parents[2] / "launch" / "estimator.launch.py"
+FILE = ROOT / "launch" / "estimator.launch.py"
 DEMO = FILE.with_name("demo.launch.py")
 CDRJ = FILE.with_name("cdrj.launch.py")
 STACK = FILE.with_name("ros2_control.launch.py")

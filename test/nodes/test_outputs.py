@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,13 @@ from support.estimators import (
     sample_at,
     tensions,
 )
+from support.places import ROBOTS
 
 from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
 from cdrj_ros.messages.templates import marked_stale
 from cdrj_ros.model.loading import load_model
 
-PLACED = str(Path(__file__).parents[2] / "config" / "robots" / "prototype_positions.yaml")
+PLACED = str(ROBOTS / "prototype_positions.yaml")
 
 
 def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench: Bench) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from cdrj_msgs.msg import CableTensions
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
 
 

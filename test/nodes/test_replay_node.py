@@ -17,13 +17,12 @@ import rclpy
 from cdrj_msgs.msg import CableTensions
 from rosgraph_msgs.msg import Clock
 from support.forked import Forked, Output, end
+from support.places import ROBOT
 
 from cdrj_ros.nodes.replay import main
 from cdrj_ros.nodes.replay_node import was_latched
 from cdrj_ros.recordings import read_recording
 
-ROOT = Path(__file__).parents[2]
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 120.0
 LAST_WORDS_S = 30.0
 

@@ -22,13 +22,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from support.estimators import Bench
+from support.places import ROBOT
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.state import SLACK
 from cdrj_ros.nodes.rig import RigNode
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 60.0
 
 

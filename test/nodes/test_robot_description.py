@@ -11,13 +11,13 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
+from support.places import ROBOTS
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.nodes.robot_description import KEPT, robot_description
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.robot.urdf import description_given
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 URDF = (ROBOTS / "finger3d.urdf").read_text(encoding="utf-8")
 
 

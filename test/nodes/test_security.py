@@ -16,6 +16,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from support.estimators import Bench
+from support.places import ROBOT, ROOT
 from visualization_msgs.msg import MarkerArray
 
 from cdrj_ros.nodes.estimator import ManagedEstimator
@@ -26,9 +27,7 @@ from cdrj_ros.nodes.robot_description import listener_of
 from cdrj_ros.nodes.spinning import RANGE, REACH, stay_on_this_machine
 from cdrj_ros.nodes.watch import WatchNode
 
-ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "cdrj_ros"
-ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 POLICY = ROOT / "config" / "sros2" / "cdrj_ros.policy.xml"
 
 GRAPH = {

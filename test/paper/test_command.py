@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.reader import load_robot
 from examples.paper import __main__ as paper
 from examples.paper import equations
 
-ROOT = Path(__file__).parents[2]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -82,6 +82,6 @@ def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]
     assert all(float(mean) < 0.05 and float(largest) < 0.25 for _, mean, largest in errors)
     # (44): rho equals the value with which the bag was simulated
     (found,) = re.findall(r"rho of upper, \(44\): (\S+)", text)
-    cable = load_robot(ROOT / "config" / "robots" / "prototype.yaml").cables[0]
+    cable = load_robot(PROTOTYPE).cables[0]
     (true,) = {node.friction.rho for node in cable.nodes if isinstance(node, Pulley)}
     assert abs(float(found) - true) < 0.01

@@ -4,10 +4,10 @@ where it may be stuck."""
 from __future__ import annotations
 
 from math import pi
-from pathlib import Path as File
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
@@ -22,7 +22,6 @@ from examples.paper.propagation import (
     propagate,
 )
 
-PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP_NS = 2_000_000
 

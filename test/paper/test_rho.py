@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.commands import simulate
 from cdrj_ros.foundation.errors import UsageError
@@ -28,8 +29,6 @@ from examples.paper.propagation import (
     propagate,
     with_rho,
 )
-
-PROTOTYPE = File(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
 RHO = {"upper": 0.1114, "lower": 0.3920}
 """What the source found at the preloads."""

@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
+from support.places import ROOT, SAMPLE
 
 import cdrj_ros as cdrj
 from cdrj_ros.estimation.estimator import Estimates as Offline
 from cdrj_ros.evaluation.estimating import estimate as estimate_recording
 from cdrj_ros.evaluation.inputs import condition_recording
 
-ROOT = Path(__file__).parents[2]
-BAG = ROOT / "bags" / "prototype_preload_36_26"
 PAGE = ROOT / "docs" / "api.md"
 DOOR = ROOT / "cdrj_ros" / "__init__.py"
 FIRST_NS = 1_000_000_000
@@ -35,7 +34,7 @@ def model() -> cdrj.Model:
 
 @pytest.fixture(scope="module")
 def recording() -> cdrj.Recording:
-    return cdrj.read_recording(BAG)
+    return cdrj.read_recording(SAMPLE)
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ast
 from enum import EnumMeta
-from pathlib import Path
 from typing import Any
+
+from support.places import ROOT
 
 from cdrj_ros import _core
 
-STUB = Path(__file__).parents[2] / "cdrj_ros" / "_core.pyi"
+STUB = ROOT / "cdrj_ros" / "_core.pyi"
 
 
 def written(body: list[ast.stmt]) -> dict[str, Any]:

@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from support.places import ROOT, SAMPLE
 
 from cdrj_ros.recordings import read_recording
-
-ROOT = Path(__file__).parents[2]
-BAG = ROOT / "bags" / "prototype_preload_36_26"
 
 
 def without_ros(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -41,7 +39,7 @@ def test_a_table_of_angles_becomes_a_table_of_tensions(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert len(rows) == 1500
     last = rows[-1]
-    recording = read_recording(BAG)
+    recording = read_recording(SAMPLE)
     begin_ns = max(
         int(s.stamp_ns[0]) for s in (*recording.motors.values(), *recording.joints.values())
     )

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import yaml
+from support.places import ROBOT, ROOT
 
 from cdrj_ros.evaluation.answers import ANSWER_TOPICS
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.robot.description import Robot
 
-ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "config" / "layouts"
-LAYOUT = load_model(str(ROOT / "config" / "robots" / "prototype.yaml")).layout
+LAYOUT = load_model(ROBOT).layout
 AXES = (*LAYOUT.motors, *LAYOUT.joints)
 MESSAGES = {f"/cdrj/{topic.name}": topic.message for topic in ANSWER_TOPICS}
 MESSAGES["/cdrj/tension_states"] = JOINT_STATE

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
 from cdrj_ros.model.loading import load_model, robot_path
 from cdrj_ros.robot.writer import exact_copy
 
-ROOT = Path(__file__).parents[2]
 LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROOT
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
-EXAMPLE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "mujoco_bridge.py"))
+EXAMPLE = runpy.run_path(str(ROOT / "examples" / "mujoco_bridge.py"))
 DAMPING, TIMESTEP_S = 0.05, 0.0005
 """Of the example's model."""
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from support.places import ROOT
 
 import cdrj_ros
 
-ROOT = Path(__file__).resolve().parents[2]
 MESSAGES = ROOT / "msg_defs" / "cdrj_msgs"
 
 

@@ -6,9 +6,9 @@ Private attributes are found by ruff (SLF).
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from support.places import ROOT
+
 FILES = sorted(
     path for folder in ("cdrj_ros", "bench", "tools") for path in (ROOT / folder).rglob("*.py")
 )

@@ -8,7 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from support.places import ROOT
+
 PACKAGE = ROOT / "cdrj_ros"
 ROW = re.compile(r"^\| `(\w+)(?:/|\.py)` \| (.+?) \| (.+?) \|$", re.MULTILINE)
 ROOMS = {name: (door, imports) for name, door, imports in ROW.findall(

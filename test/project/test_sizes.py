@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from support.places import ROOT
+
 SCREEN = 60
 """Lines, docstring and all."""
 REASON = "longer than a screen because"

@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
-TOOLS = sorted((Path(__file__).parents[2] / "tools").glob("*.py"))
+TOOLS = sorted((ROOT / "tools").glob("*.py"))
 
 
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda path: path.name)

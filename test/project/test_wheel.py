@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
 import cdrj_ros
 
-ROOT = Path(__file__).parents[2]
 COMMANDS = ("check_robot", "commission", "identify", "import_robot", "simulate", "validate", "view")
 NOT_SOURCES = (
     ".git", ".venv", "build", "install", "log", "test", "bench", "docs", "__pycache__", ".*_cache",

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from support.places import ROBOTS
 
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -15,7 +16,6 @@ from cdrj_ros.report.drawing import draw_robot, write_png
 from cdrj_ros.report.scene import Scene, by_cable, scene_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
 PLACED = ["finger", "hoist", "parallel", "prototype_positions"]
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.compared import compare
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
@@ -25,7 +26,6 @@ from cdrj_ros.report.html import key_channels, write_report
 from cdrj_ros.report.table import Beside
 from cdrj_ros.robot.reader import load_robot
 
-ROBOT = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 
 
@@ -69,7 +69,7 @@ class Strict(HTMLParser):
 
 @pytest.fixture(scope="module")
 def inspection() -> Inspection:
-    return inspect_robot(prepare(load_robot(ROBOT)))
+    return inspect_robot(prepare(load_robot(PROTOTYPE)))
 
 
 @pytest.fixture(scope="module")

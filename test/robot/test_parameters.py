@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import fields
 from math import pi
-from pathlib import Path
 
 import pytest
+from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.robot.description import (
@@ -27,8 +27,7 @@ from cdrj_ros.robot.parameters import (
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
+TEXT = PROTOTYPE.read_text(encoding="utf-8")
 DOCUMENT = parse_document(TEXT, "prototype.yaml")
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
@@ -25,7 +26,7 @@ from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_section
 
-FILES = sorted((Path(__file__).parents[2] / "config" / "robots").glob("*.yaml"))
+FILES = sorted(ROBOTS.glob("*.yaml"))
 MOST_SECONDS = 20.0
 """Limit of CPU time, which is independent of other load on the machine [s]."""
 TIMES = int(os.environ.get("CDRJ_DAMAGES", "1"))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros.estimation.changes import CALLIPER, SPRING_SCALE_NOW, narrowed
 from cdrj_ros.foundation.errors import RobotFileError
@@ -20,8 +20,7 @@ from cdrj_ros.robot.tolerances import (
 )
 from cdrj_ros.robot.writer import with_section
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
-TEXT = (ROBOTS / "prototype.yaml").read_text(encoding="utf-8")
+TEXT = PROTOTYPE.read_text(encoding="utf-8")
 FRESH = with_section(TEXT, "uncertainty", None)
 
 
@@ -140,6 +139,6 @@ def test_a_tare_leaves_the_error_of_the_encoder_and_measured_numbers_are_known_b
 
 
 def test_a_measurement_never_widens_what_the_file_states() -> None:
-    robot = load_robot(ROBOTS / "prototype.yaml")
+    robot = load_robot(PROTOTYPE)
     known = narrowed(robot, {"cables.upper.preload": 36.0})
     assert stddevs(replace(robot, uncertainty=known))["cables.upper.preload"] == pytest.approx(0.4)

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from support.places import ROBOTS, ROOT
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -15,7 +16,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
-ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
 ONE_JOINT = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[0]
 
@@ -64,6 +64,6 @@ def test_the_reader_or_check_robot_asks_for_the_unit(
             prepare(robot)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "config" / "robots").glob("*.yaml")))
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")))
 def test_no_robot_of_the_package_is_doubted(path: Path) -> None:
     assert list(unit_doubts(load_model(str(path)).robot)) == []

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.places import ROBOTS
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
@@ -244,7 +245,7 @@ def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path: Path) -> N
     ],
 )
 def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed: str) -> None:
-    path = Path(__file__).parents[2] / "config" / "robots" / "finger3d.yaml"
+    path = ROBOTS / "finger3d.yaml"
     text = path.read_text().replace("joints: []", f"joints: {listed}")
     values = {"joints.abduction.reference_angle": 0.01, "joints.pip.reference_angle": 0.02}
     written = with_numbers_in_text(text, values, str(path))
@@ -259,7 +260,7 @@ def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed: str) 
 
 
 def test_a_number_of_the_urdf_itself_is_not_written() -> None:
-    path = Path(__file__).parents[2] / "config" / "robots" / "finger3d.yaml"
+    path = ROBOTS / "finger3d.yaml"
     with pytest.raises(RobotFileError, match=r"^frames\.palm\.origin\.2 is a number of the URDF"):
         with_numbers_in_text(path.read_text(), {"frames.palm.origin.2": 0.001}, str(path))
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from support.places import ROBOTS, ROOT
 
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.metrics import pooled_errors
@@ -14,8 +13,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.reader import load_robot
 
-ROOT = Path(__file__).resolve().parents[2]
-ROBOT = ROOT / "config" / "robots" / "davinci_jaw.yaml"
+ROBOT = ROBOTS / "davinci_jaw.yaml"
 RECORDINGS = ROOT.parent / "shared" / "data" / "davinci"
 
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import load_robot
-
-ROOT = Path(__file__).parents[2]
-ROBOTS = ROOT / "config" / "robots"
 
 TABLE_ONE = [40.9, 105.4, 32.1, 57.7, None, 180.0, 90.0]
 """Wrap angles of pulleys 2 to 8 [deg]; that of pulley 6 varies from 0.6 to 78.5."""

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.truth import simulate
-
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 
 
 def prototype(law: str | None = None) -> Robot:

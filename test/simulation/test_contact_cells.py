@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from math import degrees, exp, log, pi
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
@@ -18,7 +18,6 @@ from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.truth import simulate
 
-PROTOTYPE = Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml"
 EPOCH_NS = 1_700_000_000_000_000_000
 CELLS, MU, PRELOAD = 90, 0.15, 30.0
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from support.places import ROOT
 
 import cdrj_ros.simulation
 from cdrj_ros.foundation.errors import CdrjError, RobotFileError
@@ -23,7 +24,6 @@ from cdrj_ros.simulation.sensor_groups import (
 )
 from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, LoadCells
 
-ROOT = Path(__file__).parents[2]
 SHIPPED = sorted(path.stem for path in (ROOT / "config" / "rigs").glob("*.yaml"))
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace as Robots
 
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -15,7 +15,6 @@ from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import Load, make_load, usual_load, usual_payload
 from cdrj_ros.simulation.truth import simulate
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 SHIPPED = sorted(path.stem for path in ROBOTS.glob("*.yaml") if path.stem != "continuum")
 """The preloads of continuum's single segments balance no load inside their ranges."""
 TIME = np.arange(301) / 1000.0

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROBOT
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.whole_recording import condition
@@ -25,7 +25,6 @@ from cdrj_ros.simulation.sensors import (
 )
 from cdrj_ros.simulation.truth import simulate
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 AMPLITUDE = float(np.radians(38.0))
 HIGH, LOW = "36.85,26.26", "23.52,6.66"
 """The source's two sets of preloads [N]."""

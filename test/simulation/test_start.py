@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.loading import load_model
@@ -15,8 +16,6 @@ from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.follow import BEGIN_S, program_of
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load, usual_payload
-
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 
 
 def joint_names(path: Path) -> list[str]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
@@ -17,7 +17,7 @@ from cdrj_ros.simulation.follow import follow_joints
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.truth import simulate
 
-ROBOT = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
+ROBOT = load_robot(PROTOTYPE)
 
 
 def test_contact_cells_of_a_stiffening_cable_give_the_lumped_tensions() -> None:

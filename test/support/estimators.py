@@ -17,8 +17,8 @@ from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
+from support.places import ROBOT
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 SECOND = 10**9
 MILLISECOND = 1_000_000
 BEGIN = 1_700_000_000 * SECOND

@@ -12,8 +12,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings import Topics, list_topics, read_messages, read_recording
+from support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for _name in ("CableTensions", "NodalForces"):
     _text = (ROOT / "msg_defs/cdrj_msgs/msg" / f"{_name}.msg").read_text(encoding="utf-8")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.follow import follow_joints
+from support.places import ROBOTS
 
-ROBOTS = Path(__file__).parents[2] / "config" / "robots"
 START = 1_700_000_000 * 10**9
 MS = 1_000_000
 NOISE = 1e-3

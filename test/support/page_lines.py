@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-ROOT = Path(__file__).parents[2]
+from support.places import ROOT
+
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 NOTED = (
     "simulate", "identify", "validate", "check_robot", "import_robot", "git", "ros2", "pip", "make",

@@ -7,12 +7,13 @@ geared motor that turns the other way, currents as its efforts, and turns of the
 from __future__ import annotations
 
 from math import pi
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-PLAIN = (Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml").read_text("utf-8")
+from support.places import PROTOTYPE
+
+PLAIN = PROTOTYPE.read_text("utf-8")
 GEAR, COUNTS, TORQUE_CONSTANT, EFFICIENCY = -50.0, 4096, 0.06, 0.9
 SCALE = 2 * pi / COUNTS / GEAR
 EFFORT_SCALE = TORQUE_CONSTANT * abs(GEAR) * EFFICIENCY

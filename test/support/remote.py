@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from cdrj_ros.messages.cdr import cable_tensions
+from support.places import ROBOT
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 PATIENCE_S = 120.0
 INPUTS = ("motor_states", "joint_states")
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.places import SAMPLE
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.recordings import Series, Topics
 from cdrj_ros.view import recorded
-
-SAMPLE = Path(__file__).parents[2] / "bags" / "prototype_preload_36_26"
 
 
 def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
