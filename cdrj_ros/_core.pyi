@@ -652,6 +652,26 @@ MINIMUM_TRANSMISSION: Final[float]
 BOUND_FLOOR: Final[float]
 """epsilon of (34) [N]: keeps the bound positive on a slack cable."""
 
+def residual_products(
+    load: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    dt: NDArray[np.float64],
+    ranges: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What a learned correction depends on, along a motion: (R1) to (R3) in docs/model.md.
+
+    Args:
+        load: the output without correction [N] or [N m], shape (n,).
+        angle: of all axes on which it depends [rad] or [m], shape (n, axes).
+        dt: time since the sample before [s], shape (n,).
+        ranges: lowest and highest value that was seen, of the load, then of every axis, shape
+            (1 + axes, 2).
+
+    Returns:
+        The products of all rows and columns, shape (n, weights), and the share of the correction
+        that applies, shape (n,).
+    """
+
 def stribeck_share(slip_speed: float, stribeck_speed: float) -> float:
     """Share in [0, 1] of static friction that is left at a slip speed: last factor of (33)."""
 

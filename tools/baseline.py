@@ -4,14 +4,13 @@
     pip install scikit-learn lightgbm
     python tools/baseline.py BAGS
     python tools/baseline.py BAGS --robot 1=one.yaml --robot 10=config/robots/davinci_jaw.yaml
-    python tools/baseline.py BAGS --correct --robot 10=config/robots/davinci_jaw.yaml
 
 BAGS holds all runs of one mounting, as `tools/convert_davinci.py` writes them.  The regression is
 what one would fit without a model of the cables: a ridge regression of both torques on features of
 both angles, causal like the estimator, and a small LightGBM on its residual.  It is fitted to the
 first 1, 2, 5 and 10 of the runs of TRAINING and compared on those runs that are not among them.
-`--robot N=FILE` adds the row of a robot file that was identified from the first N, and `--correct`
-the row of a ridge regression on what it leaves over in these.
+`--robot N=FILE` adds the row of a robot file that was identified from the first N; it may be given
+several times.
 """
 
 from __future__ import annotations
@@ -46,16 +45,8 @@ THRESHOLDS: Final = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 """Of the stop operators [rad]."""
 CENTRE: Final = (0.52, 0.70)
 """Angles in the middle of the motion [rad]."""
-TORQUES: Final = (0.2, 0.1)
-"""Large ones [N m]."""
 ALPHAS: Final = np.logspace(-7, 3, 11)
 SCORED: Final = "neg_mean_squared_error"
-PENALTIES: Final = np.logspace(-5, 1, 7)
-"""Of the correction, per reading."""
-FADED: Final = 0.25
-"""Distance from what was fitted at which the correction is 0, as a fraction of its range."""
-FEWEST_LOADS: Final = 3
-"""Without which nothing is corrected."""
 BOOSTED: Final = {
     "n_estimators": 200, "learning_rate": 0.05, "num_leaves": 15, "min_child_samples": 100,
     "subsample": 0.7, "subsample_freq": 1, "colsample_bytree": 0.5, "seed": 0, "verbose": -1,
@@ -116,32 +107,6 @@ def features(angle: Table) -> Table:
     )  # fmt: skip
 
 
-def states(run: Run, estimated: Table) -> Table:
-    """What the correction depends on: the angles' history, and estimated torques and frictions.
-
-    The products let it grow with the load, and depend on the pose.
-    """
-    from sklearn.preprocessing import PolynomialFeatures
-
-    pose = np.hstack([run.angle - CENTRE, estimated[:, : len(CHANNELS)] / TORQUES])
-    change = np.diff(run.angle, axis=0, prepend=run.angle[:1])
-    order = np.arange(len(change))[:, None]
-    last = np.maximum.accumulate(np.where(np.abs(change) > 1e-9, order, 0))
-    way = np.sign(np.take_along_axis(change, last, axis=0))  # of the last count
-    waited = np.minimum(order - last, 20) / 10.0
-    velocity = velocities(run.angle)
-    history = np.hstack([stops(angle) for angle in pose[:, :2].T])
-    history = np.hstack([history, velocity, np.tanh(velocity / 0.05), way, way * waited])
-    products = [history * one[:, None] for one in pose.T]
-    polynomials = PolynomialFeatures(3, include_bias=False).fit_transform(pose)
-    return np.hstack([polynomials, estimated[:, len(CHANNELS) :], history, *products])
-
-
-def places(run: Run, estimated: Table) -> Table:
-    """Angles, velocities and estimated torques, outside of whose range nothing is corrected."""
-    return np.hstack([run.angle, velocities(run.angle), estimated[:, : len(CHANNELS)]])
-
-
 def predictions(fitted: Sequence[Run], asked: Sequence[Run]) -> dict[str, list[Table]]:
     """Torques of the runs to compare with, by kind of regression."""
     from lightgbm import LGBMRegressor
@@ -172,9 +137,8 @@ def predictions(fitted: Sequence[Run], asked: Sequence[Run]) -> dict[str, list[T
 
 
 def estimates(model: Model, paths: Mapping[str, Path], asked: Sequence[Run]) -> list[Table]:
-    """Torques of the estimator with a robot file, and its frictions at the pulleys."""
+    """Torques of the estimator with a robot file."""
     columns = [channel_columns(model.layout)[name] for name in CHANNELS]
-    columns += range(model.layout.friction.start, model.layout.friction.stop)
     found = []
     for run in asked:
         recording = read_inputs(str(paths[run.name]), Topics(), model)
@@ -184,51 +148,6 @@ def estimates(model: Model, paths: Mapping[str, Path], asked: Sequence[Run]) -> 
             np.stack([np.interp(run.stamp_ns, estimated.stamp_ns, one) for one in series], axis=1)
         )
     return found
-
-
-def corrections(
-    fitted: Sequence[Run], own: Sequence[Table], asked: Sequence[Run], theirs: Sequence[Table]
-) -> list[Table]:
-    """What a ridge regression adds to the estimates `theirs`, from the residuals of `own`.
-
-    It is not larger than in the fitted runs and fades outside of their `places`.  Penalty and a
-    factor of at most 1 are those with the least error on loads that were left out.
-    """
-    from sklearn.linear_model import Ridge
-    from sklearn.pipeline import make_pipeline
-    from sklearn.preprocessing import StandardScaler
-
-    both = len(CHANNELS)
-    loads = np.concatenate([run.loads() for run in fitted])
-    if len(set(loads)) < FEWEST_LOADS:
-        return [np.zeros_like(run.torque) for run in asked]
-    x = np.vstack([states(run, one) for run, one in zip(fitted, own, strict=True)])
-    place = np.vstack([places(run, one) for run, one in zip(fitted, own, strict=True)])
-    missing = np.vstack([r.torque - e[:, :both] for r, e in zip(fitted, own, strict=True)])
-
-    def predict(penalty: float, of: Table, at: Table, known: NDArray[np.bool_]) -> Table:
-        alpha = penalty * int(known.sum())
-        ridge = make_pipeline(StandardScaler(), Ridge(alpha)).fit(x[known], missing[known])
-        largest = np.abs(ridge.predict(x[known])).max(axis=0)
-        low, high = place[known].min(axis=0), place[known].max(axis=0)
-        outside = (np.maximum(low - at, at - high) / (high - low)).max(axis=1)
-        weight = np.clip(1.0 - outside / FADED, 0.0, 1.0)
-        return np.clip(ridge.predict(of), -largest, largest) * weight[:, None]
-
-    there = np.vstack([states(run, one) for run, one in zip(asked, theirs, strict=True)])
-    at = np.vstack([places(run, one) for run, one in zip(asked, theirs, strict=True)])
-    found, least = np.zeros((len(there), both)), (missing**2).sum(axis=0)
-    for penalty in PENALTIES:
-        left = np.empty_like(missing)
-        for load in set(loads):
-            out = loads == load
-            left[out] = predict(penalty, x[out], place[out], ~out)
-        factor = np.clip((left * missing).sum(axis=0) / (left**2).sum(axis=0), 0.0, 1.0)
-        error = ((missing - factor * left) ** 2).sum(axis=0)
-        better = error < least
-        found[:, better] = (factor * predict(penalty, there, at, loads >= 0))[:, better]
-        least = np.where(better, error, least)
-    return np.split(found, np.cumsum([len(run.angle) for run in asked])[:-1])
 
 
 def squared_errors(asked: Sequence[Run], predicted: Sequence[Table]) -> Table:
@@ -253,13 +172,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("bags", type=Path, help="folder of all runs")
     parser.add_argument("--robot", action="append", default=[], metavar="N=FILE")
-    parser.add_argument("--correct", action="store_true", help="also correct its estimates")
     arguments = parser.parse_args(argv)
     own = load_model(str(ROOT / "config" / "robots" / "davinci_jaw.yaml"))
     paths = {path.name[-2:]: path for path in sorted(arguments.bags.iterdir())}
     runs = {name: Run(path, own) for name, path in paths.items()}
     asked = [run for name, run in runs.items() if name not in TRAINING]
-    given = dict(text.split("=", 1) for text in arguments.robot)
+    given = [text.split("=", 1) for text in arguments.robot]
     print("| | fitted runs | compared runs | spindle R² | jaw R² | better: spindle | jaw |")
     print("|---|---|---|---|---|---|---|")
     for count in COUNTS:
@@ -268,17 +186,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         errors = {name: squared_errors(asked, one) for name, one in found.items()}
         for name, one in errors.items():
             print(row(name, count, asked, one, None), flush=True)
-        if str(count) in given:
-            model, other = load_model(given[str(count)]), errors["ridge + LightGBM"]
-            theirs = estimates(model, paths, asked)
-            torques = [one[:, : len(CHANNELS)] for one in theirs]
-            ours = squared_errors(asked, torques)
-            print(row("`identify`", count, asked, ours, other), flush=True)
-            if arguments.correct:
-                added = corrections(fitted, estimates(model, paths, fitted), asked, theirs)
-                torques = [one + more for one, more in zip(torques, added, strict=True)]
-                ours = squared_errors(asked, torques)
-                print(row("`identify`, corrected", count, asked, ours, other), flush=True)
+        for name in (name for number, name in given if number == str(count)):
+            ours = squared_errors(asked, estimates(load_model(name), paths, asked))
+            print(row(f"`{Path(name).name}`", count, asked, ours, errors["ridge + LightGBM"]))
     return 0
 
 

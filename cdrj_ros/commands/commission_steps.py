@@ -94,6 +94,7 @@ class Commissioned:
 
 def begin(text: str, source: str) -> Commissioned:
     """A robot file of which nothing was measured."""
+    text = with_section(text, "residual", None)  # it was learned with the numbers as they were
     return Commissioned(source, text, text)
 
 

@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.entry import DONE, run_command
+from cdrj_ros.commands.identify_residual import with_residuals
 from cdrj_ros.commands.identify_task import Task, parser, posed, task_of
 from cdrj_ros.commands.identify_uncertainty import (
     COVARIANCE_LIMIT,
@@ -202,12 +203,33 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
 def _body(argv: Sequence[str]) -> int:
     arguments = parser().parse_args(argv)
     task = task_of(arguments)
+    if not task.unknowns:
+        return _corrected(arguments, task)
     if arguments.scheduler is None:
         return _identified(arguments, task, None)
     from cdrj_ros.evaluation.parallel import cluster_pool
 
     with cluster_pool(arguments.scheduler) as pool:
         return _identified(arguments, task, pool)
+
+
+def _corrected(arguments: argparse.Namespace, task: Task) -> int:
+    """Learn corrections of a robot file whose numbers stay, and write it."""
+    text = _text_with(task, task.start)
+    recordings = _read(task.bags, task.topics, prepare(parse_robot(text, task.source)))
+    text = with_residuals(text, task, recordings)
+    if arguments.out:
+        text = moved(text, task.source, arguments.out)
+        parse_document(text, arguments.out)
+        write_text(arguments.out, text)
+        say(f"robot file: {arguments.out}")
+    return DONE
+
+
+def _text_with(task: Task, values: Mapping[str, float]) -> str:
+    """The robot file's text with other numbers, without the corrections of the old ones."""
+    text = with_section(task.path.read_text(encoding="utf-8"), "residual", None)
+    return with_numbers_in_text(text, values, task.source)
 
 
 def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) -> int:
@@ -225,7 +247,7 @@ def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) ->
     values |= {path: _round(end) for path, end in pose_ranges(left, values).items()}
     seen = {path for k in found.seen.tolist() for path in found.unknowns[k].paths}
     written = {path: values[path] for path in values if path in seen or path in task.start}
-    text = with_numbers_in_text(task.path.read_text(encoding="utf-8"), written, task.source)
+    text = _text_with(task, written)
     fitted = prepare(parse_robot(text, task.source))
     fitting_s = perf_counter() - read
     sections: dict[Section, Compared] = {"fit": compared(task.bags, task.topics, fitted, model)}
@@ -245,6 +267,8 @@ def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) ->
         read - begin, fitting_s, Path(task.path).name if task.pose else "",
     )  # fmt: skip
     text = _with_uncertainty(text, task, found, unseen)
+    if arguments.residual:
+        text = with_residuals(text, task, recordings)
     _write(arguments, outcome, moved(text, task.source, arguments.out or task.source))
     print_outcome(outcome)
     if arguments.out and len(outcome.found.by_path) > COVARIANCE_LIMIT:

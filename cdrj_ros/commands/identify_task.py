@@ -102,6 +102,7 @@ def parser() -> argparse.ArgumentParser:
         "--cross-validate", nargs="*", metavar="NAMES",
         help="fit again without each bag, or without matching bags, and evaluate these bags",
     )  # fmt: skip
+    parser.add_argument("--residual", action="store_true", help="learn what the model leaves over")
     add_scheduler_option(parser)
     add_topic_options(parser)
     return parser
@@ -157,6 +158,8 @@ def task_of(arguments: argparse.Namespace) -> Task:
     _check_files(arguments, path, held_out)
     chosen = load_settings(arguments.settings)
     document, source = load_document(path)
+    if document.pop("residual", None) and not arguments.residual:
+        say("left out: residual, which was learned with the numbers as they were")
     start = starting_values(document, arguments.start)
     document = with_numbers(document, start)
     for complaint in document_complaints(document):
@@ -180,8 +183,17 @@ def _chosen_file(arguments: argparse.Namespace) -> str:
     """
     if arguments.source is None:
         for option in ("robot", "fit"):
-            if getattr(arguments, option) is None:
+            if getattr(arguments, option) is None and not (arguments.residual and arguments.robot):
                 raise UsageError(f"--{option} is missing; or give --from FILE")
+        needs_fit = {
+            "hold-out": arguments.hold_out,
+            "cross-validate": arguments.cross_validate is not None,
+            "json": arguments.json,
+            "free": arguments.free,
+        }
+        for option, given in needs_fit.items():
+            if given and arguments.fit is None:
+                raise UsageError(f"--{option} needs --fit")
         return str(arguments.robot)
     for option in ("robot", "fit", "start"):
         if getattr(arguments, option):
@@ -196,6 +208,8 @@ def _unknowns(
     robot = build_robot(document, source)
     if arguments.source is not None:
         unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))
+    elif arguments.fit is None:
+        return ()
     else:
         unknowns = known_before(
             document, robot.uncertainty, parse_unknowns(document, arguments.fit)

@@ -57,7 +57,10 @@ void make_ensemble(
         require(
             indices[q] >= 0 && indices[q] < size && elements[q] < sizes.elements,
             "a quantity is not one of this robot's estimate");
-        rows.push_back({indices[q], elements[q], more[q], more[quantities + q]});
+        rows.push_back({indices[q], elements[q], -1, more[q], more[quantities + q]});
+        for (Index r = 0; r < sizes.residuals; ++r) {
+            if (robot.robot.topology.residuals[r].column == indices[q]) rows.back().residual = r;
+        }
     }
     new (made) Ensemble(
         taken(robot.plan, {robot.plan.size()}, "plan"),

@@ -11,6 +11,7 @@
 #include "friction.hpp"
 #include "guide.hpp"
 #include "laws.hpp"
+#include "residual.hpp"
 
 namespace cdrj {
 namespace {
@@ -175,6 +176,30 @@ Index course(
     });
 }
 
+/// Products and trust of (R1) to (R3) along a motion; `ranges`: of the load, then of all axes.
+nb::tuple residual_products(
+    const Given& load, const Given& angle, const Given& dt, const Given& ranges) {
+    const Index samples = dt.size(), axes = angle.shape(1);
+    require(
+        load.size() == samples && angle.shape(0) == samples && ranges.size() == 2 * (1 + axes),
+        "load, angle, dt and ranges differ in their numbers of samples or axes");
+    const Written products({samples, residual_rows(axes) * residual_columns(axes)}), trust({samples});
+    std::vector<ResidualRange> seen;
+    for (Index k = 0; k <= axes; ++k) seen.push_back({ranges.data()[2 * k], ranges.data()[2 * k + 1]});
+    std::vector<ResidualAxis> state(axes);
+    for_samples(samples, [&](Index k) {
+        for (Index a = 0; a < axes; ++a) {
+            const double place = place_in(seen[1 + a], row_of(angle, k)[a]);
+            state[a] = followed(k > 0 ? &state[a] : nullptr, place, dt.data()[k]);
+        }
+        const double place = place_in(seen[0], load.data()[k]);
+        write_products(place, state, row_of(products, k));
+        trust.data()[k] = trust_in(place, state);
+        return true;
+    });
+    return nb::make_tuple(products, trust);
+}
+
 void impose_friction(const HeldRobot& held, const Given& share, const Written& out) {
     require(
         share.size() == held.robot.topology.sizes.pulleys, "share has not one entry per pulley");
@@ -190,6 +215,9 @@ void forget_drums(const HeldRobot& held, const Written& state) {
 void bind_robot(nb::module_& core) {
     bind_kinds<Guide>(core, "Guide", GUIDE_NAMES);
     bind_kinds<FrameMotion>(core, "FrameMotion", FRAME_MOTION_NAMES);
+    core.def(
+        "residual_products", residual_products, "load"_a, "angle"_a, "dt"_a, "ranges"_a,
+        "What a learned correction depends on, along a motion.");
     nb::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
         .def(
             nb::init<GivenIntegers, Given>(), "plan"_a, "numbers"_a,

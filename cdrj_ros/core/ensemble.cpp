@@ -331,10 +331,11 @@ void Ensemble::compare(
     const std::size_t width = quantities.size();
     const auto count = static_cast<double>(members());
     for (std::size_t q = 0; q < width; ++q) {
-        const auto& [index, element, unmodelled, slack] = quantities[q];
+        const auto& [index, element, residual, unmodelled, slack] = quantities[q];
         if (!all_solved && (is_invalid(nominal, element) || is_invalid(own, element))) continue;
         double& deviation = memory.deviation[member * width + q];
-        const double now = own[index] - nominal[index];
+        double now = own[index] - nominal[index];
+        if (residual >= 0) now += learned(nominal, residual, 0);
         memory.variance[q] += (now * now - deviation * deviation) / count;
         deviation = now;
     }
@@ -390,13 +391,22 @@ void Ensemble::take_offset(std::span<const double> offset) {
 
 void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
     for (std::size_t q = 0; q < quantities.size(); ++q) {
-        const auto& [index, element, unmodelled, slack] = quantities[q];
+        const auto& [index, element, residual, unmodelled, slack] = quantities[q];
         const double possible = element < 0 ? possible_.back() : possible_[element];
         double total = std::max(memory.variance[q], 0.0) + memory.lasting[q];
         total += memory.late[q] * possible;  // (U13)
+        if (residual >= 0) {  // (U14)
+            const double more = robot_.constants.residuals[residual].variance - unmodelled;
+            total += more > 0.0 ? more : more * learned(nominal, residual, 1);
+        }
         if (std::abs(nominal[index]) <= slack) total = std::max(total, slack * slack);
         stddev[q] = std::sqrt(total);
     }
+}
+
+double Ensemble::learned(std::span<const double> estimate, Index residual, Index part) const {
+    const Index residuals = robot_.topology.sizes.residuals;
+    return estimate.last(2 * residuals)[part * residuals + residual];
 }
 
 /// Whether an element of an estimate is INVALID; for -1, whether any element is.

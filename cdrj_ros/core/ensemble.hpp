@@ -60,6 +60,7 @@ struct SampleView {
 struct Quantity {
     Index index;                 // in the estimate
     Index element;               // an element of its cable; -1 for an effort, to which all contribute
+    Index residual;              // its learned correction, which no member has; -1 for none
     double unmodelled_variance;  // what no member shows, (U5)
     double slack;                // its magnitude where every cable has its slack tension, (U6)
 };
@@ -201,6 +202,9 @@ private:
     void deviate(Index member, std::span<const double> deviation);
     bool advance(Index member, double dt);
     bool is_invalid(std::span<const double> estimate, Index element) const;
+
+    /// The part of an estimate that learned corrections have; `part` 0: the corrections, 1: their trust.
+    double learned(std::span<const double> estimate, Index residual, Index part) const;
 
     /// What a prediction changes, as it was before.
     struct Kept {

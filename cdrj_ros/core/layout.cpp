@@ -39,6 +39,8 @@ Topology::Topology(const Index* plan) : sizes(*reinterpret_cast<const Sizes*>(pl
     terms = parts.take<const TermTopology>(sizes.terms);
     frames = parts.take<const FrameTopology>(sizes.frames);
     nodes = parts.take<const NodeTopology>(sizes.nodes);
+    residuals = parts.take<const ResidualTopology>(sizes.residuals);
+    residual_axes = parts.take<const ResidualAxisTopology>(sizes.residual_axes);
 }
 
 Constants::Constants(const Sizes& sizes, const double* numbers) {
@@ -54,6 +56,9 @@ Constants::Constants(const Sizes& sizes, const double* numbers) {
     tables = parts.take<const Cubic>(sizes.terms * TABLE_INTERVALS);
     frames = parts.take<const FrameConstants>(sizes.frames);
     nodes = parts.take<const NodeConstants>(sizes.nodes);
+    residuals = parts.take<const ResidualConstants>(sizes.residuals);
+    residual_ranges = parts.take<const ResidualRange>(sizes.residual_axes);
+    residual_weights = parts.take<const double>(sizes.residual_weights);
 }
 
 State::State(const Sizes& sizes, double* state) : started(state) {
@@ -71,12 +76,14 @@ State::State(const Sizes& sizes, double* state) : started(state) {
     bearing_friction = parts.take<double>(sizes.axes());
     drums = parts.take<Drum>(sizes.drums);
     middles = parts.take<ArcMiddle>(sizes.nodes);
+    residual_axes = parts.take<ResidualAxis>(sizes.residual_axes);
 }
 
 std::size_t State::size(const Sizes& sizes) {
     const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys + sizes.surfaces +
                         2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
-                        sizes.nodes * Index{sizeof(ArcMiddle) / 8};
+                        sizes.nodes * Index{sizeof(ArcMiddle) / 8} +
+                        sizes.residual_axes * Index{sizeof(ResidualAxis) / 8};
     return static_cast<std::size_t>(words);
 }
 
@@ -94,11 +101,13 @@ Estimate::Estimate(const Sizes& sizes, double* estimate) {
     joint_effort = parts.take<double>(sizes.joints);
     iterations = parts.take<double>(sizes.cables);
     residual = parts.take<double>(sizes.cables);
+    correction = parts.take<double>(sizes.residuals);
+    trust = parts.take<double>(sizes.residuals);
 }
 
 std::size_t Estimate::size(const Sizes& sizes) {
     const Index words =
-        2 * sizes.elements + 6 * sizes.pulleys + sizes.axes() + 2 * sizes.cables;
+        2 * sizes.elements + 6 * sizes.pulleys + sizes.axes() + 2 * sizes.cables + 2 * sizes.residuals;
     return static_cast<std::size_t>(words);
 }
 
@@ -117,6 +126,7 @@ Workspace::Workspace(const Sizes& sizes, double* scratch) {
     twist = {parts.take<Twist>(sizes.frames * sizes.joints).data(), sizes.joints};
     touches = parts.take<Touch>(sizes.nodes);
     middles = parts.take<ArcMiddle>(sizes.nodes);
+    products = parts.take<double>(sizes.residual_weights);
     history = parts.next();
 }
 
@@ -127,7 +137,7 @@ std::size_t Workspace::size(const Sizes& sizes) {
         sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
         sizes.frames * Index{sizeof(Pose) / 8} +
         sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +
-        sizes.nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8});
+        sizes.nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8} + sizes.residual_weights);
 }
 
 namespace {

@@ -27,6 +27,9 @@ struct Sizes {
     Index drums;           // ends of cables that take up cable: drums and sectors
     Index surfaces;        // pulleys whose contact cells are fixed to their surface; 0 but for the
                            // simulated rig
+    Index residuals;       // outputs with a learned correction; 0 but for robots that have one
+    Index residual_axes;   // axes of all of them
+    Index residual_weights;
 
     Index segments() const { return contacts + cables; }
     Index axes() const { return motors + joints; }
@@ -60,6 +63,8 @@ struct Topology {
     std::span<const TermTopology> terms;
     std::span<const FrameTopology> frames;
     std::span<const NodeTopology> nodes;
+    std::span<const ResidualTopology> residuals;
+    std::span<const ResidualAxisTopology> residual_axes;
 
     /// First segment of a cable, and the one after its last.
     struct Segments {
@@ -93,6 +98,9 @@ struct Constants {
     std::span<const Cubic> tables;        // TABLE_INTERVALS cubics for every term
     std::span<const FrameConstants> frames;
     std::span<const NodeConstants> nodes;
+    std::span<const ResidualConstants> residuals;
+    std::span<const ResidualRange> residual_ranges;  // of the angles of their axes
+    std::span<const double> residual_weights;
 };
 
 /// State of a robot between two samples.
@@ -116,6 +124,7 @@ struct State {
     std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
     std::span<Drum> drums;          // of every end that takes up cable
     std::span<ArcMiddle> middles;   // of every node
+    std::span<ResidualAxis> residual_axes;
 
     /// 1 + strain of a segment; 1 where it is slack.
     double stretch(Index segment) const {
@@ -146,6 +155,8 @@ struct Estimate {
     std::span<double> joint_effort;  // [N m], of prismatic joints [N]
     std::span<double> iterations;    // of Newton's method, of every cable
     std::span<double> residual;      // largest force imbalance of every cable [N]
+    std::span<double> correction;    // that is part of every output with a learned one [N] or [N m]
+    std::span<double> trust;         // share of it that applies there, (R3)
 };
 
 /// Intermediate values of a sample.
@@ -169,6 +180,7 @@ struct Workspace {
     Grid<Twist> twist;                 // of every frame by every joint
     std::span<Touch> touches;          // of every node
     std::span<ArcMiddle> middles;      // of every node
+    std::span<double> products;        // of rows and columns of (R1), as the weights
     double* history;                   // the state before the sample, by the contact cells of this
                                        // sample; only where some are fixed to a surface
 };

@@ -52,10 +52,8 @@ void report_cable(const Step& step, Index c, bool solved) {
         const double t = work.segments[topology.span_segment(c, k)].tension;
         const Index e = first + k;
         estimate.tension[e] = t;
-        int flag = solved ? OK : INVALID;
-        if (t <= own.slack_tension) flag |= SLACK;
-        if (t > own.maximum_tension) flag |= OVERLOAD;
-        estimate.status[e] = flag;
+        estimate.status[e] = solved ? OK : INVALID;
+        set_load(estimate.status[e], t, own);
         for (Index j = 0; j < topology.sizes.joints; ++j) {
             estimate.joint_effort[j] -= t * work.lever_arm(e, j);
         }

@@ -32,6 +32,14 @@ void report_cable(const Step& step, Index cable, bool solved);
 void add_axes(
     const Step& step, std::span<const double> motor_angle, std::span<const double> joint_angle);
 
+/// Set SLACK and OVERLOAD in an element's status by its tension.
+inline void set_load(double& status, double tension, const CableConstants& cable) {
+    int flags = static_cast<int>(status) & ~(SLACK | OVERLOAD);
+    if (tension <= cable.slack_tension) flags |= SLACK;
+    if (tension > cable.maximum_tension) flags |= OVERLOAD;
+    status = static_cast<double>(flags);
+}
+
 /// Set UNSURE on an element's status, unless it is INVALID.
 inline void doubt(double& status) {
     const int flags = static_cast<int>(status);

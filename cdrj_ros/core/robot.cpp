@@ -7,6 +7,7 @@
 #include "cells.hpp"
 #include "layout.hpp"
 #include "report.hpp"
+#include "residual.hpp"
 #include "route.hpp"
 
 namespace cdrj {
@@ -273,6 +274,7 @@ bool Robot::advance(
         solved_all = solved_all && solved;
     }
     add_axes(step, motor_angle, joint_angle);
+    correct_outputs(step, dt, solved_all, out + state_size());
     return solved_all;
 }
 

@@ -210,4 +210,32 @@ struct NodeConstants {
     double turn_reference;
 };
 
+/// An output with a learned correction, (R1).
+struct ResidualTopology {
+    Index column;  // in the estimate; that of a tension is the number of its element
+    Index cable;  // of that element; -1 for an effort
+    Index first_axis;  // its axes are consecutive among those of all such outputs
+    Index axes;
+    Index first_weight;
+};
+
+/// An axis on which an output's correction depends.
+struct ResidualAxisTopology {
+    Index axis;  // among motors, then joints
+};
+
+/// Lowest and highest value that a correction was fitted to.
+struct ResidualRange {
+    double lower;
+    double upper;
+};
+
+/// Constants of an output with a learned correction, beside its weights.
+struct ResidualConstants {
+    double load_lower;  // lowest value of the output without correction that was fitted [N] or [N m]
+    double load_upper;  // highest
+    double bound;  // largest correction [N] or [N m]; 0 for none
+    double variance;  // of the error that is left in that range
+};
+
 }  // namespace cdrj

@@ -97,6 +97,7 @@ def draw(
     wind_differently(model, numbers, generator)
     if preload_share > 0.0:
         preload_differently(model, numbers, preload_share, generator)
+    number_views(model.sizes, numbers).residuals["bound"] = 0.0  # the estimate alone is corrected
     shares = [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables]
     efforts = np.zeros((members, len(robot.motors)))
     if robot.unmeasured:

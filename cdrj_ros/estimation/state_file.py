@@ -23,7 +23,7 @@ from cdrj_ros.foundation.files import InputError, read_regular, write_bytes
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 
-HEADER: Final = b"cdrj_ros state 7\n"
+HEADER: Final = b"cdrj_ros state 8\n"
 """First bytes of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000

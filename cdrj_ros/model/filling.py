@@ -59,6 +59,7 @@ def pack(robot: Robot) -> tuple[Indices, Vector]:
     rows = _Rows(robot, plan_views(plan), number_views(sizes, numbers))
     rows.axes()
     rows.frames()
+    rows.residuals()
     for c in range(len(robot.cables)):
         rows.cable(c)
     return plan, numbers
@@ -80,6 +81,9 @@ def _sizes(robot: Robot) -> Sizes:
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
         drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
+        residuals=len(robot.residuals),
+        residual_axes=sum(len(one.axes) for one in robot.residuals),
+        residual_weights=sum(one.weights.size for one in robot.residuals),
     )
 
 
@@ -154,6 +158,43 @@ class _Rows:
                 multiplier=frame.multiplier,
                 offset=frame.offset,
             )
+
+    def residuals(self) -> None:
+        """Fill the rows of the learned corrections."""
+        names = [axis.name for axis in self._robot.axes]
+        cables = [c for c, cable in enumerate(self._robot.cables) for _ in cable.element_names]
+        elements = [name for cable in self._robot.cables for name in cable.element_names]
+        pulleys = len(self._plan.pulleys)
+        efforts = 2 * len(elements) + 6 * pulleys  # what an estimate has before them
+        axis = weight = 0
+        for r, one in enumerate(self._robot.residuals):
+            kind, name = one.output.split("/", 1)
+            tension = kind == "tension"
+            column = elements.index(name) if tension else efforts + names.index(name)
+            _fill(
+                self._plan.residuals,
+                r,
+                column=column,
+                cable=cables[column] if tension else -1,
+                first_axis=axis,
+                axes=len(one.axes),
+                first_weight=weight,
+            )
+            (lower, upper), *angles = one.ranges
+            _fill(
+                self._numbers.residuals,
+                r,
+                load_lower=lower,
+                load_upper=upper,
+                bound=one.bound,
+                variance=one.stddev**2,
+            )
+            for known, (lower, upper) in zip(one.axes, angles, strict=True):
+                _fill(self._plan.residual_axes, axis, axis=names.index(known))
+                _fill(self._numbers.residual_ranges, axis, lower=lower, upper=upper)
+                axis += 1
+            self._numbers.residual_weights[weight : weight + one.weights.size] = one.weights.ravel()
+            weight += one.weights.size
 
     def cable(self, c: int) -> None:
         """Fill the rows of one cable and its parts; call this in the order of the cables."""

@@ -45,6 +45,11 @@ class Sizes(NamedTuple):
     """Ends of cables that take up cable: drums and sectors."""
     surfaces: int = 0
     """Pulleys whose contact cells are fixed to their surface; 0 but for the simulated rig."""
+    residuals: int = 0
+    """Outputs with a learned correction."""
+    residual_axes: int = 0
+    """Axes on which they depend, of all of them."""
+    residual_weights: int = 0
 
 
 _SIZES: Final = len(Sizes._fields)
@@ -61,6 +66,8 @@ class Plan(NamedTuple):
     terms: Rows
     frames: Rows
     nodes: Rows
+    residuals: Rows
+    residual_axes: Rows
 
 
 class Numbers(NamedTuple):
@@ -80,6 +87,10 @@ class Numbers(NamedTuple):
     """``TABLE_INTERVALS`` cubics for every term, shape (terms * TABLE_INTERVALS,)."""
     frames: Rows
     nodes: Rows
+    residuals: Rows
+    residual_ranges: Rows
+    """Of the angles of ``Plan.residual_axes``."""
+    residual_weights: Vector
 
 
 @lru_cache
@@ -92,6 +103,8 @@ def _plan_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.terms, record=RECORDS["TermTopology"]),
         part(sizes.frames, record=RECORDS["FrameTopology"]),
         part(sizes.nodes, record=RECORDS["NodeTopology"]),
+        part(sizes.residuals, record=RECORDS["ResidualTopology"]),
+        part(sizes.residual_axes, record=RECORDS["ResidualAxisTopology"]),
     )
 
 
@@ -116,6 +129,9 @@ def _number_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.terms * TABLE_INTERVALS, record=RECORDS["Cubic"]),
         part(sizes.frames, record=RECORDS["FrameConstants"]),
         part(sizes.nodes, record=RECORDS["NodeConstants"]),
+        part(sizes.residuals, record=RECORDS["ResidualConstants"]),
+        part(sizes.residual_axes, record=RECORDS["ResidualRange"]),
+        part(sizes.residual_weights),
     )
 
 

@@ -81,6 +81,10 @@ class Layout:
     """Newton iterations of every cable."""
     residual: slice
     """Largest force imbalance at a pulley of every cable [N]."""
+    correction: slice
+    """Learned correction that is part of an output [N] or [N m]."""
+    trust: slice
+    """Share of it that applies."""
 
     def in_frame(self, base_link: str) -> Layout:
         """The layout with another name of the base frame; empty: this one."""

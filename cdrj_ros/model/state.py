@@ -50,6 +50,8 @@ class StateViews(NamedTuple):
     """Of every end that takes up cable, shape (drums,); see ``EndTopology.drum``."""
     middles: Rows
     """Of every node, shape (nodes,)."""
+    residual_axes: Rows
+    """As in ``Plan``."""
 
 
 class EstimateViews(NamedTuple):
@@ -79,6 +81,10 @@ class EstimateViews(NamedTuple):
     """Newton iterations of every cable, shape (cables,)."""
     residual: Vector
     """Largest force imbalance at a pulley of every cable [N], shape (cables,)."""
+    correction: Vector
+    """Learned correction that is part of an output [N] or [N m], shape (residuals,)."""
+    trust: Vector
+    """Share of it that applies, (R3), shape (residuals,)."""
 
 
 class ScratchViews(NamedTuple):
@@ -111,6 +117,8 @@ class ScratchViews(NamedTuple):
     """Of every node, shape (nodes,)."""
     middles: Rows
     """Of the same nodes."""
+    products: Vector
+    """Of the learned corrections, (R1), shape (residual_weights,)."""
     history: Vector
     """The state before the sample, by the contact cells of this sample, shape (state_size,); empty
     unless some of them are fixed to the surface of a body."""
@@ -136,6 +144,7 @@ def _state_parts(sizes: Sizes) -> tuple[Part, ...]:
         axes,
         part(sizes.drums, record=RECORDS["Drum"]),
         part(sizes.nodes, record=RECORDS["ArcMiddle"]),
+        part(sizes.residual_axes, record=RECORDS["ResidualAxis"]),
     )
 
 
@@ -162,7 +171,8 @@ def _estimate_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.elements), part(sizes.pulleys), part(sizes.cables),
     )  # fmt: skip
     axes = part(sizes.motors), part(sizes.joints)
-    return (elements, elements, *(6 * (pulleys,)), *axes, cables, cables)
+    learned = part(sizes.residuals)
+    return (elements, elements, *(6 * (pulleys,)), *axes, cables, cables, learned, learned)
 
 
 def estimate_size(sizes: Sizes) -> int:
@@ -193,6 +203,7 @@ def _scratch_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.frames, sizes.joints, record=RECORDS["Twist"]),
         part(sizes.nodes, record=RECORDS["Touch"]),
         part(sizes.nodes, record=RECORDS["ArcMiddle"]),
+        part(sizes.residual_weights),
         part(state_size(sizes) if sizes.surfaces > 0 else 0),
     )
 

@@ -122,6 +122,34 @@ class Uncertainty:
 
 
 @dataclass(frozen=True)
+class Residual:
+    """A learned correction of one output on top of the model, (R1) in docs/model.md."""
+
+    output: str
+    """Its channel: ``effort/NAME`` or ``tension/CABLE/ELEMENT``."""
+    bound: float
+    """Largest correction [N] or [N m]."""
+    stddev: float
+    """Standard deviation of the error that is left within the ranges [N] or [N m]."""
+    axes: tuple[str, ...]
+    """Motors and joints on which it depends."""
+    ranges: tuple[tuple[float, float], ...]
+    """Lowest and highest value that was fitted: of the output without correction, then of the
+    angles of ``axes``."""
+    weights: NDArray[np.float64]
+    """Of all rows and columns of (R1) [N] or [N m], see ``residual_shape``."""
+
+
+RESIDUAL_ROWS: Final = 5
+"""Rows of the weights for every axis: its angle, three stop operators and its last motion."""
+
+
+def residual_shape(axes: int) -> tuple[int, int]:
+    """Rows and columns of the weights of a correction that depends on this many axes."""
+    return 1 + RESIDUAL_ROWS * axes, 2 + axes
+
+
+@dataclass(frozen=True)
 class Motor:
     """A motor whose encoder is read; its drums are winch nodes of cables."""
 
@@ -352,6 +380,8 @@ class Robot:
     """Name in tf of the frame ``base``, in which positions and forces are given."""
     visuals: tuple[Visual, ...] = ()
     """Shapes of bodies, drawn behind the cables."""
+    residuals: tuple[Residual, ...] = ()
+    """Learned corrections, at most one of each output."""
 
     @property
     def prismatic_joints(self) -> frozenset[str]:

@@ -29,7 +29,7 @@ from cdrj_ros.robot.document import schema
 
 Keys = tuple[str | int, ...]
 
-NOT_PARAMETERS: Final = ("uncertainty", "identified")
+NOT_PARAMETERS: Final = ("uncertainty", "residual", "identified")
 """Keys of the file that hold results instead of parameters."""
 
 

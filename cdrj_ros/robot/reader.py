@@ -6,6 +6,7 @@ allowed.  All other code relies on a ``Robot`` being valid.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
-from cdrj_ros.robot.description import Cable, Robot, Uncertainty
+from cdrj_ros.robot.description import Cable, Residual, Robot, Uncertainty, residual_shape
 from cdrj_ros.robot.document import parse_document, read_text
 from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
@@ -78,7 +79,7 @@ def build_robot(document: Document, source: str) -> Robot:
             raise refuse(f"the name {name!r} of a motor or joint", "is that of an element")
     placed = any(cable.placed for cable in cables)
     visuals = tuple(read_visuals(document, names, refuse))
-    return Robot(
+    robot = Robot(
         document["name"],
         motors,
         tuple(joints.values()),
@@ -91,6 +92,7 @@ def build_robot(document: Document, source: str) -> Robot:
         document.get("base_link", Robot.base_link),
         visuals if placed else (),
     )
+    return replace(robot, residuals=tuple(_residuals(document, robot, refuse)))
 
 
 def _check_unique(document: Document, kind: str, refuse: Refusal) -> None:
@@ -101,15 +103,55 @@ def _check_unique(document: Document, kind: str, refuse: Refusal) -> None:
         seen.add(entry["name"])
 
 
+def _channels(document: Document, cables: tuple[Cable, ...]) -> set[str]:
+    """Channels of efforts and tensions."""
+    axes = [axis["name"] for kind in ("motors", "joints") for axis in document.get(kind, ())]
+    channels = {f"effort/{name}" for name in axes}
+    return channels | {f"tension/{name}" for cable in cables for name in cable.element_names}
+
+
+def _residuals(document: Document, robot: Robot, refuse: Refusal) -> Iterator[Residual]:
+    """The learned corrections."""
+    entries = document.get("residual", [])
+    if entries and robot.unmeasured:
+        raise refuse("residual", "is not possible for a robot with joints without encoder")
+    channels, seen = _channels(document, robot.cables), set[str]()
+    names = {axis.name for axis in robot.axes}
+    for k, entry in enumerate(entries):
+        path, output, angles = f"residual[{k}]", entry["output"], entry["angles"]
+        if output not in channels or output in seen:
+            what = "is taken already" if output in seen else "is no channel of this robot"
+            raise refuse(f"{path}.output", f"{output!r} {what}; there are {listed(channels)}")
+        seen.add(output)
+        for name in angles:
+            if name not in names:
+                raise refuse(
+                    f"{path}.angles", f"has no motor or joint {name!r}; there are {listed(names)}"
+                )
+        ranges = {"load": entry["load"], **{f"angles.{name}": one for name, one in angles.items()}}
+        for name, (lower, upper) in ranges.items():
+            if not lower < upper:
+                raise refuse(f"{path}.{name}", f"must be increasing, got {[lower, upper]}")
+        shape = residual_shape(len(angles))
+        if [len(row) for row in entry["weights"]] != [shape[1]] * shape[0]:
+            raise refuse(f"{path}.weights", f"must have {shape[0]} rows of {shape[1]} numbers")
+        yield Residual(
+            output,
+            entry["bound"],
+            entry["stddev"],
+            tuple(angles),
+            tuple((float(lower), float(upper)) for lower, upper in ranges.values()),
+            np.array(entry["weights"], dtype=float),
+        )
+
+
 def _uncertainty(
     document: Document, cables: tuple[Cable, ...], refuse: Refusal
 ) -> Uncertainty | None:
     """The stated standard deviations, the default ones, and the model's error."""
     entry: Document = document.get("uncertainty", {})
     errors = entry.get("model_error", {})
-    axes = [axis["name"] for kind in ("motors", "joints") for axis in document.get(kind, ())]
-    channels = {f"effort/{name}" for name in axes}
-    channels |= {f"tension/{name}" for cable in cables for name in cable.element_names}
+    channels = _channels(document, cables)
     for name in errors:
         if name not in channels:
             raise refuse(

@@ -223,6 +223,8 @@ def read_out(
 def divide_contacts(robot: Robot, cells: int) -> Robot:
     """The same robot with contact cells on every pulley; an eyelet, which has no arc, stays whole.
 
+    It has no learned corrections: they are differences of a real robot from the model.
+
     Args:
         robot: the robot.
         cells: number of cells of the longest arc of every pulley.  With one cell, pulleys are
@@ -243,7 +245,7 @@ def divide_contacts(robot: Robot, cells: int) -> Robot:
             else:
                 nodes.append(node)
         cables.append(replace(cable, nodes=tuple(nodes)))
-    return replace(robot, cables=tuple(cables))
+    return replace(robot, cables=tuple(cables), residuals=())
 
 
 def _divided(pulley: Pulley, cells: int, width: float) -> Pulley:

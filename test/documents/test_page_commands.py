@@ -83,8 +83,8 @@ def test_fits_of_the_page_on_identification_run(
 ) -> None:
     monkeypatch.chdir(lab)
     assert identify([*arguments_of(line, lab), "--quick"]) == 0
-    wanted = "reference_angle" if "--from" in line else "rho"
-    assert wanted in capsys.readouterr().out
+    wanted = {"--from": "reference_angle", "--residual": "fewer than 3 bags"}
+    assert next((wanted[word] for word in wanted if word in line), "rho") in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("few_pictures", "few_members")

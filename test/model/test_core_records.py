@@ -12,7 +12,12 @@ from cdrj_ros.model import packing
 from cdrj_ros.model.packing import RECORDS
 
 CORE = Path(packing.__file__).parents[1] / "core"
-WORDS = {"Vector3": 3, "Matrix3": 9, "std::array<double, CAPACITY>": 64}
+WORDS = {
+    "Vector3": 3,
+    "Matrix3": 9,
+    "std::array<double, 3>": 3,
+    "std::array<double, CAPACITY>": 64,
+}
 
 
 def declared() -> dict[str, list[tuple[str, int]]]:

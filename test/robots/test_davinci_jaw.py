@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.places import ROBOTS, ROOT
 
+from cdrj_ros.commands import identify
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
@@ -53,6 +54,25 @@ def test_held_out_runs_are_explained(held_out: list[BagComparison]) -> None:
     spindle, jaw = r2_of(held_out)
     assert spindle >= 0.991
     assert jaw >= 0.992
+
+
+@recordings
+def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(
+    held_out: list[BagComparison], tmp_path: Path
+) -> None:
+    """A third of the spindle's squared error is learned, nothing of the jaw's, which is drift."""
+    out = tmp_path / "corrected.yaml"
+    bags = sorted(str(entry) for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
+    assert identify.main([*bags, "--robot", str(ROBOT), "--residual", "--out", str(out)]) == 0
+    after = compared(prepare(load_robot(out)), "validate", spread=True)
+    (spindle, jaw), (spindle_before, jaw_before) = r2_of(after), r2_of(held_out)
+    assert 1.0 - spindle < 0.8 * (1.0 - spindle_before)
+    assert jaw == jaw_before
+    for one in after:
+        channel = next(channel for channel in one.channels if channel.name == "effort/spindle")
+        assert channel.stddev is not None
+        error = np.abs(channel.estimate - channel.reference)
+        assert np.mean(error <= 2.0 * channel.stddev) >= 0.85
 
 
 @recordings

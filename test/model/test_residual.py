@@ -1,0 +1,186 @@
+"""Laws of the learned corrections, (R1) to (R3), against their equations in NumPy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
+from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
+from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.state_file import read_state, write_state
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.prepared import Model, channel_columns, prepare
+from cdrj_ros.model.state import SLACK
+from cdrj_ros.robot.reader import parse_robot
+
+Table = NDArray[np.float64]
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "config" / "robots" / "davinci_jaw.yaml").read_text(encoding="utf-8")
+RANGES = np.array([[-0.05, 0.2], [0.0, 1.05], [0.16, 1.24]])
+BOUND = {"effort/spindle": 0.008, "tension/b/3": 0.6}
+STDDEV = 0.001
+GENERATOR = np.random.default_rng(3)
+WEIGHTS = {"effort/spindle": GENERATOR.normal(0.0, 0.004, (11, 4)),
+           "tension/b/3": GENERATOR.normal(0.0, 0.3, (11, 4))}  # fmt: skip
+
+
+def block(channel: str, **other: Any) -> str:
+    load = RANGES[0] if channel.startswith("effort") else np.array([1.0, 20.0])
+    entry = {
+        "output": channel, "bound": BOUND[channel], "stddev": STDDEV, "load": load.tolist(),
+        "angles": {"spindle": RANGES[1].tolist(), "jaw": RANGES[2].tolist()},
+        "weights": WEIGHTS[channel].tolist(),
+    }  # fmt: skip
+    return f"  - {entry | other}\n"
+
+
+def model_of(*blocks: str, text: str = TEXT) -> Model:
+    return prepare(parse_robot(text + ("\nresidual:\n" if blocks else "") + "".join(blocks)))
+
+
+PLAIN, BOTH = model_of(), model_of(*map(block, BOUND))
+
+
+def motion(count: int = 3000) -> Samples:
+    """A jaw that follows the spindle, with rests, and jumps out of the range seen."""
+    time = np.arange(count) * 2e-3
+    spindle = 0.5 + 0.4 * np.round(np.sin(2.0 * time) * 60.0) / 60.0
+    jaw = 1.25 - spindle + 0.1 * np.sin(3.1 * time)
+    spindle[1000:1003] += 1.3
+    spindle[1500:1700] += np.linspace(0.0, 0.5, 200)
+    stamps = 10**9 + np.arange(count, dtype=np.int64) * 2_000_000
+    return Samples(stamps, spindle[:, None].copy(), jaw[:, None].copy())
+
+
+MOTION = motion()
+TABLE = np.hstack([MOTION.motor_angle, MOTION.joint_angle])
+
+
+def estimates_of(model: Model, samples: Samples = MOTION) -> Estimates:
+    return run(model, initial_state(model), samples)[1]
+
+
+def expected(output: str, load: Table, ranges: Table) -> tuple[Table, Table]:
+    """(R1) to (R3), sample by sample: the correction, and its trust."""
+    middle, half = ranges.mean(axis=1), np.ptp(ranges, axis=1) / 2.0
+    stops, rest, way = np.zeros((2, 3)), np.zeros(2), np.zeros(2)
+    found = np.empty((2, len(load)))
+    before = (TABLE[0] - middle[1:]) / half[1:]
+    for k, angle in enumerate(TABLE):
+        place = (angle - middle[1:]) / half[1:]
+        moved, before = place - before, place
+        limit = np.array([0.01, 0.04, 0.16])
+        stops = np.clip(stops + moved[:, None], -limit, limit)
+        rest = np.where(moved != 0.0, 0.0, np.minimum(rest + 2e-3, 0.2))
+        way = np.where(moved != 0.0, np.sign(moved), way)
+        own = (load[k] - middle[0]) / half[0]
+        rows = [own]
+        for a in (0, 1):
+            rows += [place[a], *(stops[a] / limit), way[a] * rest[a] / 0.2]
+        columns = np.array([1.0, own, *place])
+        farthest = max(abs(own), *np.abs(place))
+        trust = min(max(1.0 - (farthest - 1.0) / 0.5, 0.0), 1.0)
+        value = float(np.array(rows) @ WEIGHTS[output] @ columns)
+        found[:, k] = trust * min(max(value, -BOUND[output]), BOUND[output]), trust
+    return found[0], found[1]
+
+
+def test_the_correction_is_that_of_its_equations_and_no_other_output_changes() -> None:
+    """Within its bound, none where nothing was seen, and a jump only fills the stop operators."""
+    plain, both, columns = estimates_of(PLAIN), estimates_of(BOTH), channel_columns(PLAIN.layout)
+    changed = [columns[name] for name in BOUND]
+    for k, name in enumerate(BOUND):
+        load = plain.values[:, columns[name]]
+        ranges = RANGES if k == 0 else np.vstack([[1.0, 20.0], RANGES[1:]])
+        correction, trust = expected(name, load, ranges)
+        np.testing.assert_allclose(both.values[:, BOTH.layout.trust][:, k], trust, atol=1e-12)
+        wanted = load + correction if k == 0 else np.maximum(load + correction, 0.0)
+        np.testing.assert_allclose(both.values[:, columns[name]], wanted, atol=1e-9)
+        assert np.abs(correction).max() == BOUND[name]
+        assert np.any(trust == 0.0)
+        assert np.any((trust > 0.0) & (trust < 1.0))
+    others = np.setdiff1d(np.arange(PLAIN.layout.size), changed)
+    others = others[others != PLAIN.layout.status.start + 2]  # of the corrected element
+    np.testing.assert_array_equal(both.values[:, others], plain.values[:, others])
+
+
+def test_the_status_of_an_element_is_that_of_its_corrected_tension() -> None:
+    tension = channel_columns(PLAIN.layout)["tension/b/3"]
+    high = float(estimates_of(PLAIN).values[:, tension].max()) - 0.1
+    slack = TEXT.replace("    preload: 0", f"    slack_tension: {high}\n    preload: 0")
+    found = estimates_of(model_of(block("tension/b/3"), text=slack)).values
+    flags = found[:, PLAIN.layout.status.start + 2].astype(int) & SLACK
+    np.testing.assert_array_equal(flags != 0, found[:, tension] <= high)
+    assert 0 < np.count_nonzero(flags) < len(flags)
+
+
+def test_a_node_and_its_next_start_give_what_the_whole_recording_gives(tmp_path: Path) -> None:
+    """The state, and the file in which a node keeps it, hold all memory of a correction."""
+    found = estimates_of(BOTH)
+    first, second = LiveEstimator(BOTH), LiveEstimator(BOTH)
+    for k in range(400):
+        assert_same(first.take(sample_at(k)), found, k)
+    assert write_state(first, tmp_path / "state")
+    assert read_state(second, tmp_path / "state").startswith("continues")
+    for k in range(400, 800):
+        assert_same(second.take(sample_at(k)), found, k)
+
+
+def assert_same(estimate: Estimate, found: Estimates, k: int) -> None:
+    np.testing.assert_array_equal(estimate.tension, found.tension[k])
+    np.testing.assert_array_equal(estimate.motor_effort, found.motor_effort[k])
+
+
+def sample_at(k: int) -> Sample:
+    return Sample(int(MOTION.stamp_ns[k]), MOTION.motor_angle[k], MOTION.joint_angle[k])
+
+
+def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_elsewhere() -> None:
+    """(U14)."""
+    column = (
+        stddev_columns(PLAIN.layout).tolist().index(channel_columns(PLAIN.layout)["effort/spindle"])
+    )
+    plain, both = (Ensemble(model).follow(MOTION, estimates_of(model)) for model in (PLAIN, BOTH))
+    assert plain.stddev is not None
+    assert both.stddev is not None
+    trust = both.values[:, BOTH.layout.trust.start]
+    known = dict(PLAIN.robot.uncertainty.model_error)["effort/spindle"]  # type: ignore[union-attr]
+    spread = plain.stddev[:, column] ** 2 - known**2
+    left = trust * STDDEV**2 + (1.0 - trust) * known**2
+    np.testing.assert_allclose(both.stddev[:, column] ** 2, spread + left, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (
+            block("effort/spindle", output="effort/thumb"),
+            "residual[0].output 'effort/thumb' is no",
+        ),
+        (2 * block("effort/spindle"), "residual[1].output 'effort/spindle' is taken already"),
+        (block("effort/spindle", angles={"wrist": [0, 1]}), "no motor or joint 'wrist'"),
+        (block("effort/spindle", load=[1, 1]), "residual[0].load must be increasing"),
+        (
+            block("effort/spindle", weights=[[1, 2]] * 6),
+            "residual[0].weights must have 11 rows of 4",
+        ),
+        (block("effort/spindle", bound=-1), "residual[0].bound must be at least 0"),
+    ],
+)
+def test_a_wrong_entry_is_refused_by_name(text: str, complaint: str) -> None:
+    with pytest.raises(RobotFileError) as refused:
+        model_of(text)
+    assert complaint in str(refused.value)
+
+
+def test_a_joint_without_encoder_excludes_corrections() -> None:
+    text = TEXT.replace("  - name: jaw", "  - name: jaw\n    measured: false")
+    with pytest.raises(RobotFileError, match="residual is not possible"):
+        model_of(block("effort/spindle"), text=text)
