@@ -65,6 +65,8 @@ void correct_outputs(const Step& step, double dt, bool solved, double* values) {
         double& value = values[column];
         const double load = place_in({own.load_lower, own.load_upper}, value);
         const std::span<const ResidualAxis> seen = after.residual_axes.subspan(first, axes);
+        estimate.trust[r] = trust_in(load, seen);
+        if (estimate.trust[r] == 0.0) continue;
         const std::size_t size = residual_rows(axes) * residual_columns(axes);
         const std::span<double> products = work.products.subspan(first_weight, size);
         write_products(load, seen, products);
@@ -72,7 +74,6 @@ void correct_outputs(const Step& step, double dt, bool solved, double* values) {
         for (std::size_t k = 0; k < size; ++k) {
             sum += constants.residual_weights[first_weight + k] * products[k];
         }
-        estimate.trust[r] = trust_in(load, seen);
         double corrected = value + estimate.trust[r] * std::clamp(sum, -own.bound, own.bound);
         if (cable >= 0) {  // the tension of its element `column`
             corrected = std::max(corrected, 0.0);

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
 from cdrj_ros.robot.tolerances import complete_uncertainty
 from cdrj_ros.robot.visuals import read_visuals
+
+NARROWEST: Final = 1e-9
+"""Range of a learned correction [rad], [m], [N m] or [N]."""
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -130,8 +134,11 @@ def _residuals(document: Document, robot: Robot, refuse: Refusal) -> Iterator[Re
                 )
         ranges = {"load": entry["load"], **{f"angles.{name}": one for name, one in angles.items()}}
         for name, (lower, upper) in ranges.items():
-            if not lower < upper:
-                raise refuse(f"{path}.{name}", f"must be increasing, got {[lower, upper]}")
+            if not lower + NARROWEST <= upper:
+                raise refuse(
+                    f"{path}.{name}",
+                    f"must increase by {NARROWEST:g} or more, got {[lower, upper]}",
+                )
         shape = residual_shape(len(angles))
         if [len(row) for row in entry["weights"]] != [shape[1]] * shape[0]:
             raise refuse(f"{path}.weights", f"must have {shape[0]} rows of {shape[1]} numbers")

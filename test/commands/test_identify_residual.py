@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.places import PROTOTYPE, ROBOT
 
 from cdrj_ros.commands import identify, simulate
 from cdrj_ros.evaluation.channels import Channel
@@ -17,8 +18,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.writer import with_numbers_in_text
 
-ROOT = Path(__file__).parents[2]
-ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
 LACKING = {
     "motors.winch.bearing_torque": 0.03,
     "motors.winch.bearing_stiffness": 20.0,
@@ -31,9 +30,9 @@ OUTPUTS = ("effort/winch", "tension/upper/8")
 def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Four motions of the robot; the last one is left to the tests."""
     folder = tmp_path_factory.mktemp("rig")
-    text = ROBOT.read_text(encoding="utf-8")
+    text = PROTOTYPE.read_text(encoding="utf-8")
     truth = folder / "truth.yaml"
-    truth.write_text(with_numbers_in_text(text, LACKING, str(ROBOT)), encoding="utf-8")
+    truth.write_text(with_numbers_in_text(text, LACKING, ROBOT), encoding="utf-8")
     made = []
     for k, (amplitude, hertz) in enumerate(((0.3, 0.2), (0.45, 0.25), (0.6, 0.15), (0.5, 0.22))):
         motion = ["--amplitude", str(amplitude), "--frequency", str(hertz), "--seed", str(k)]
@@ -53,7 +52,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture(scope="module")
 def corrected(bags: list[str], settings: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("corrected") / "robot.yaml"
-    words = ["--robot", str(ROBOT), "--settings", settings, "--residual", "--out", str(out)]
+    words = ["--robot", ROBOT, "--settings", settings, "--residual", "--out", str(out)]
     assert identify.main([*bags[:-1], *words]) == 0
     return out
 
@@ -71,7 +70,7 @@ def test_what_the_model_lacks_is_learned_for_a_run_that_was_not_used(
     bags: list[str], corrected: Path
 ) -> None:
     """Measured efforts and tensions come nearer, within bands that are not wider; others stay."""
-    before, after = compared(ROBOT, bags[-1]), compared(corrected, bags[-1])
+    before, after = compared(PROTOTYPE, bags[-1]), compared(corrected, bags[-1])
     names = [one.output for one in load_model(str(corrected)).robot.residuals]
     assert sorted(names) == sorted(OUTPUTS)  # the error of tension/lower/1 is that of its cell
     for name, share in zip(OUTPUTS, (0.25, 0.8), strict=True):
@@ -87,7 +86,7 @@ def test_two_bags_are_too_few_for_a_correction(
     bags: list[str], settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "robot.yaml"
-    words = ["--robot", str(ROBOT), "--settings", settings, "--residual", "--out", str(out)]
+    words = ["--robot", ROBOT, "--settings", settings, "--residual", "--out", str(out)]
     assert identify.main([*bags[:2], *words]) == 0
     assert "effort/winch: none, because fewer than 3 bags have it" in capsys.readouterr().out
     assert load_model(str(out)).robot.residuals == ()
@@ -107,5 +106,5 @@ def test_a_fit_of_numbers_drops_what_was_learned_with_others(
 def test_options_that_belong_to_a_fit_are_refused_without_one(
     bags: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert identify.main([bags[0], "--robot", str(ROBOT), "--residual", "--cross-validate"]) == 2
+    assert identify.main([bags[0], "--robot", ROBOT, "--residual", "--cross-validate"]) == 2
     assert "--cross-validate needs --fit" in capsys.readouterr().err
