@@ -71,17 +71,22 @@ inline const GuideKind& kind_of(Guide guide) {
     return POINT;
 }
 
-/// The plane of the arc, and the points in it.
+/// What lies in the plane of an arc about the origin.
 struct ArcPlane {
-    Vector3 axis;  // its unit normal
-    Vector3 a, b;  // where the cable comes from and goes to
-    Vector3 side;  // point on the side that the cable passes
+    Vector2 a, b;  // where the cable comes from and goes to
+    Vector2 side;  // point on the side that the cable passes
 };
 
-/// Contact of a cable with a round body: normals, free lengths, sense and whether it touches.
+/// Where a cable touches a round body.
+struct RoundMeeting {
+    bool possible;
+    Vector2 entry, exit;  // unit vectors to the first and last point of contact, in the plane of the arc
+};
+
+/// Contact of a cable with a round body; free lengths, sense, angle and whether it touches are written.
 ///
-/// Returns false if a point of a neighbour lies inside the body, unless it then is ignored.
-bool touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane);
+/// It is impossible if a point of a neighbour lies inside the body, unless it then is ignored.
+RoundMeeting touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane);
 
 /// Mean of a cable's directions before and after the point at which it bends over a ring.
 ///

@@ -3,48 +3,32 @@
 #include "tangents.hpp"
 
 namespace cdrj {
-namespace {
 
-/// Contact of a cable that runs through the inside of the body (G6).
-void touch_inside(const NodeConstants& node, Touch& touch, const ArcPlane& plane) {
-    const RingPoint ring = point_inside(plane.a, plane.b, plane.axis, node.radius);
-    touch.touching = ring.touching ? 1.0 : 0.0;
-    touch.sense = 1.0;
-    touch.normal = plane.axis;
-    touch.entry_normal = ring.normal;
-    touch.exit_normal = ring.normal;
-    const Vector3 point = node.radius * ring.normal;
-    touch.before_length = norm(plane.a - point);
-    touch.after_length = norm(plane.b - point);
-}
-
-}  // namespace
-
-bool touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane) {
-    const auto& [axis, a, b, side] = plane;
+RoundMeeting touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane) {
+    const auto& [a, b, side] = plane;
     const double radius = node.radius;
+    touch.angle = 0.0;
     if (!(dot(a, a) > radius * radius && dot(b, b) > radius * radius)) {
         touch.touching = 0.0;
-        touch.entry_normal = Z_AXIS;
-        touch.exit_normal = Z_AXIS;
-        return node.ignored_inside == 1.0;
+        return {node.ignored_inside == 1.0, {0.0, 0.0}, {0.0, 0.0}};
     }
-    if (node.inside == 1.0) {
-        touch_inside(node, touch, plane);
-        return true;
+    if (node.inside == 1.0) {  // (G6)
+        const RingPoint ring = point_inside(a, b, radius);
+        const Vector2 point = radius * ring.normal;
+        touch.touching = ring.touching ? 1.0 : 0.0;
+        touch.sense = 1.0;
+        touch.before_length = norm(a - point);
+        touch.after_length = norm(b - point);
+        return {true, ring.normal, ring.normal};
     }
-    const auto [touching, sense] =
-        way_round(a, b, axis, radius, node.turn, node.sided == 1.0, side);
+    const auto [touching, sense, first, last] =
+        way_round(a, b, radius, node.turn, node.sided == 1.0, side);
     touch.touching = touching || node.turns > 0.0 ? 1.0 : 0.0;
     touch.sense = sense;
-    touch.normal = axis;
-    const TangentPoint first = tangent_from(a, axis, radius, sense);
-    const TangentPoint last = tangent_from(b, axis, radius, -sense);
+    touch.angle = arc_angle(sense, first.normal, last.normal) + 2.0 * PI * node.turns;
     touch.before_length = first.length;
     touch.after_length = last.length;
-    touch.entry_normal = first.normal;
-    touch.exit_normal = last.normal;
-    return true;
+    return {true, first.normal, last.normal};
 }
 
 Vector3 direction_through_ring(const NodeConstants& node, const Touch& touch, double height) {

@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "guide.hpp"
-#include "tangents.hpp"
 #include "vectors.hpp"
 
 namespace cdrj {
@@ -22,8 +21,14 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
         axis = cross(a, along_x ? Vector3{0.0, 1.0, 0.0} : Vector3{1.0, 0.0, 0.0});
         axis = (1.0 / norm(axis)) * axis;
     }
-    const Vector3 side = combined(1.0, touch.side, -dot(touch.side, axis), axis);
-    const bool possible = touch_round(node, touch, {axis, a, b, side});
+    // axes of the plane: towards a, and to the left of it
+    const Vector3 ahead = (1.0 / norm(a)) * a, left = cross(axis, ahead);
+    const auto in_plane = [&](const Vector3& v) { return Vector2{dot(v, ahead), dot(v, left)}; };
+    const auto [possible, first, last] =
+        touch_round(node, touch, {in_plane(a), in_plane(b), in_plane(touch.side)});
+    touch.normal = axis;
+    touch.entry_normal = combined(first.x, ahead, first.y, left);
+    touch.exit_normal = combined(last.x, ahead, last.y, left);
     return {possible, node.radius * touch.entry_normal, node.radius * touch.exit_normal};
 }
 
@@ -32,8 +37,6 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
         touch.wrap = cable.bend();
         return {touch.entry_normal, direction_through_ring(node, touch, 0.0), 0.0};
     }
-    touch.angle = arc_angle(touch.normal, touch.sense, touch.entry_normal, touch.exit_normal) +
-                  2.0 * PI * node.turns;
     touch.wrap = touch.angle;
     touch.arc = node.radius * touch.angle;
     const double turned = touch.sense * (0.5 * touch.angle);

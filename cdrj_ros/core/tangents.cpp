@@ -11,25 +11,27 @@ namespace {
 /// Largest number of Newton or bisection steps for the point of a ring.
 constexpr int MOST_STEPS = 100;
 
-/// Whether the segments a-b and c-d of a plane intersect.
-bool lines_cross(
-    const Vector3& a, const Vector3& b, const Vector3& c, const Vector3& d, const Vector3& axis) {
-    const Vector3 ab = b - a, cd = d - c, ca = a - c;
-    const double determinant = dot(axis, cross(ab, cd));
+/// Whether the segments a-b and c-d intersect.
+bool lines_cross(const Vector2& a, const Vector2& b, const Vector2& c, const Vector2& d) {
+    const Vector2 ab = b - a, cd = d - c, ca = a - c;
+    const double determinant = cross(ab, cd);
     if (std::abs(determinant) < 1e-15) return false;
-    const double first = dot(axis, cross(cd, ca)) / determinant;
-    const double second = dot(axis, cross(ab, ca)) / determinant;
+    const double first = cross(cd, ca) / determinant;
+    const double second = cross(ab, ca) / determinant;
     return 0.0 <= first && first <= 1.0 && 0.0 <= second && second <= 1.0;
 }
 
-/// Cosine of the angle between one way's arc and the side point; -2 if its two lines cross.
+WayRound way_in_sense(
+    const Vector2& a, const Vector2& b, double radius, double sense, bool touching) {
+    return {touching, sense, tangent_from(a, radius, sense), tangent_from(b, radius, -sense)};
+}
+
+/// Cosine of the angle between a way's arc and the side point; -2 if its two lines cross.
 double goodness(
-    const Vector3& a, const Vector3& b, const Vector3& axis, double radius, double sense,
-    const Vector3& side) {
-    const Vector3 first = tangent_from(a, axis, radius, sense).normal;
-    const Vector3 last = tangent_from(b, axis, radius, -sense).normal;
-    if (lines_cross(a, radius * first, b, radius * last, axis)) return -2.0;
-    const Vector3 middle = first + last;
+    const WayRound& way, const Vector2& a, const Vector2& b, double radius, const Vector2& side) {
+    const Vector2 &first = way.first.normal, &last = way.last.normal;
+    if (lines_cross(a, radius * first, b, radius * last)) return -2.0;
+    const Vector2 middle = first + last;
     return dot(middle, side) / std::max(norm(middle) * norm(side), 1e-300);
 }
 
@@ -51,34 +53,34 @@ Slope slope_of(double distance, double radius, double angle) {
 }  // namespace
 
 WayRound way_round(
-    const Vector3& a, const Vector3& b, const Vector3& axis, double radius, double turn, bool sided,
-    const Vector3& side) {
-    const Vector3 way = b - a;
+    const Vector2& a, const Vector2& b, double radius, double turn, bool sided, const Vector2& side) {
+    const Vector2 way = b - a;
     const double square = dot(way, way);
     const double share =
         square > 0.0 ? std::min(std::max(-dot(way, a) / square, 0.0), 1.0) : 0.0;
-    const Vector3 nearest = combined(1.0, a, share, way);
+    const Vector2 nearest = combined(1.0, a, share, way);
     const bool through = dot(nearest, nearest) <= radius * radius;
-    const double left = dot(axis, cross(a, b));  // positive: the centre lies to the left of the line
-    if (turn != 0.0) return {through || turn * left < 0.0, turn};
-    if (sided) {
-        if (!(through || dot(side, nearest) < 0.0)) return {false, 1.0};
-        const double plus = goodness(a, b, axis, radius, 1.0, side);
-        const double minus = goodness(a, b, axis, radius, -1.0, side);
-        return {std::max(plus, minus) >= -1.0, plus > minus ? 1.0 : -1.0};
-    }
-    return {through, left >= 0.0 ? 1.0 : -1.0};
+    const double left = cross(a, b);  // positive: the centre lies to the left of the line
+    if (turn != 0.0) return way_in_sense(a, b, radius, turn, through || turn * left < 0.0);
+    if (!sided) return way_in_sense(a, b, radius, left >= 0.0 ? 1.0 : -1.0, through);
+    if (!(through || dot(side, nearest) < 0.0)) return way_in_sense(a, b, radius, 1.0, false);
+    const WayRound plus = way_in_sense(a, b, radius, 1.0, true);
+    const WayRound minus = way_in_sense(a, b, radius, -1.0, true);
+    const double of_plus = goodness(plus, a, b, radius, side);
+    const double of_minus = goodness(minus, a, b, radius, side);
+    WayRound better = of_plus > of_minus ? plus : minus;
+    better.touching = std::max(of_plus, of_minus) >= -1.0;
+    return better;
 }
 
-RingPoint point_inside(
-    const Vector3& a, const Vector3& b, const Vector3& axis, double radius) {
-    const Vector3 way = b - a;
+RingPoint point_inside(const Vector2& a, const Vector2& b, double radius) {
+    const Vector2 way = b - a;
     const double square = dot(way, way);
     const double share = square > 0.0 ? -dot(way, a) / square : 0.0;
-    const Vector3 nearest = combined(1.0, a, share, way);
+    const Vector2 nearest = combined(1.0, a, share, way);
     const bool free = 0.0 < share && share < 1.0 && dot(nearest, nearest) <= radius * radius;
     const double from_a = norm(a), from_b = norm(b);
-    double whole = std::atan2(dot(axis, cross(a, b)), dot(a, b));
+    double whole = std::atan2(cross(a, b), dot(a, b));
     const double sense = whole >= 0.0 ? 1.0 : -1.0;
     whole = std::abs(whole);
     // the point is seen from a and from b: between these angles the slope increases
@@ -97,7 +99,7 @@ RingPoint point_inside(
         angle = step;
     }
     const double c = std::cos(sense * angle) / from_a, s = std::sin(sense * angle) / from_a;
-    return {!free, combined(c, a, s, cross(axis, a))};
+    return {!free, combined(c, a, s, left_of(a))};
 }
 
 }  // namespace cdrj

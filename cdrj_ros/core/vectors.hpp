@@ -54,8 +54,42 @@ inline Vector3 cross(const Vector3& a, const Vector3& b) {
 
 inline double norm(const Vector3& a) { return std::sqrt(a.x * a.x + a.y * a.y + a.z * a.z); }
 
-/// Component normal to the axis z.
-inline Vector3 flat(const Vector3& a) { return {a.x, a.y, 0.0}; }
+/// A vector in a plane.
+struct Vector2 {
+    double x, y;
+};
+
+inline Vector2 operator+(const Vector2& a, const Vector2& b) { return {a.x + b.x, a.y + b.y}; }
+
+inline Vector2 operator-(const Vector2& a, const Vector2& b) { return {a.x - b.x, a.y - b.y}; }
+
+inline Vector2 operator*(double s, const Vector2& a) { return {s * a.x, s * a.y}; }
+
+/// s a + t b.
+inline Vector2 combined(double s, const Vector2& a, double t, const Vector2& b) {
+    return {s * a.x + t * b.x, s * a.y + t * b.y};
+}
+
+inline double dot(const Vector2& a, const Vector2& b) { return a.x * b.x + a.y * b.y; }
+
+/// Positive where b lies to the left of a.
+inline double cross(const Vector2& a, const Vector2& b) { return a.x * b.y - a.y * b.x; }
+
+inline double norm(const Vector2& a) { return std::sqrt(a.x * a.x + a.y * a.y); }
+
+/// `a` turned to the left by a right angle.
+inline Vector2 left_of(const Vector2& a) { return {-a.y, a.x}; }
+
+/// `a` turned to the left by an angle.
+inline Vector2 turned(const Vector2& a, double angle) {
+    return combined(std::cos(angle), a, std::sin(angle), left_of(a));
+}
+
+/// Part of a vector in the plane z = 0.
+inline Vector2 flat(const Vector3& a) { return {a.x, a.y}; }
+
+/// The vector of the plane z = 0 in space.
+inline Vector3 in_space(const Vector2& a) { return {a.x, a.y, 0.0}; }
 
 /// R a.
 inline Vector3 rotated(const Matrix3& r, const Vector3& a) {
