@@ -90,13 +90,13 @@ def test_a_small_file_that_claims_much_is_one_line_or_its_good_part(outcomes, na
 
 @pytest.mark.parametrize("chunked", [True, False])
 def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_path, chunked):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(60_000), chunked=chunked, chunk_size=1 << 20)
+    path = make.mcap(tmp_path / "a.mcap", make.swing(30_000), chunked=chunked, chunk_size=1 << 19)
     done = subprocess.run(
         [sys.executable, "-c", CUT, str(path)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
     count, notes = done.stdout.split(" ", 1)
-    assert 20_000 < int(count) < 31_000
+    assert 10_000 < int(count) < 15_500
     assert "damaged" in notes or "no complete record" in notes
 
 

@@ -69,14 +69,14 @@ def sphere(seconds: float = 20.0, rate: float = 250.0) -> Scene:
     )  # fmt: skip
 
 
-def carriage(seconds: float = 20.0, rate: float = 250.0, ends: str = "points") -> Scene:
+def carriage(seconds: float = 20.0, rate: float = 250.0, tangents: bool = False) -> Scene:
     """A cylinder on a carriage that moves and turns under its cable, which ends on a lever.
 
     Args:
         seconds: duration.
         rate: samples per second.
-        ends: ``points``; ``drum``: the tangent moves on the drum; ``sector``: on the lever, too.
-            The cable does not slip on either.
+        tangents: whether the tangent moves on the drum and on a sector of the lever, on neither of
+            which the cable slips; otherwise they are points.
     """
     time = _clock(seconds, rate)
     joint = np.stack(
@@ -95,9 +95,8 @@ def carriage(seconds: float = 20.0, rate: float = 250.0, ends: str = "points") -
     z = (0.0, 0.0, 1.0)
     drum = Node("winch", (-0.2, -0.15, 0.01), radius=0.015, motor="motor", winding=1)
     lever = Node("anchor", (-0.03, 0.0, 0.0), frame="lever")
-    if ends != "points":
+    if tangents:
         drum = replace(drum, axis=z, turn=-1)
-    if ends == "sector":
         lever = Node("anchor", (0.0, 0.0, 0.0), frame="lever", radius=0.03, axis=z, turn=-1)
     nodes = (
         drum,
@@ -107,7 +106,7 @@ def carriage(seconds: float = 20.0, rate: float = 250.0, ends: str = "points") -
         lever,
     )  # fmt: skip
     return Scene(
-        f"carriage_{ends}", frames, ("x", "yaw", "lever"), ("motor",),
+        "carriage", frames, ("x", "yaw", "lever"), ("motor",),
         (Line("cable", 1e4, 40.0, nodes),), time, joint,
         {"motor": waves(time, (0.0006, 0.23, 0.0))}, 7.0,
     )  # fmt: skip
