@@ -387,7 +387,7 @@ class SensorFusion:
                 one.evidence.renew()
 
     def _leave_open(self, sensor: SensorState, what: Quantity, *, only_cell: bool) -> None:
-        """Leave open whether a sensor or the preloads have changed, (U10) and (U14).
+        """Leave open whether a sensor or the preloads have changed, (U10) and (U15).
 
         Args:
             sensor: the sensor.

@@ -268,7 +268,7 @@ class Preloads:
         return changes
 
     def vary_together(self, sizes: Vector, what: Quantity, apart: Sequence[Vector]) -> Vector:
-        """Vary all preloads in proportion, (U14).
+        """Vary all preloads in proportion, (U15).
 
         Args:
             sizes: standard deviations, with signs that tell which rise together [N], shape
