@@ -496,6 +496,10 @@ class Ensemble:
         """What ``take_offset`` took, to be read only."""
 
     @property
+    def least_variance(self) -> NDArray[np.float64]:
+        """Least variance of every quantity that is shown, (U15), shape (quantities,)."""
+
+    @property
     def swing(self) -> NDArray[np.float64]:
         """Lowest and highest mean tension of every cable so far [N], (U13), shape (2 cables,)."""
 

@@ -356,6 +356,7 @@ void bind_ensemble(nb::module_& core) {
         .def_prop_ro("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
         .def_prop_ro("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
         .def_prop_ro("offset", part(&Ensemble::memory, &EnsembleMemory::offset))
+        .def_prop_ro("least_variance", part(&Ensemble::memory, &EnsembleMemory::least_variance))
         .def_prop_ro("swing", part(&Ensemble::memory, &EnsembleMemory::swing))
         .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals))
         .def_prop_ro(

@@ -75,6 +75,7 @@ Ensemble::Ensemble(
         one->resize(axes);
     }
     memory.offset.resize(3 * axes);
+    memory.least_variance.resize(quantities.size());
     memory.lasting.resize(quantities.size());
     memory.late.resize(quantities.size());
     take_offset(memory.offset);
@@ -399,6 +400,7 @@ void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> s
             const double more = robot_.constants.residuals[residual].variance - unmodelled;
             total += more > 0.0 ? more : more * learned(nominal, residual, 1);
         }
+        total = std::max(total, memory.least_variance[q]);
         if (std::abs(nominal[index]) <= slack) total = std::max(total, slack * slack);
         stddev[q] = std::sqrt(total);
     }

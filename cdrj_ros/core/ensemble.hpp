@@ -98,6 +98,7 @@ struct EnsembleMemory {
     // that of errors of clocks if nothing excludes them, (U13)
     std::vector<double> lasting;
     std::vector<double> late;
+    std::vector<double> least_variance;  // of every quantity, where more is open than members show, (U15)
     // of every axis, twice the number of its past intervals without readings, plus one during one
     std::vector<Index> intervals;
     std::vector<double> deviation;    // of every member's quantities from the estimate's

@@ -10,7 +10,7 @@ is decided which readings are used, and with which errors; the correction itself
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite, sqrt
+from math import isfinite
 from typing import Any, Final
 
 import numpy as np
@@ -83,6 +83,8 @@ class SensorFusion:
         """The trusted sensors whose readings have been used."""
         self._changed = np.zeros(len(ensemble.model.robot.cables))
         """Sum of the corrections of every preload [N]."""
+        self._unconfirmed = np.zeros_like(self._changed)
+        """Standard deviation that they keep since only one load cell shows them [N]."""
         self._quantities = quantities_of(ensemble.model)
         self.waiting = WaitingMeasurements(
             ensemble.model.robot, self._quantities, takes_efforts=track_preload
@@ -105,6 +107,7 @@ class SensorFusion:
         ensemble.keep_preloads(self.ensemble)
         self._adopt(ensemble)
         self._preloads.known = known
+        self._preloads.show_at_least(self._unconfirmed)
         self._compare_anew()
 
     # --- what is known of sensors and preloads ----------------------------------------------------
@@ -138,7 +141,8 @@ class SensorFusion:
         """
         self._forget_readings()
         self._sensors.clear()
-        self._changed[:] = 0.0
+        self._changed[:] = self._unconfirmed[:] = 0.0
+        self._preloads.show_at_least(self._unconfirmed)
         self._preloads.restore()
 
     def _compare_anew(self) -> None:
@@ -172,6 +176,7 @@ class SensorFusion:
             "health": {name: one.memory() for name, one in self.health.items()},
             "sensors": {name: one.memory() for name, one in self._sensors.items()},
             "changed": self._changed.tolist(),
+            "unconfirmed": self._unconfirmed.tolist(),
             "known": self._preloads.known.tolist(),
         }
 
@@ -187,9 +192,12 @@ class SensorFusion:
         sensors = {str(n): SensorState.recalled(o, members) for n, o in memory["sensors"].items()}
         if not set(sensors) <= set(health) <= set(self._quantities):
             raise ValueError("sensors that the robot does not have")
-        changed, known = (finite(memory[key], cables) for key in ("changed", "known"))
+        changed, unconfirmed, known = (
+            finite(memory[key], cables) for key in ("changed", "unconfirmed", "known")
+        )
         self.health, self._sensors = health, sensors
-        self._changed, self._preloads.known = changed, known
+        self._changed, self._unconfirmed, self._preloads.known = changed, unconfirmed, known
+        self._preloads.show_at_least(self._unconfirmed)
 
     def start_model(self) -> Model:
         """The robot with the preloads that are known by now, for the first sample."""
@@ -326,8 +334,9 @@ class SensorFusion:
         health.used += 1
         state = self._apply(what, sensor, Innovation(innovation, own, factors), state)
         sensor.evidence.follow(uncorrected, enough(own, uncorrected))
-        only_cell = not what.is_effort and self._cells(what.cables[0], stamp_ns) == [name]
-        self._leave_open(sensor, what, only_cell=only_cell)
+        self._leave_open(sensor, what)
+        if not what.is_effort:
+            self._confirm(what.cables[0], stamp_ns)
         health.dropped = sensor.errors.wrong(factors, sensor.history_error)
         return state
 
@@ -386,23 +395,26 @@ class SensorFusion:
             if not what.is_effort:
                 one.evidence.renew()
 
-    def _leave_open(self, sensor: SensorState, what: Quantity, *, only_cell: bool) -> None:
-        """Leave open whether a sensor or the preloads have changed, (U10) and (U15).
-
-        Args:
-            sensor: the sensor.
-            what: it measures.
-            only_cell: whether it is the only load cell of its cable.
-        """
+    def _leave_open(self, sensor: SensorState, what: Quantity) -> None:
+        """Leave open whether a sensor drifts or the preloads creep, (U10)."""
         change = self._preloads.total(self._changed, what)
-        bias = sensor.errors.deviation[BIAS]
         size = sensor.evidence.contradicted(change, self._preloads.stddev(what))
         if size > 0.0:
+            bias = sensor.errors.deviation[BIAS]
             bias -= self._preloads.exchange(size, what, self._lasting())
-        beyond = (UNCONFIRMED * change) ** 2 - self._preloads.stddev(what) ** 2
-        if only_cell and beyond > 0.0:
-            changes = sqrt(beyond) / abs(change) * self._changed
-            bias -= self._preloads.vary_together(changes, what, self._lasting())
+
+    def _confirm(self, cable: int, stamp_ns: int) -> None:
+        """Note whether more than one load cell confirms the corrections of a cable, (U15).
+
+        Those of cables without load cell that share an effort with it follow from it, since an
+        effort shows the difference of cables.
+        """
+        share = 0.0 if len(self._cells(cable, stamp_ns)) > 1 else UNCONFIRMED
+        for one in self._recent(stamp_ns).values():
+            for c in one.cables if cable in one.cables else ():
+                if c == cable or not self._cells(c, stamp_ns):
+                    self._unconfirmed[c] = share * self._changed[c]
+        self._preloads.show_at_least(self._unconfirmed)
 
     # --- errors -----------------------------------------------------------------------------------
 

@@ -267,24 +267,20 @@ class Preloads:
             changes += change
         return changes
 
-    def vary_together(self, sizes: Vector, what: Quantity, apart: Sequence[Vector]) -> Vector:
-        """Vary all preloads in proportion, (U15).
+    def show_at_least(self, sizes: Vector) -> None:
+        """Show no smaller standard deviations than those of changes of all preloads, (U15).
 
         Args:
             sizes: standard deviations, with signs that tell which rise together [N], shape
                 (cables,).
-            what: a quantity, with which the changes are not correlated.
-            apart: see ``standard``.
-
-        Returns:
-            The change of the quantity in every member, shape (members,).
         """
-        ensemble = self.ensemble
-        known = [*apart, ensemble.deviation[:, what.column]]
-        normal = standard(ensemble.generator, len(ensemble.states), known)
-        for c in np.flatnonzero(sizes):
-            self._shift(int(c), sizes[c] * normal)
-        return self.total(sizes, what) * normal
+        changes = np.zeros(self.ensemble.columns.size)
+        for index, size in zip(self.indices, sizes, strict=True):
+            changes[index.elements] = size
+            changes[index.pulleys] = size * index.lever
+            for column, arm in index.motors:
+                changes[column] += arm * size
+        self.ensemble.core.least_variance[:] = changes**2
 
     def _arms(self, column: int, cables: list[int]) -> list[tuple[int, float]]:
         """Cables that act on a measured quantity, and its change per newton in each of them."""

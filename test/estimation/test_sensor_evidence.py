@@ -320,6 +320,8 @@ def test_two_cells_that_change_together_show_a_change_of_preload(
     assert live.fusion is not None
     assert live.fusion.faults() == {}
     assert abs(off - CHANGE) < 1.0
+    assert live.ensemble is not None
+    assert not live.ensemble.core.least_variance.any(), "each confirms the other"
 
 
 @pytest.mark.parametrize(("step", "calm", "trusted"), [(60, 500, 2), (15, 900, 1)])
