@@ -322,7 +322,7 @@ class Population:
 
         Args:
             robot: whose topology they have.
-            constants: of every robot, shape (robots, numbers).
+            constants: of every robot, shape (robots, constants).
 
         Raises:
             TypeError: an array is not contiguous or of another type.
@@ -352,7 +352,7 @@ class Ensemble:
     def __init__(
         self,
         robot: Robot,
-        numbers: NDArray[np.float64],
+        constants: NDArray[np.float64],
         friction_share: NDArray[np.float64],
         slipping: NDArray[np.bool_],
         effort_error: NDArray[np.float64],
@@ -369,7 +369,7 @@ class Ensemble:
 
         Args:
             robot: of the estimate.
-            numbers: of every member's robot, shape (members, numbers).
+            constants: of every member, shape (members, constants).
             friction_share: initial friction as a share of its bound, shape (members, pulleys).
             slipping: whether a member's cables slip on their drums, shape (members,).
             effort_error: lasting errors of the efforts [N m], shape (members, motors).
@@ -466,7 +466,7 @@ class Ensemble:
 
     # views of the ensemble's memory, which may be written
     @property
-    def numbers(self) -> NDArray[np.float64]: ...
+    def constants(self) -> NDArray[np.float64]: ...
     @property
     def friction_share(self) -> NDArray[np.float64]: ...
     @property
@@ -537,7 +537,7 @@ def mark_unsure(
 class Robot:
     """A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive."""
 
-    def __init__(self, plan: NDArray[np.int64], numbers: NDArray[np.float64]) -> None:
+    def __init__(self, topology: NDArray[np.int64], constants: NDArray[np.float64]) -> None:
         """Take the connections of a robot's parts and their constants; neither is copied.
 
         Raises:

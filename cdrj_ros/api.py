@@ -186,7 +186,7 @@ def estimate(
         _channels("joints", joints, tuple(joint.name for joint in robot.joints), later),
     )
     measured = None if efforts is None else _channels("efforts", efforts, names, stamps)
-    found = estimate_segments(model, conditioned, measured, spread=uncertainty)
+    found = estimate_segments(model, conditioned, measured, uncertainty=uncertainty)
     refused = {cause: n for cause, n in conditioned.refused.items() if n}
     return replace(found, refused=refused)
 
@@ -258,7 +258,9 @@ def validate(
     model = _loaded(model)
     paths = [bags] if isinstance(bags, (str, Path)) else bags
     given = topics or Topics()
-    return errors_of([validate_bag(model, str(bag), given, spread=uncertainty) for bag in paths])
+    return errors_of(
+        [validate_bag(model, str(bag), given, uncertainty=uncertainty) for bag in paths]
+    )
 
 
 def draw(model: Model | str | Path, path: str | Path) -> None:

@@ -192,7 +192,7 @@ class Figures(NamedTuple):
 def compared(model: Model, motion: Moved) -> Figures:
     """Estimates of another motion beside the truth."""
     found: Estimates = estimate(
-        model, condition(model.robot, motion.motors, motion.joints), spread=True
+        model, condition(model.robot, motion.motors, motion.joints), uncertainty=True
     )
     late = found.stamp_ns >= motion.stamp_ns[0] + round(START_S * 1e9)
     true = np.stack([np.interp(found.stamp_ns, motion.stamp_ns, column)

@@ -59,9 +59,9 @@ def model_with(zeros: Mapping[str, float]) -> Model:
     return prepare(build_robot(with_numbers(document, numbers), source))
 
 
-def compared(bag: Path, model: Model, *, spread: bool = False) -> BagComparison:
+def compared(bag: Path, model: Model, *, uncertainty: bool = False) -> BagComparison:
     """The comparison that `validate` makes."""
-    return validate_bag(model, str(bag), Topics(), spread=spread)
+    return validate_bag(model, str(bag), Topics(), uncertainty=uncertainty)
 
 
 def part(comparison: BagComparison, first_s: float, last_s: float) -> BagComparison:
@@ -163,7 +163,7 @@ def print_tables(bags: Sequence[Path], plain: Sequence[BagComparison]) -> None:
     print("after a tare")
     for bag in bags:
         zeros = tared(bag)
-        after.append(part(compared(bag, model_with(zeros), spread=True), TARE_S, np.inf))
+        after.append(part(compared(bag, model_with(zeros), uncertainty=True), TARE_S, np.inf))
         moved = ", ".join(f"{zero / np.pi:+.2f} mm" for zero in zeros.values())
         print(f"| {bag.name} | {moved} | {cells(pooled_errors([after[-1]]))} |")
     print(f"| all | | {cells(pooled_errors(after))} |")
@@ -177,7 +177,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder of the pictures")
     asked = parser.parse_args()
     bags = [asked.bags / name for name in HELD_OUT]
-    plain = [compared(bag, model_with({}), spread=True) for bag in bags]
+    plain = [compared(bag, model_with({}), uncertainty=True) for bag in bags]
     print_tables(bags, plain)
     asked.out.mkdir(parents=True, exist_ok=True)
     shown = [plain[0], plain[2]]
@@ -186,7 +186,7 @@ def main() -> int:
     time_figure(failed, asked.out / "continuum_failure.png", "wire_1", "Held-out runs that fail")
     loop_figure(bags[0], plain[0], asked.out / "continuum_loops.png")
     if asked.other is not None:
-        other = compared(asked.other, model_with({}), spread=True)
+        other = compared(asked.other, model_with({}), uncertainty=True)
         print_tables([asked.other], [other])
         path = asked.out / "continuum_session.png"
         time_figure([other], path, "wire_0", "Another session, nothing fitted")

@@ -231,7 +231,7 @@ def covered(model: Model, bags: Sequence[Path], runs: Sequence[Run]) -> None:
     """Print how the band of the spindle's torque holds while its encoder stands still."""
     inside, stddev, still = [], [], []
     for bag, one in zip(bags, runs, strict=True):
-        channels = validate_bag(model, str(bag), Topics(), spread=True).channels
+        channels = validate_bag(model, str(bag), Topics(), uncertainty=True).channels
         torque = next(channel for channel in channels if channel.name == "effort/spindle")
         assert torque.stddev is not None
         inside.append(np.abs(torque.estimate - torque.reference) <= 2.0 * torque.stddev)

@@ -61,7 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         2, len(arguments.bags), figsize=(9, 4.4), sharex=True, squeeze=False
     )
     for column, bag in zip(axes.T, arguments.bags, strict=True):
-        channels = {c.name: c for c in validate_bag(model, bag, Topics(), spread=True).channels}
+        channels = {
+            c.name: c for c in validate_bag(model, bag, Topics(), uncertainty=True).channels
+        }
         draw(column[0], channels[f"angle/{joint}"], 180.0 / np.pi, f"{joint} angle [°]")
         draw(column[1], channels[f"effort/{joint}"], 1e3, f"{joint} torque [mN·m]")
         column[0].set_title(Path(bag).name.rpartition("_")[2], fontsize=9)

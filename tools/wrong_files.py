@@ -187,8 +187,8 @@ def readings(model: Model, motion: Samples, zero: float) -> Samples:
 
 def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
     """Estimate from the readings and compare with the truth."""
-    spread = Ensemble(model, known=known)
-    _, estimates = spread.run(initial_state(model), read)
+    ensemble = Ensemble(model, known=known)
+    _, estimates = ensemble.run(initial_state(model), read)
     stddev = estimates.stddev
     assert stddev is not None
     elements = len(model.layout.elements)

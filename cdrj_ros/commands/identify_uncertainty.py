@@ -181,7 +181,7 @@ def model_errors(
     residuals: dict[str, list[Vector]] = {}
     stddevs: dict[str, list[Vector]] = {}
     for one in unseen:
-        again = validate_bag(model, one.path, topics, spread=True)
+        again = validate_bag(model, one.path, topics, uncertainty=True)
         stddev = {channel.name: channel.stddev for channel in again.channels}
         for channel in one.channels:
             own = stddev.get(channel.name)

@@ -112,7 +112,7 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
     bags, topics = arguments.bags, topics_of(arguments)
     window = _window(arguments.start, arguments.duration)
     # a bag has the status that the node would publish
-    spread = robot.uncertainty is not None or bool(arguments.write_bag)
+    uncertainty = robot.uncertainty is not None or bool(arguments.write_bag)
     prefix = topic_prefix(arguments)
     outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     return [
@@ -123,7 +123,7 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
             preload,
             window,
             outputs,
-            spread,
+            uncertainty,
             written,
             arguments.health,
             prefix + LOAD_CELLS,

@@ -41,11 +41,11 @@ inline void require(bool fits, const char* otherwise) {
 
 /// A robot whose arrays stay alive with it.
 struct HeldRobot {
-    HeldRobot(GivenIntegers plan, Given numbers)
-        : plan(std::move(plan)),
-          numbers(std::move(numbers)),
-          robot(this->plan.data(), this->numbers.data()) {
-        require(this->plan.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "plan is too short");
+    HeldRobot(GivenIntegers topology, Given constants)
+        : topology(std::move(topology)),
+          constants(std::move(constants)),
+          robot(this->topology.data(), this->constants.data()) {
+        require(this->topology.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "topology is too short");
     }
 
     /// Angles of all motors and of all joints in one sample.
@@ -55,8 +55,8 @@ struct HeldRobot {
             "the angles are not those of this robot");
     }
 
-    GivenIntegers plan;
-    Given numbers;
+    GivenIntegers topology;
+    Given constants;
     Robot robot;
 };
 

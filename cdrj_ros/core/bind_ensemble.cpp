@@ -25,7 +25,7 @@ std::vector<std::remove_const_t<T>> taken(
 }
 
 void make_ensemble(
-    Ensemble* made, const HeldRobot& robot, const Given& numbers, const Given& friction_share,
+    Ensemble* made, const HeldRobot& robot, const Given& constants, const Given& friction_share,
     const GivenFlags& slipping, const Given& effort_error, const Given& reading_error,
     const Given& unseen_share, const Given& offset_gain, const Given& length_share,
     const Given& span, const GivenIntegers& index, const GivenIntegers& element,
@@ -63,9 +63,9 @@ void make_ensemble(
         }
     }
     new (made) Ensemble(
-        taken(robot.plan, {robot.plan.size()}, "plan"),
-        taken(robot.numbers, {robot.numbers.size()}, "numbers"),
-        taken(numbers, {members, robot.numbers.size()}, "numbers"), std::move(rows),
+        taken(robot.topology, {robot.topology.size()}, "topology"),
+        taken(robot.constants, {robot.constants.size()}, "constants"),
+        taken(constants, {members, robot.constants.size()}, "constants"), std::move(rows),
         std::move(draws));
 }
 
@@ -201,7 +201,7 @@ struct HeldPopulation {
         : robot(robot),
           population(
               this->robot.robot.topology, constants.shape(0),
-              taken(constants, {constants.shape(0), robot.numbers.size()}, "constants")) {}
+              taken(constants, {constants.shape(0), robot.constants.size()}, "constants")) {}
 
     HeldRobot robot;
     Population population;
@@ -322,7 +322,7 @@ void bind_ensemble(nb::module_& core) {
         }, "Discard the history of all robots.");
     nb::class_<Ensemble>(core, "Ensemble", "Robots that differ in all that is unknown.")
         .def(
-            "__init__", make_ensemble, "robot"_a, "numbers"_a, "friction_share"_a, "slipping"_a,
+            "__init__", make_ensemble, "robot"_a, "constants"_a, "friction_share"_a, "slipping"_a,
             "effort_error"_a, "reading_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
             "span"_a, "index"_a, "element"_a, "unmodelled"_a,
             "Copies all arrays.")
@@ -347,7 +347,7 @@ void bind_ensemble(nb::module_& core) {
         .def("reset", &Ensemble::reset, "Discard the history of all members.")
         .def("take_offset", take_offset, "offset"_a, "Take the standard deviations of lasting errors.")
         .def_prop_ro(
-            "numbers", part(&Ensemble::population, &Population::constants, true))
+            "constants", part(&Ensemble::population, &Population::constants, true))
         .def_prop_ro(
             "friction_share", part(&Ensemble::draws, &Draws::friction_share, true))
         .def_prop_ro("reading_error", view_of_reading_error)

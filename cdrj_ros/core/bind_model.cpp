@@ -220,9 +220,9 @@ void bind_robot(nb::module_& core) {
         "What a learned correction depends on, along a motion.");
     nb::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
         .def(
-            nb::init<GivenIntegers, Given>(), "plan"_a, "numbers"_a,
-            "``plan``: connections of its parts; ``numbers``: their constants.")
-        .def("__getstate__", [](const HeldRobot& held) { return nb::make_tuple(held.plan, held.numbers); })
+            nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a,
+            "``topology``: how many parts and their connections; ``constants``: theirs.")
+        .def("__getstate__", [](const HeldRobot& held) { return nb::make_tuple(held.topology, held.constants); })
         .def("__setstate__", [](HeldRobot& held, const std::tuple<GivenIntegers, Given>& parts) {
             new (&held) HeldRobot(std::get<0>(parts), std::get<1>(parts));
         })

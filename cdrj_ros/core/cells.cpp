@@ -104,16 +104,16 @@ void friction_losses(
     const Topology& topology, const Constants& constants, const State& before, Workspace& work) {
     for (Index p = 0; p < topology.sizes.pulleys; ++p) {
         const PulleyConstants& pulley = constants.pulleys[p];
-        const PulleyTopology& plan = topology.pulleys[p];
+        const PulleyTopology& own = topology.pulleys[p];
         Loss whole{pulley.kinetic_loss, pulley.static_loss};
-        if (plan.wrap_changes == 1) {
+        if (own.wrap_changes == 1) {
             whole = blended_loss(
                 pulley.rho, pulley.mu_c, pulley.mu_s, work.wrap[p], pulley.bearing_ratio,
-                plan.stribeck);
+                own.stribeck);
         }
-        double share = work.contacts[plan.first_contact].share;
+        double share = work.contacts[own.first_contact].share;
         Loss loss = cell_loss(whole, share);
-        for (Index q = plan.first_contact; q < plan.first_contact + plan.cells; ++q) {
+        for (Index q = own.first_contact; q < own.first_contact + own.cells; ++q) {
             Contact& contact = work.contacts[q];
             if (contact.share != share) {
                 share = contact.share;

@@ -49,14 +49,14 @@ bool Population::advance(
 }
 
 Ensemble::Ensemble(
-    std::vector<Index> plan, std::vector<double> numbers, std::vector<double> constants,
-    std::vector<Quantity> of_quantities, Draws of_members)
+    std::vector<Index> topology, std::vector<double> constants, std::vector<double> of_members,
+    std::vector<Quantity> of_quantities, Draws of_draws)
     : quantities(std::move(of_quantities)),
-      draws(std::move(of_members)),
-      plan_(std::move(plan)),
-      numbers_(std::move(numbers)),
-      robot_(plan_.data(), numbers_.data()),
-      population(robot_.topology, draws.slipping.size(), std::move(constants)),
+      draws(std::move(of_draws)),
+      topology_(std::move(topology)),
+      constants_(std::move(constants)),
+      robot_(topology_.data(), constants_.data()),
+      population(robot_.topology, draws.slipping.size(), std::move(of_members)),
       estimate_(robot_.estimate_size()),
       possible_(robot_.topology.sizes.elements + 1, 1.0),
       out_(robot_.out_size()) {

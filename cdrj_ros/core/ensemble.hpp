@@ -113,10 +113,10 @@ struct EnsembleMemory {
 /// solved, and where an axis may have moved unseen since the sample before (U3).
 class Ensemble {
 public:
-    /// `plan` and `numbers`: the nominal robot, that of the estimate, see `cdrj_ros.model.packing`.
-    /// `constants`: of every member's robot.
+    /// `topology` and `constants`: of the nominal robot, see `cdrj_ros.model.packing`.
+    /// `of_members`: constants of every member.
     Ensemble(
-        std::vector<Index> plan, std::vector<double> numbers, std::vector<double> constants,
+        std::vector<Index> topology, std::vector<double> constants, std::vector<double> of_members,
         std::vector<Quantity> quantities, Draws draws);
 
     /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
@@ -181,8 +181,8 @@ public:
     Draws draws;
 
 private:
-    std::vector<Index> plan_;
-    std::vector<double> numbers_;
+    std::vector<Index> topology_;
+    std::vector<double> constants_;
     Robot robot_;  // of the estimate
 
 public:

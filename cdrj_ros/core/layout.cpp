@@ -31,8 +31,8 @@ constexpr Index SIZES = sizeof(Sizes) / sizeof(Index);
 
 }  // namespace
 
-Topology::Topology(const Index* plan) : sizes(*reinterpret_cast<const Sizes*>(plan)) {
-    Parts parts(plan + SIZES);
+Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(packed)) {
+    Parts parts(packed + SIZES);
     cables = parts.take<const CableTopology>(sizes.cables);
     ends = parts.take<const EndTopology>(2 * sizes.cables);
     pulleys = parts.take<const PulleyTopology>(sizes.pulleys);
@@ -43,8 +43,8 @@ Topology::Topology(const Index* plan) : sizes(*reinterpret_cast<const Sizes*>(pl
     residual_axes = parts.take<const ResidualAxisTopology>(sizes.residual_axes);
 }
 
-Constants::Constants(const Sizes& sizes, const double* numbers) {
-    Parts parts(numbers);
+Constants::Constants(const Sizes& sizes, const double* packed) {
+    Parts parts(packed);
     cables = parts.take<const CableConstants>(sizes.cables);
     ends = parts.take<const EndConstants>(2 * sizes.cables);
     pulleys = parts.take<const PulleyConstants>(sizes.pulleys);

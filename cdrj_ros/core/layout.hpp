@@ -54,7 +54,7 @@ struct Grid {
 
 /// Connections of a robot.
 struct Topology {
-    explicit Topology(const Index* plan);
+    explicit Topology(const Index* packed);
 
     Sizes sizes;
     std::span<const CableTopology> cables;
@@ -85,7 +85,7 @@ struct Topology {
 
 /// Constants of a robot.
 struct Constants {
-    Constants(const Sizes& sizes, const double* numbers);
+    Constants(const Sizes& sizes, const double* packed);
 
     std::span<const CableConstants> cables;
     std::span<const EndConstants> ends;

@@ -66,19 +66,19 @@ void report_cable(const Step& step, Index c, bool solved) {
         estimate.motor_effort[motor] -= winding * drum_lever(step, c, end) * pull;
     }
     for (Index p = pulley; p < beyond; ++p) {
-        const PulleyTopology& plan = topology.pulleys[p];
-        const double t_in = estimate.tension[plan.element];
-        const double t_out = estimate.tension[plan.element + 1];
+        const PulleyTopology& own = topology.pulleys[p];
+        const double t_in = estimate.tension[own.element];
+        const double t_out = estimate.tension[own.element + 1];
         const Vector3 force = force_on_pulley(step, p, cable.routed, t_in, t_out);
         estimate.force_x[p] = force.x;
         estimate.force_y[p] = force.y;
         estimate.force_z[p] = force.z;
         estimate.magnitude[p] = norm(force);
         estimate.friction[p] = t_out - t_in;
-        estimate.slip_speed[p] = after.slip_speed[plan.first_contact];
-        if (plan.cells > 1) {  // the mean over the arc
+        estimate.slip_speed[p] = after.slip_speed[own.first_contact];
+        if (own.cells > 1) {  // the mean over the arc
             double speed = 0.0;
-            for (Index q = plan.first_contact; q < plan.first_contact + plan.cells; ++q) {
+            for (Index q = own.first_contact; q < own.first_contact + own.cells; ++q) {
                 speed += work.contacts[q].share * after.slip_speed[q];
             }
             estimate.slip_speed[p] = speed;

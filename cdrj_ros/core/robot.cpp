@@ -167,7 +167,7 @@ void spread_evenly(const Cable& cable) {
 /// Advance a cable with a friction history; false if its fluxes could not be solved.
 bool move_cable(const Step& step, Index c, std::span<const double> motor_angle, double dt) {
     const auto& [topology, constants, before, after, estimate, work] = step;
-    const CableTopology& plan = topology.cables[c];
+    const CableTopology& own = topology.cables[c];
     const auto [first, beyond] = topology.segments_of(c);
     const auto [first_flux, last_flux] = turn_drums(step, c, motor_angle);
     for (Index e = first; e < beyond; ++e) {
@@ -175,14 +175,14 @@ bool move_cable(const Step& step, Index c, std::span<const double> motor_angle, 
         work.segments[e].material_before = before.material[e];
     }
     yield(step, c, dt);
-    const Index contact = plan.first_contact, last = contact + plan.contacts;
+    const Index contact = own.first_contact, last = contact + own.contacts;
     for (Index q = contact; q < last; ++q) {
         work.contacts[q].flux = before.slip_speed[q] * dt - work.contacts[q].shift;
         work.contacts[q].bristle_before = before.bristle[q];
     }
     Cable cable{
-        elasticity_of(constants.cables[c]), plan.law, first_flux, last_flux, dt,
-        work.segments.subspan(first, beyond - first), work.contacts.subspan(contact, plan.contacts),
+        elasticity_of(constants.cables[c]), own.law, first_flux, last_flux, dt,
+        work.segments.subspan(first, beyond - first), work.contacts.subspan(contact, own.contacts),
     };
     const Effort effort = cable.solve();
     const bool solved =
@@ -201,10 +201,10 @@ bool move_cable(const Step& step, Index c, std::span<const double> motor_angle, 
         const double slip = work.contacts[q].flux + work.contacts[q].shift;  // (E25)
         after.slip_speed[q] = dt > 0.0 ? slip / dt : 0.0;
     }
-    for (Index p = plan.first_pulley; p < plan.first_pulley + plan.pulleys; ++p) {
+    for (Index p = own.first_pulley; p < own.first_pulley + own.pulleys; ++p) {
         const double lag = constants.pulleys[p].stribeck_lag;  // (E10)
-        const PulleyTopology& own = topology.pulleys[p];
-        for (Index q = own.first_contact; q < own.first_contact + own.cells; ++q) {
+        const PulleyTopology& pulley = topology.pulleys[p];
+        for (Index q = pulley.first_contact; q < pulley.first_contact + pulley.cells; ++q) {
             const double moved = lag * before.lagged_speed[q] + dt * after.slip_speed[q];
             after.lagged_speed[q] = moved / (lag + dt);
         }

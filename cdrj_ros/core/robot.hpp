@@ -11,13 +11,13 @@ namespace cdrj {
 /// A robot: its topology, which members of an ensemble share, and its constants.
 class Robot {
 public:
-    /// `plan` and `numbers`: see `cdrj_ros.model.packing`; they must outlive the robot.
-    Robot(const Index* plan, const double* numbers)
-        : topology(plan), constants(topology.sizes, numbers) {}
+    /// `topology` and `constants`: see `cdrj_ros.model.packing`; they must outlive the robot.
+    Robot(const Index* topology, const double* constants)
+        : topology(topology), constants(this->topology.sizes, constants) {}
 
     /// The same robot with other constants.
-    Robot(const Topology& topology, const double* numbers)
-        : topology(topology), constants(topology.sizes, numbers) {}
+    Robot(const Topology& topology, const double* constants)
+        : topology(topology), constants(topology.sizes, constants) {}
 
     /// Geometry of all cables in a pose; false if the path of a cable is impossible.
     ///

@@ -37,7 +37,7 @@ constexpr double SMALL_CHORD = 1e-4;
 
 /// One cable with its nodes; the first and the last are its ends.
 struct Path {
-    std::span<const NodeTopology> plans;
+    std::span<const NodeTopology> topology;
     std::span<const NodeConstants> nodes;
     std::span<Touch> touches;
 
@@ -50,7 +50,7 @@ struct Path {
         return k;
     }
 
-    const GuideKind& kind(Index k) const { return kind_of(plans[k].kind); }
+    const GuideKind& kind(Index k) const { return kind_of(topology[k].kind); }
 
     /// Whether an end winds cable.
     bool winds(Index end) const { return !kind(end).fixed; }
@@ -83,9 +83,9 @@ void start_on_tangent(
 double place_nodes(const Path& path, std::span<const Pose> poses) {
     double size = 0.0;
     for (Index k = 0; k <= path.last(); ++k) {
-        const NodeTopology& plan = path.plans[k];
+        const NodeTopology& links = path.topology[k];
         const NodeConstants& node = path.nodes[k];
-        const Pose& pose = poses[plan.frame];
+        const Pose& pose = poses[links.frame];
         Touch& touch = path.touches[k];
         const Vector3 centre = pose.origin + rotated(pose.rotation, node.centre);
         touch.centre = touch.entry = touch.exit = centre;
@@ -95,7 +95,7 @@ double place_nodes(const Path& path, std::span<const Pose> poses) {
         touch.normal = Z_AXIS;
         const GuideKind& kind = path.kind(k);
         if (kind.bridges) {
-            const Pose& far = poses[plan.exit_frame];
+            const Pose& far = poses[links.exit_frame];
             touch.exit = far.origin + rotated(far.rotation, node.exit);
         } else if (!kind.fixed) {
             for (int i = 0; i < 3; ++i) {
@@ -107,7 +107,7 @@ double place_nodes(const Path& path, std::span<const Pose> poses) {
                 touch.basis.row[3 * i + 2] = turned.z;
             }
             if (node.sided == 1.0) {
-                const Pose& far = poses[plan.exit_frame];
+                const Pose& far = poses[links.exit_frame];
                 const Vector3 point = far.origin + rotated(far.rotation, node.exit);
                 touch.side = rotated(touch.basis, point - centre);
             }
@@ -289,7 +289,7 @@ bool route_cable(
     for (const Index k : {Index{0}, last}) {
         if (!path.winds(k)) continue;
         path.touches[k].twisted =
-            turn_of_frame(path.plans[k].frame, work.twist, path.touches[k], joint_angle);
+            turn_of_frame(path.topology[k].frame, work.twist, path.touches[k], joint_angle);
     }
     bool possible = find_path(path, size);
     possible = measure_cable(path, own, work) && possible;
@@ -311,9 +311,9 @@ bool route_cable(
         // (E27), in the plane (E7): velocity along the cable of the point at which it arrives on a body, less that of the
         // point at which it has left one
         const Vector3 unit = along(e);
-        const NodeTopology& from = path.plans[e];
+        const NodeTopology& from = path.topology[e];
         const Index left = path.kind(e).bridges ? from.exit_frame : from.frame;
-        const Index right = path.plans[e + 1].frame;
+        const Index right = path.topology[e + 1].frame;
         const Touch &begin = path.touches[e], &end = path.touches[e + 1];
         // the length between two points of one frame does not change
         const bool rigid = left == right && begin.touching == 1.0 && end.touching == 1.0;

@@ -1,4 +1,4 @@
-"""One cable's values in states, numbers and deviations of the ensemble."""
+"""One cable's values in states, constants and deviations of the ensemble."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.elasticity import Elasticity, elasticities, strain_at, tensions_at
 from cdrj_ros.model.filling import contact_cells
-from cdrj_ros.model.packing import number_views, plan_views
+from cdrj_ros.model.packing import constant_views, topology_views
 from cdrj_ros.model.prepared import Model, segments_of, shape_at
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
@@ -58,7 +58,7 @@ class CableStates(NamedTuple):
 
 
 class CableIndex:
-    """Indices of one cable's values in states, numbers and deviations."""
+    """Indices of one cable's values in states, constants and deviations."""
 
     def __init__(self, model: Model, c: int) -> None:
         """Find the indices.
@@ -68,16 +68,16 @@ class CableIndex:
             c: number of the cable.
         """
         robot, layout = model.robot, model.layout
-        cable = plan_views(model.plan).cables[c]
+        cable = topology_views(model.topology).cables[c]
         first, pulley = cable.first_element, cable.first_pulley
         elements = len(layout.elements)
         self.elements = slice(first, first + cable.elements)
         self.pulleys = slice(elements + pulley, elements + pulley + cable.pulleys)
         segments, contact = segments_of(model, c), cable.first_contact
-        numbers = number_views(model.sizes, np.arange(float(model.numbers.size)))
-        rows: Any = numbers.segments
+        constants = constant_views(model.sizes, np.arange(float(model.constants.size)))
+        rows: Any = constants.segments
         self._material_columns = _columns(rows["material"][segments])
-        self._law_columns = [int(k) for k in elasticities(numbers.cables[c])]
+        self._law_columns = [int(k) for k in elasticities(constants.cables[c])]
         state = state_views(model.sizes, np.arange(float(model.state_size)))
         self._length_part = _columns(state.length[segments])
         self._material_part = _columns(state.material[segments])
@@ -101,39 +101,39 @@ class CableIndex:
             if isinstance(node, Winch)
         ]
 
-    def states(self, states: Table, numbers: Table) -> CableStates:
+    def states(self, states: Table, constants: Table) -> CableStates:
         """The cable's values.
 
         Args:
             states: a state, shape (state_size,), or many, shape (rows, state_size).
-            numbers: of the prepared robot, or of that of every row.
+            constants: of the prepared robot, or of that of every row.
         """
         return CableStates(
             states[..., self._length_part],
             states[..., self._material_part],
             states[..., self._bristle_part],
-            self._law(numbers),
+            self._law(constants),
             self._between,
         )
 
-    def start(self, numbers: Table) -> Table:
-        """Material of the cable's segments in the reference pose [m], a view of ``numbers``."""
-        return numbers[..., self._material_columns]
+    def start(self, constants: Table) -> Table:
+        """Material of the cable's segments in the reference pose [m], a view of ``constants``."""
+        return constants[..., self._material_columns]
 
-    def preload(self, numbers: Table, shift: Vector) -> None:
+    def preload(self, constants: Table, shift: Vector) -> None:
         """Let states begin with other preloads, but at least 0.
 
         Args:
-            numbers: of the prepared robots, shape (rows, numbers), changed.
+            constants: of the prepared robots, shape (rows, constants), changed.
             shift: of the preload [N], shape (rows,).
         """
-        law, material = self._law(numbers), self.start(numbers)
+        law, material = self._law(constants), self.start(constants)
         tension = tensions_at(law, self._length / material - 1.0) + shift[:, None]
         material[:] = self._length / (1.0 + strain_at(law, np.maximum(tension, 0.0)))
 
-    def _law(self, numbers: Table) -> Elasticity:
-        """The cable's law of every row of ``numbers``."""
-        return Elasticity(*(numbers[..., column, None] for column in self._law_columns))
+    def _law(self, constants: Table) -> Elasticity:
+        """The cable's law of every row of ``constants``."""
+        return Elasticity(*(constants[..., column, None] for column in self._law_columns))
 
 
 def lengthen(start: Table, change: Vector) -> None:

@@ -19,7 +19,7 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.elasticity import elasticities, strain_at
-from cdrj_ros.model.packing import number_views
+from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, prepare, read_only, segments_of
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.parameters import find_number, writer_of
@@ -33,7 +33,7 @@ DRAWS: Final = 20
 
 SMALLER: Final = (0.5, 0.5)
 """Factors by which the last of them is then reduced; in the end, the member has the robot's own
-numbers."""
+constants."""
 
 LEAST_FACTOR: Final = 1e-9
 """Eigenvalue of a correlation matrix below which a direction is not drawn."""
@@ -59,8 +59,8 @@ WOUND_SPREAD: Final = 0.3
 class Draws:
     """What distinguishes the members of an ensemble; arrays are read-only."""
 
-    numbers: Table
-    """Constants of every member's robot, shape (members, numbers)."""
+    constants: Table
+    """Constants of every member's robot, shape (members, constants)."""
     friction_share: Table
     """Initial friction of every pulley as a share of its bound, shape (members, pulleys)."""
     effort_error: Table
@@ -93,11 +93,12 @@ def draw(
         known: standard deviations of the parameters; None: those of the robot.
     """
     robot, generator = model.robot, np.random.default_rng(seed)
-    numbers, zeros = draw_numbers(model, members, generator, known)
-    wind_differently(model, numbers, generator)
+    constants, zeros = draw_constants(model, members, generator, known)
+    wind_differently(model, constants, generator)
     if preload_share > 0.0:
-        preload_differently(model, numbers, preload_share, generator)
-    number_views(model.sizes, numbers).residuals["bound"] = 0.0  # the estimate alone is corrected
+        preload_differently(model, constants, preload_share, generator)
+    residuals: Any = constant_views(model.sizes, constants).residuals
+    residuals["bound"] = 0.0  # the estimate alone is corrected
     shares = [friction_shares(members, len(cable.pulleys), generator) for cable in robot.cables]
     efforts = np.zeros((members, len(robot.motors)))
     if robot.unmeasured:
@@ -106,7 +107,7 @@ def draw(
     errors = reading_errors(robot, zeros, generator)
     axes = len(robot.motors) + len(robot.joints)
     return Draws(
-        read_only(numbers),
+        read_only(constants),
         read_only(np.concatenate(shares, axis=1)),
         read_only(efforts),
         read_only(errors),
@@ -115,29 +116,29 @@ def draw(
     )
 
 
-def draw_numbers(
+def draw_constants(
     model: Model, members: int, generator: np.random.Generator, known: Uncertainty | None = None
 ) -> tuple[Table, Table]:
     """The robots that ``draw_members`` draws, as the core takes them.
 
     Returns:
-        Their numbers, shape (members, numbers), and the differences of their angles from the
+        Their constants, shape (members, constants), and the differences of their angles from the
         robot's at the same readings [rad], shape (members, axes): ``offset`` is not one of the
-        numbers, since readings are converted to angles before any robot sees them.
+        constants, since readings are converted to angles before any robot sees them.
     """
     known = known or model.robot.uncertainty
     zeros = np.zeros((members, len(model.robot.axes)))
     if members == 0 or known is None or not known.parameters or not model.robot.document:
-        return np.repeat(model.numbers[None, :], members, axis=0), zeros
+        return np.repeat(model.constants[None, :], members, axis=0), zeros
     offsets = model.robot.offsets
     made = draw_members(
         model.robot, known, members, generator,
-        lambda one: (prepare(one, False).numbers, np.subtract(one.offsets, offsets)),
+        lambda one: (prepare(one, False).constants, np.subtract(one.offsets, offsets)),
     )  # fmt: skip
-    numbers = np.stack([model.numbers if one is None else one[0] for one in made])
+    constants = np.stack([model.constants if one is None else one[0] for one in made])
     for k, one in enumerate(made):
         zeros[k] = 0.0 if one is None else one[1]
-    return numbers, zeros
+    return constants, zeros
 
 
 def draw_members(
@@ -240,18 +241,18 @@ def _factors(covariance: Table) -> Table:
     return factors
 
 
-def wind_differently(model: Model, numbers: Table, generator: np.random.Generator) -> None:
+def wind_differently(model: Model, constants: Table, generator: np.random.Generator) -> None:
     """Vary the unknown tension at which the cable on each drum was wound.
 
     Wound cable keeps the tension at which it was wound (E3), not the preload.
 
     Args:
         model: the prepared robot.
-        numbers: of all members, shape (members, numbers), changed in place.
+        constants: of all members, shape (members, constants), changed in place.
         generator: random generator.
     """
-    half = len(numbers) // 2
-    cables: Any = number_views(model.sizes, numbers).cables
+    half = len(constants) // 2
+    cables: Any = constant_views(model.sizes, constants).cables
     for c in range(len(model.robot.cables)):
         cables["wound_tension"][:, c] *= np.exp(
             WOUND_SPREAD * _paired(generator.standard_normal(half))
@@ -259,14 +260,14 @@ def wind_differently(model: Model, numbers: Table, generator: np.random.Generato
 
 
 def preload_differently(
-    model: Model, numbers: Table, share: float, generator: np.random.Generator
+    model: Model, constants: Table, share: float, generator: np.random.Generator
 ) -> None:
     """Vary the members' preloads, cable by cable, with standard deviation ``share`` times each.
 
     Every member keeps its own lengths in the reference pose, where it has its preload.
     """
-    half = len(numbers) // 2
-    views: Any = number_views(model.sizes, numbers)
+    half = len(constants) // 2
+    views: Any = constant_views(model.sizes, constants)
     for c in range(len(model.robot.cables)):
         change = 1.0 + share * _paired(generator.standard_normal(half))
         law, preload = elasticities(views.cables[:, c]), views.cables["preload"][:, c]

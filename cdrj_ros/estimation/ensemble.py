@@ -28,7 +28,7 @@ from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
 from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.packing import number_views
+from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Layout, Model
 from cdrj_ros.model.state import INVALID, UNSURE
 from cdrj_ros.robot.description import Robot, Uncertainty
@@ -65,7 +65,7 @@ def _elements_of(layout: Layout) -> NDArray[np.int64]:
 
 def new_members(model: Model, draws: Draws) -> _core.Ensemble:
     """Members before their first sample."""
-    robot, members = model.robot, len(draws.numbers)
+    robot, members = model.robot, len(draws.constants)
     spans = [(-np.inf, np.inf) for _ in robot.motors]
     spans += [(joint.lower, joint.upper) for joint in robot.joints]
     unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
@@ -74,7 +74,7 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         error[0] = 0.0
     return _core.Ensemble(
         model.core,
-        numbers=draws.numbers,
+        constants=draws.constants,
         friction_share=draws.friction_share,
         slipping=(np.arange(members) // 2 % 2 == 1) & unsure,
         effort_error=draws.effort_error,
@@ -121,11 +121,11 @@ class Ensemble:
         draws = draw(model, members, seed, preload_share, known)
         self.model = model
         self.columns = stddev_columns(model.layout)
-        self._drawn = draws.numbers
+        self._drawn = draws.constants
         self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
-        self.numbers = self.core.numbers
-        """Of the prepared robot of every member, shape (members, numbers)."""
+        self.constants = self.core.constants
+        """Of the prepared robot of every member, shape (members, constants)."""
         self.states = self.core.states
         """Shape (members, state_size)."""
         self.stamps = self.core.stamps
@@ -146,7 +146,7 @@ class Ensemble:
 
     def restore_preloads(self) -> None:
         """Discard the members' history, and all corrections of their preloads."""
-        self.numbers[:] = self._drawn
+        self.constants[:] = self._drawn
         self.reset()
 
     def keep_preloads(self, other: Ensemble) -> None:
@@ -155,8 +155,8 @@ class Ensemble:
         Both are of the same robot, which may have different numbers.
         """
         mine, theirs, drawn = (
-            number_views(self.model.sizes, numbers).segments["material"]
-            for numbers in (self.numbers, other.numbers, other._drawn)
+            constant_views(self.model.sizes, constants).segments["material"]
+            for constants in (self.constants, other.constants, other._drawn)
         )
         mine *= theirs / drawn
 
@@ -171,7 +171,7 @@ class Ensemble:
         return {
             "members": self.states,
             "member_stamps": self.stamps,
-            "member_numbers": self.numbers,
+            "member_constants": self.constants,
             "progress": self.core.progress,
             "last_angle": self.core.angle,
             "intervals": self.core.intervals,

@@ -89,7 +89,7 @@ class HealthMonitor:
         self._stddev_column |= {name: k for k, name in enumerate(layout.elements)}
         self._makers: deque[Callable[[], Change]] = deque(changes_of(model.robot, known))
         self._changes: list[Change] = []
-        self._numbers = [model.numbers]
+        self._constants = [model.constants]
         """Constants of the robot of the file, then of every changed one."""
         self._robots: _core.Population | None = None
         """These robots, once all are prepared."""
@@ -203,7 +203,7 @@ class HealthMonitor:
             if last == NEVER or sample.stamp_ns - last >= TICK_NS:
                 self._tick = _Tick(sample, stddev, [])
         if self._tick is not None:
-            for _ in range(max(1, ceil(len(self._numbers) * self._interval_ns / TICK_NS))):
+            for _ in range(max(1, ceil(len(self._constants) * self._interval_ns / TICK_NS))):
                 if self._step_one(self._tick):
                     break
 
@@ -224,12 +224,12 @@ class HealthMonitor:
         except CdrjError:  # numbers that no robot can have: this change cannot be told
             return
         self._changes.append(change)
-        self._numbers.append(model.numbers)
+        self._constants.append(model.constants)
 
     def _step_one(self, tick: _Tick) -> bool:
         """Step the next robot; True once the sample has passed through all of them."""
         if self._robots is None:
-            self._robots = _core.Population(self.model.core, np.stack(self._numbers))
+            self._robots = _core.Population(self.model.core, np.stack(self._constants))
         k, model = len(tick.expected), self.model
         angles = tick.sample.joint_angle
         if k and (shift := self._changes[k - 1].joint_shift):
@@ -243,7 +243,7 @@ class HealthMonitor:
             self._tick = None
             self._begin()
             return True
-        if len(tick.expected) < len(self._numbers):
+        if len(tick.expected) < len(self._constants):
             return False
         self._tick = None
         self._complete(tick)

@@ -225,10 +225,10 @@ def _stated_accuracy(robot: Robot) -> dict[int, float]:
     known = robot.uncertainty
     if known is None:
         return {}
-    place = {path: k for k, path in enumerate(known.parameters[: known.stated])}
+    index = {path: k for k, path in enumerate(known.parameters[: known.stated])}
     paths = [f"motors.{motor.name}.bearing_torque" for motor in robot.motors]
     return {
-        m: float(np.sqrt(known.covariance[place[path], place[path]]))
+        m: float(np.sqrt(known.covariance[index[path], index[path]]))
         for m, path in enumerate(paths)
-        if path in place
+        if path in index
     }

@@ -91,10 +91,10 @@ class Preloads:
         """The robot with the preloads that are known by now."""
         if not self.known.any():
             return model
-        numbers = model.numbers.copy()
+        constants = model.constants.copy()
         for index, known in zip(self.indices, self.known, strict=True):
-            lengthen(index.start(numbers), np.asarray(known))
-        return replace(model, numbers=read_only(numbers))
+            lengthen(index.start(constants), np.asarray(known))
+        return replace(model, constants=read_only(constants))
 
     def update(
         self,
@@ -148,7 +148,7 @@ class Preloads:
             changes: of those of all members, shape (members, elements).
         """
         estimate, cable = (
-            self.indices[c].states(state, self.ensemble.model.numbers),
+            self.indices[c].states(state, self.ensemble.model.constants),
             self._cables[c],
         )
         self.known[c] += estimate.stretch(shift)
@@ -171,7 +171,7 @@ class Preloads:
             if self.ensemble.started:
                 self._shift(c, change)
             else:
-                self.indices[c].preload(self.ensemble.numbers, change)
+                self.indices[c].preload(self.ensemble.constants, change)
         self.ensemble.renew_variance()
 
     def mean_tensions(self, tension: Vector) -> Vector:
@@ -186,7 +186,7 @@ class Preloads:
         for c, arm in self._arms(column, cables):
             normal = standard(self.ensemble.generator, len(self.ensemble.states))
             change = min(abs(size / arm), self._preload[c])
-            self.indices[c].preload(self.ensemble.numbers, change * normal)
+            self.indices[c].preload(self.ensemble.constants, change * normal)
 
     def drift(
         self, name: str, stamp_ns: int, shares: Mapping[int, float], apart: Sequence[Vector]
@@ -293,8 +293,8 @@ class Preloads:
         """The views of one cable."""
         ensemble, deviation = self.ensemble, self.ensemble.deviation
         return MemberCable(
-            states=index.states(ensemble.states, ensemble.numbers),
-            start=index.start(ensemble.numbers),
+            states=index.states(ensemble.states, ensemble.constants),
+            start=index.start(ensemble.constants),
             tension=deviation[:, index.elements],
             force=deviation[:, index.pulleys],
             efforts=[(deviation[:, column], arm) for column, arm in index.motors],

@@ -41,10 +41,10 @@ class StateFileError(CdrjError):
 
 
 def _digest(model: Model) -> NDArray[np.uint8]:
-    """Digest of the plan and the numbers, without which a state is meaningless."""
+    """Digest of topology and constants, without which a state is meaningless."""
     digest = hashlib.sha256(b"cdrj_ros state 3")
-    digest.update(model.plan.tobytes())
-    digest.update(model.numbers.tobytes())
+    digest.update(model.topology.tobytes())
+    digest.update(model.constants.tobytes())
     return np.frombuffer(digest.digest(), dtype=np.uint8)
 
 

@@ -41,7 +41,7 @@ def pieces_of(
     samples: Samples,
     efforts: Mapping[str, Series] | None = None,
     *,
-    spread: bool = False,
+    uncertainty: bool = False,
 ) -> Iterator[Estimates]:
     """Estimate a pass from the initial state; yields the estimates of AT_ONCE samples at a time.
 
@@ -51,18 +51,18 @@ def pieces_of(
         model: the prepared robot.
         samples: of one pass, with the joints that have encoders.
         efforts: of the motors by name [N m], from which joints without encoder are estimated.
-        spread: whether to estimate standard deviations, which about doubles the time; those of a
-            robot with joints without encoder are estimated in any case.
+        uncertainty: whether to estimate standard deviations, which about doubles the time; those
+            of a robot with joints without encoder are estimated in any case.
     """
     if model.robot.unmeasured:
         at = efforts_at(samples.stamp_ns, model.layout.motors, efforts or {})
         return _pieces_encoderless(model, samples, at)
-    return _pieces(model, samples, spread)
+    return _pieces(model, samples, uncertainty)
 
 
-def _pieces(model: Model, samples: Samples, spread: bool) -> Iterator[Estimates]:
+def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estimates]:
     """``pieces_of`` for a robot whose joints have encoders."""
-    preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if spread else None
+    preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if uncertainty else None
     for piece, estimates in _ahead(_estimated(model, samples)):
         found = estimates if ensemble is None else ensemble.follow(piece, estimates)
         stddev = UNKNOWN if found.stddev is None else found.stddev
@@ -97,10 +97,10 @@ def _pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Itera
 
     ``efforts`` has those of the motors [N m], shape (n, motors); NaN where none was heard.
     """
-    alone, preload = EncoderlessEstimator(model), preload_of_elements(model.robot)
+    encoderless, preload = EncoderlessEstimator(model), preload_of_elements(model.robot)
     for begin in range(0, samples.stamp_ns.size, AT_ONCE):
         piece = samples.part(slice(begin, begin + AT_ONCE))
-        estimates = alone.run(piece, efforts[begin : begin + AT_ONCE])
+        estimates = encoderless.run(piece, efforts[begin : begin + AT_ONCE])
         stddev = UNKNOWN if estimates.stddev is None else estimates.stddev
         mark_unsure(estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield estimates
@@ -111,7 +111,7 @@ def estimate(
     conditioned: Conditioned,
     efforts: Mapping[str, Series] | None = None,
     *,
-    spread: bool = False,
+    uncertainty: bool = False,
 ) -> Estimates:
     """All estimates of a conditioned recording at once.
 
@@ -120,19 +120,19 @@ def estimate(
         conditioned: the recording; the estimator restarts for each of its segments.  The result
             holds the segments one after another, so its stamps go back between them.
         efforts: as for ``pieces_of``.
-        spread: as for ``pieces_of``.
+        uncertainty: as for ``pieces_of``.
     """
     total = sum(segment.stamp_ns.size for segment in conditioned.segments)
     stamps = np.concatenate(
         [np.empty(0, np.int64), *(segment.stamp_ns for segment in conditioned.segments)]
     )
     values = np.empty((total, model.layout.size))
-    spread = spread or bool(model.robot.unmeasured)
-    stddev = np.empty((total, stddev_columns(model.layout).size)) if spread else None
+    uncertainty = uncertainty or bool(model.robot.unmeasured)
+    stddev = np.empty((total, stddev_columns(model.layout).size)) if uncertainty else None
     angles: list[Angles] = []
     done = 0
     for segment in conditioned.segments:
-        for piece in pieces_of(model, segment, efforts, spread=spread):
+        for piece in pieces_of(model, segment, efforts, uncertainty=uncertainty):
             place = slice(done, done + piece.stamp_ns.size)
             values[place] = piece.values
             if stddev is not None:

@@ -79,7 +79,7 @@ class Validation:
         recording: Recording,
         conditioned: Conditioned,
         *,
-        spread: bool = False,
+        uncertainty: bool = False,
         window: Window = WHOLE,
         progress: Callable[[float], None] | None = None,
         sensors: Sensors | None = None,
@@ -91,7 +91,7 @@ class Validation:
             path: the recording, as the user named it.
             recording: the recorded series.
             conditioned: its samples.
-            spread: whether to estimate standard deviations.
+            uncertainty: whether to estimate standard deviations.
             window: time interval of the references that are compared.
             progress: called with the completed fraction, from 0 to 1.
             sensors: readings for the health monitor; None or none at all: it does not run.
@@ -106,7 +106,7 @@ class Validation:
         self._references = references_in(path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
         self._conditioned, self._window, self._progress = conditioned, window, progress
-        self._spread = spread
+        self._uncertainty = uncertainty
         self._friction = FrictionSums(model.layout)
         self._names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
         unmeasured = [model.layout.joints[j] for j in model.robot.unmeasured]
@@ -126,7 +126,7 @@ class Validation:
         found: list[Angles] = []
         done = 0
         efforts = in_order(self._recording.motor_efforts, self._conditioned)
-        for piece in pieces_of(self._model, segment, efforts, spread=self._spread):
+        for piece in pieces_of(self._model, segment, efforts, uncertainty=self._uncertainty):
             if piece.angles is not None:
                 found.append(piece.angles)
             self._friction.add(piece.values)
@@ -279,7 +279,7 @@ class BagTask:
     window: Window = WHOLE
     outputs: tuple[str, str, str] = OUTPUTS
     """Topics of the estimates in the written bag."""
-    spread: bool = False
+    uncertainty: bool = False
     """Whether standard deviations are computed."""
     written: str = ""
     """Bag to write with the original messages and the estimates; empty for none."""
@@ -295,9 +295,11 @@ prepared_model = cache(load_model)
 """The model of a robot file with preloads, loaded once per process."""
 
 
-def validate_bag(model: Model, path: str, topics: Topics, *, spread: bool = False) -> BagComparison:
-    """``compare_bag`` with a given model; ``spread`` requests standard deviations."""
-    return compare_bag(BagTask(path, topics, spread=spread), model=model)
+def validate_bag(
+    model: Model, path: str, topics: Topics, *, uncertainty: bool = False
+) -> BagComparison:
+    """``compare_bag`` with a given model; ``uncertainty`` requests standard deviations."""
+    return compare_bag(BagTask(path, topics, uncertainty=uncertainty), model=model)
 
 
 def compare_bag(
@@ -338,7 +340,7 @@ def compare_bag(
 
     begin = perf_counter()
     validation = Validation(
-        model, task.path, recording, conditioned, spread=task.spread, window=task.window,
+        model, task.path, recording, conditioned, uncertainty=task.uncertainty, window=task.window,
         progress=on, sensors=sensors,
     )  # fmt: skip
     if log_ns is not None:

@@ -1,4 +1,4 @@
-"""Pack the description of a robot into ``plan`` and ``numbers``, which the core reads."""
+"""Pack the description of a robot into ``topology`` and ``constants``, which the core reads."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from cdrj_ros._core import Law, Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.packing import (
+    Constants,
     Indices,
-    Numbers,
-    Plan,
     Sizes,
+    Topology,
     code_of,
+    constant_views,
     empty_robot,
-    number_views,
-    plan_views,
+    topology_views,
 )
 from cdrj_ros.robot.description import (
     FRICTION_LAWS,
@@ -49,20 +49,20 @@ NEVER_SLIDES: Final = 1e9
 
 
 def pack(robot: Robot) -> tuple[Indices, Vector]:
-    """Plan and numbers of a robot.
+    """Topology and constants of a robot.
 
     Quantities that follow from the reference pose keep their initial values: unstretched lengths,
     and the angles about which the arcs of routed cables are continuous.
     """
     sizes = _sizes(robot)
-    plan, numbers = empty_robot(sizes)
-    rows = _Rows(robot, plan_views(plan), number_views(sizes, numbers))
+    topology, constants = empty_robot(sizes)
+    rows = _Rows(robot, topology_views(topology), constant_views(sizes, constants))
     rows.axes()
     rows.frames()
     rows.residuals()
     for c in range(len(robot.cables)):
         rows.cable(c)
-    return plan, numbers
+    return topology, constants
 
 
 def _sizes(robot: Robot) -> Sizes:
@@ -105,19 +105,19 @@ def _profiles(cable: Cable) -> Iterator[Profile]:
         yield from span
 
 
-def _fill(rows: Any, place: int, **fields: float | tuple[float, ...]) -> None:
+def _fill(rows: Any, index: int, **fields: float | tuple[float, ...]) -> None:
     """Set all fields of one row of a structured array by name; vectors are given as tuples."""
     names = rows.dtype.names
-    rows[place] = tuple([fields[name] for name in names])
+    rows[index] = tuple([fields[name] for name in names])
     if len(fields) > len(names):
         raise TypeError(f"no such fields: {', '.join(fields.keys() - names)}")
 
 
 class _Rows:
-    """Fills the rows of a plan and its numbers, cable after cable."""
+    """Fills the rows of a topology and its constants, cable after cable."""
 
-    def __init__(self, robot: Robot, plan: Plan, numbers: Numbers) -> None:
-        self._robot, self._plan, self._numbers = robot, plan, numbers
+    def __init__(self, robot: Robot, topology: Topology, constants: Constants) -> None:
+        self._robot, self._topology, self._constants = robot, topology, constants
         self._motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         self._joints = {joint.name: k for k, joint in enumerate(robot.joints)}
         self._frames = {frame.name: k for k, frame in enumerate(robot.frames)}
@@ -130,26 +130,26 @@ class _Rows:
     def axes(self) -> None:
         """Fill the rows of motors, of joints, and of the passive torques of both."""
         for k, motor in enumerate(self._robot.motors):
-            _fill(self._numbers.motors, k, reference_angle=motor.reference_angle)
+            _fill(self._constants.motors, k, reference_angle=motor.reference_angle)
         for k, joint in enumerate(self._robot.joints):
             interval = (joint.upper - joint.lower) / TABLE_INTERVALS
-            _fill(self._numbers.joints, k, lower=joint.lower, interval=interval)
+            _fill(self._constants.joints, k, lower=joint.lower, interval=interval)
         for k, axis in enumerate(self._robot.axes):
             sign = axis.effort_sign
-            _fill(self._numbers.axes, k, effort_sign=sign, **vars(axis.passive))
+            _fill(self._constants.axes, k, effort_sign=sign, **vars(axis.passive))
 
     def frames(self) -> None:
         """Fill the rows of frames, parents first."""
         for k, frame in enumerate(self._robot.frames):
             _fill(
-                self._plan.frames,
+                self._topology.frames,
                 k,
                 parent=self._frames[frame.parent] if frame.parent else -1,
                 motion=code_of(_core.FrameMotion, frame.motion),
                 joint=self._joints[frame.joint] if frame.joint else -1,
             )
             _fill(
-                self._numbers.frames,
+                self._constants.frames,
                 k,
                 origin=frame.origin,
                 rotation=frame.rotation,
@@ -164,7 +164,7 @@ class _Rows:
         names = [axis.name for axis in self._robot.axes]
         cables = [c for c, cable in enumerate(self._robot.cables) for _ in cable.element_names]
         elements = [name for cable in self._robot.cables for name in cable.element_names]
-        pulleys = len(self._plan.pulleys)
+        pulleys = len(self._topology.pulleys)
         efforts = 2 * len(elements) + 6 * pulleys  # what an estimate has before them
         axis = weight = 0
         for r, one in enumerate(self._robot.residuals):
@@ -172,7 +172,7 @@ class _Rows:
             tension = kind == "tension"
             column = elements.index(name) if tension else efforts + names.index(name)
             _fill(
-                self._plan.residuals,
+                self._topology.residuals,
                 r,
                 column=column,
                 cable=cables[column] if tension else -1,
@@ -182,7 +182,7 @@ class _Rows:
             )
             (lower, upper), *angles = one.ranges
             _fill(
-                self._numbers.residuals,
+                self._constants.residuals,
                 r,
                 load_lower=lower,
                 load_upper=upper,
@@ -190,10 +190,12 @@ class _Rows:
                 variance=one.stddev**2,
             )
             for known, (lower, upper) in zip(one.axes, angles, strict=True):
-                _fill(self._plan.residual_axes, axis, axis=names.index(known))
-                _fill(self._numbers.residual_ranges, axis, lower=lower, upper=upper)
+                _fill(self._topology.residual_axes, axis, axis=names.index(known))
+                _fill(self._constants.residual_ranges, axis, lower=lower, upper=upper)
                 axis += 1
-            self._numbers.residual_weights[weight : weight + one.weights.size] = one.weights.ravel()
+            self._constants.residual_weights[weight : weight + one.weights.size] = (
+                one.weights.ravel()
+            )
             weight += one.weights.size
 
     def cable(self, c: int) -> None:
@@ -201,7 +203,7 @@ class _Rows:
         cable = self._robot.cables[c]
         element, pulley = self._node - c, self._node - 2 * c
         _fill(
-            self._plan.cables,
+            self._topology.cables,
             c,
             first_element=element,
             elements=len(cable.nodes) - 1,
@@ -214,7 +216,7 @@ class _Rows:
             routed=int(cable.placed),
         )
         _fill(
-            self._numbers.cables,
+            self._constants.cables,
             c,
             **elasticity_of(cable)._asdict(),
             creep_share=cable.creep_share,
@@ -228,14 +230,14 @@ class _Rows:
         for end, node in enumerate(_ends(cable)):
             winch = node if isinstance(node, Winch) else None
             _fill(
-                self._plan.ends,
+                self._topology.ends,
                 2 * c + end,
                 motor=self._motors[winch.motor] if winch else -1,
                 drum=self._drums if _takes_up(node) else -1,
             )
             self._drums += _takes_up(node)
             _fill(
-                self._numbers.ends,
+                self._constants.ends,
                 2 * c + end,
                 radius=winch.reel if winch else node.radius,
                 winding=winch.winding if winch else 0.0,
@@ -245,18 +247,18 @@ class _Rows:
             self._pulley(cable, node, stribeck, pulley + k, element + k)
         for k, profiles in enumerate(cable.spans or ((),) * (len(cable.nodes) - 1)):
             span = self._add_profiles(profiles, False, element + k)
-            _fill(self._numbers.elements, element + k, span=span)
+            _fill(self._constants.elements, element + k, span=span)
         for node in cable.nodes:
             self._add_node(node)
 
     def _pulley(
-        self, cable: Cable, pulley: Pulley, stribeck: Stribeck, place: int, element: int
+        self, cable: Cable, pulley: Pulley, stribeck: Stribeck, index: int, element: int
     ) -> None:
-        wrap = self._add_profiles(pulley.wrap, True, place)
+        wrap = self._add_profiles(pulley.wrap, True, index)
         changes = cable.placed or any(profile.joint for profile in pulley.wrap)
         _fill(
-            self._plan.pulleys,
-            place,
+            self._topology.pulleys,
+            index,
             element=element,
             first_contact=self._contact,
             cells=contact_cells(pulley),
@@ -276,8 +278,8 @@ class _Rows:
             stribeck,
         )
         _fill(
-            self._numbers.pulleys,
-            place,
+            self._constants.pulleys,
+            index,
             radius=pulley.radius,
             wrap=wrap,
             moved_after=MOVED_AFTER[pulley.moving_end],
@@ -296,17 +298,19 @@ class _Rows:
         if not self._frames:
             return
         if place is None:
-            _fill(self._plan.nodes, k, kind=code_of(_core.Guide, "point"), frame=-1, exit_frame=-1)
+            _fill(
+                self._topology.nodes, k, kind=code_of(_core.Guide, "point"), frame=-1, exit_frame=-1
+            )
             return
         _fill(
-            self._plan.nodes,
+            self._topology.nodes,
             k,
             kind=code_of(_core.Guide, place.kind),
             frame=self._frames[place.frame],
             exit_frame=self._frames[place.exit_frame],
         )
         _fill(
-            self._numbers.nodes,
+            self._constants.nodes,
             k,
             centre=place.position,
             basis=_basis(place.axis),
@@ -336,8 +340,10 @@ class _Rows:
             step = float(profile.angle[1] - profile.angle[0])
             joint, k = self._joints[profile.joint], self._term
             self._term += 1
-            _fill(self._plan.terms, k, adds_to_wrap=int(adds_to_wrap), target=target, joint=joint)
-            table: Any = self._numbers.tables[k * TABLE_INTERVALS : (k + 1) * TABLE_INTERVALS]
+            _fill(
+                self._topology.terms, k, adds_to_wrap=int(adds_to_wrap), target=target, joint=joint
+            )
+            table: Any = self._constants.tables[k * TABLE_INTERVALS : (k + 1) * TABLE_INTERVALS]
             table.view(np.float64)[:] = hermite_table(profile.value, profile.slope, step).ravel()
         return constant
 

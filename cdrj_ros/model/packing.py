@@ -1,8 +1,8 @@
 """A prepared robot as two flat vectors, and named views of their parts.
 
-``plan`` holds integers: the numbers of all parts and their connections.  ``numbers`` holds reals;
-the members of an ensemble differ only in ``numbers`` and share one plan.  The compiled core reads
-the same two vectors; ``plan_views`` and ``number_views`` return their named views in Python.  Rows
+``topology`` holds integers: how many parts there are, and their connections.  ``constants`` holds
+reals; the members of an ensemble differ in them and share one topology.  The compiled core reads
+the same two vectors; ``topology_views`` and ``constant_views`` return their named views.  Rows
 have the fields of the core's records, whose headers describe them: ``robot_records.hpp`` and
 ``state_records.hpp``.
 """
@@ -26,7 +26,7 @@ Indices = NDArray[np.int64]
 
 
 class Sizes(NamedTuple):
-    """Numbers of the parts of a robot; a plan begins with them."""
+    """How many parts a robot has; a topology begins with them."""
 
     motors: int
     joints: int
@@ -55,8 +55,8 @@ class Sizes(NamedTuple):
 _SIZES: Final = len(Sizes._fields)
 
 
-class Plan(NamedTuple):
-    """Connections of a robot: views of ``plan``, in its order."""
+class Topology(NamedTuple):
+    """Connections of a robot: views of ``topology``, in its order."""
 
     sizes: Sizes
     cables: Rows
@@ -70,12 +70,12 @@ class Plan(NamedTuple):
     residual_axes: Rows
 
 
-class Numbers(NamedTuple):
-    """Constants of a robot: views of ``numbers``, in its order."""
+class Constants(NamedTuple):
+    """Constants of a robot: views of ``constants``, in its order."""
 
     cables: Rows
     ends: Rows
-    """As in ``Plan``."""
+    """As in ``Topology``."""
     pulleys: Rows
     elements: Rows
     segments: Rows
@@ -89,13 +89,13 @@ class Numbers(NamedTuple):
     nodes: Rows
     residuals: Rows
     residual_ranges: Rows
-    """Of the angles of ``Plan.residual_axes``."""
+    """Of the angles of ``Topology.residual_axes``."""
     residual_weights: Vector
 
 
 @lru_cache
-def _plan_parts(sizes: Sizes) -> tuple[Part, ...]:
-    """The parts of a plan after its sizes, in the order of ``Plan``."""
+def _topology_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of a topology after its sizes, in the order of ``Topology``."""
     return (
         part(sizes.cables, record=RECORDS["CableTopology"]),
         part(2 * sizes.cables, record=RECORDS["EndTopology"]),
@@ -108,15 +108,15 @@ def _plan_parts(sizes: Sizes) -> tuple[Part, ...]:
     )
 
 
-def plan_views(plan: Indices) -> Plan:
-    """Named views of the parts of a plan."""
-    sizes = Sizes(*plan[:_SIZES].tolist())
-    return Plan(sizes, *views(plan, _plan_parts(sizes), _SIZES))
+def topology_views(topology: Indices) -> Topology:
+    """Named views of the parts of a topology."""
+    sizes = Sizes(*topology[:_SIZES].tolist())
+    return Topology(sizes, *views(topology, _topology_parts(sizes), _SIZES))
 
 
 @lru_cache
-def _number_parts(sizes: Sizes) -> tuple[Part, ...]:
-    """The parts of the numbers, in the order of ``Numbers``."""
+def _constant_parts(sizes: Sizes) -> tuple[Part, ...]:
+    """The parts of the constants, in the order of ``Constants``."""
     return (
         part(sizes.cables, record=RECORDS["CableConstants"]),
         part(2 * sizes.cables, record=RECORDS["EndConstants"]),
@@ -135,22 +135,22 @@ def _number_parts(sizes: Sizes) -> tuple[Part, ...]:
     )
 
 
-def number_views(sizes: Sizes, numbers: Vector) -> Numbers:
-    """Named views of the parts of the numbers.
+def constant_views(sizes: Sizes, constants: Vector) -> Constants:
+    """Named views of the parts of the constants.
 
     Args:
         sizes: of the robot.
-        numbers: shape (numbers,); in Python also (robots, numbers), and the views then have the
+        constants: shape (constants,), or (robots, constants), and the views then have the
             same first axis.
     """
-    return Numbers(*views(numbers, _number_parts(sizes)))
+    return Constants(*views(constants, _constant_parts(sizes)))
 
 
 def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
-    """Plan and numbers of a robot, all zero except for the sizes."""
-    plan = np.zeros(_SIZES + size_of(_plan_parts(sizes)), dtype=np.int64)
-    plan[:_SIZES] = sizes
-    return plan, np.zeros(size_of(_number_parts(sizes)))
+    """Topology and constants of a robot, all zero except for the sizes."""
+    topology = np.zeros(_SIZES + size_of(_topology_parts(sizes)), dtype=np.int64)
+    topology[:_SIZES] = sizes
+    return topology, np.zeros(size_of(_constant_parts(sizes)))
 
 
 Rows = Any
@@ -184,7 +184,7 @@ class Part(NamedTuple):
     shape: tuple[int, ...]
     """Of its view: one number, or the sizes of a table."""
     record: Any
-    """Record type of its rows, whose fields take 8 bytes each; None for plain numbers."""
+    """Record type of its rows, whose fields take 8 bytes each; None for plain constants."""
     size: int
     """Words of 8 bytes."""
 

@@ -18,8 +18,8 @@ from cdrj_ros.model.filling import pack
 from cdrj_ros.model.impossible import reason
 from cdrj_ros.model.packing import (
     Sizes,
-    number_views,
-    plan_views,
+    constant_views,
+    topology_views,
 )
 from cdrj_ros.model.state import (
     ScratchViews,
@@ -106,9 +106,9 @@ class Model:
     """A robot, ready to be stepped."""
 
     robot: Robot
-    plan: NDArray[np.int64]
+    topology: NDArray[np.int64]
     """Connections of its parts, see ``cdrj_ros.model.packing``; read-only."""
-    numbers: Vector
+    constants: Vector
     """Its constants, see ``cdrj_ros.model.packing``; read-only."""
     sizes: Sizes
     """Numbers of its parts."""
@@ -120,11 +120,11 @@ class Model:
     estimate_part: slice
     """This slice and ``state_part`` locate estimate and state in what the core writes."""
     core: _core.Robot = field(init=False, compare=False, repr=False)
-    """The robot as the compiled core reads it, from ``plan`` and ``numbers``."""
+    """The robot as the compiled core reads it, from ``topology`` and ``constants``."""
 
     def __post_init__(self) -> None:
         """Hand the robot to the core."""
-        object.__setattr__(self, "core", _core.Robot(self.plan, self.numbers))
+        object.__setattr__(self, "core", _core.Robot(self.topology, self.constants))
 
 
 @dataclass(frozen=True)
@@ -167,14 +167,14 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
                 f"element {name} has the length {length:.4g} m in the reference pose "
                 f"({robot.source})"
             )
-    material: Any = number_views(model.sizes, model.numbers).segments
+    material: Any = constant_views(model.sizes, model.constants).segments
     for c, cable in enumerate(robot.cables):
         own = segments_of(model, c)
         stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
         material["material"][own] = rest.segment[own] / stretch
     if check_range:
         _check_range(model)
-    model.numbers.flags.writeable = False
+    model.constants.flags.writeable = False
     return model
 
 
@@ -231,7 +231,7 @@ def placed(
 
 def segments_of(model: Model, c: int) -> slice:
     """Segments of a cable, in the order of the robot's."""
-    cable = plan_views(model.plan).cables[c]
+    cable = topology_views(model.topology).cables[c]
     first = int(cable.first_contact) + c
     return slice(first, first + int(cable.contacts) + 1)
 
@@ -244,16 +244,16 @@ def read_only(array: Vector) -> Vector:
 
 
 def _model(robot: Robot) -> Model:
-    """Pack a robot; the numbers that follow from its reference pose are not yet set."""
-    plan, numbers = pack(robot)
-    plan.flags.writeable = False
-    parts = plan_views(plan)
+    """Pack a robot; the constants that follow from its reference pose are not yet set."""
+    topology, constants = pack(robot)
+    topology.flags.writeable = False
+    parts = topology_views(topology)
     sizes = Sizes(*map(int, parts.sizes))
     size, estimate = state_size(sizes), estimate_size(sizes)
     return Model(
         robot=robot,
-        plan=plan,
-        numbers=numbers,
+        topology=topology,
+        constants=constants,
         sizes=sizes,
         layout=_layout(robot, parts.pulleys, sizes),
         state_size=size,
@@ -292,21 +292,21 @@ def _set_references(model: Model, c: int, rest: ScratchViews, reference: Vector)
 
     Then its drums begin to wander.
     """
-    plan = plan_views(model.plan)
-    nodes: Any = number_views(model.sizes, model.numbers).nodes
+    topology = topology_views(model.topology)
+    nodes: Any = constant_views(model.sizes, model.constants).nodes
     touches: Any = rest.touches
     twists: Any = rest.twist
-    first = plan.cables[c].first_node
-    last = first + plan.cables[c].elements
+    first = topology.cables[c].first_node
+    last = first + topology.cables[c].elements
     inner = slice(first + 1, last)
     nodes["arc_reference"][inner] = touches["angle"][inner]
-    for place, k in ((first, 0), (last, -1)):
+    for index, k in ((first, 0), (last, -1)):
         end = model.robot.cables[c].nodes[k]
-        angular = twists["angular"][plan.nodes[place].frame]
-        turn = float(reference @ (angular @ touches["basis"][place, 6:9]))
-        nodes["turn_reference"][place] = turn
-        nodes["arc_reference"][place] = touches["angle"][place] + turn
-        nodes["lead"][place] = end.lead if isinstance(end, Winch) else 0.0
+        angular = twists["angular"][topology.nodes[index].frame]
+        turn = float(reference @ (angular @ touches["basis"][index, 6:9]))
+        nodes["turn_reference"][index] = turn
+        nodes["arc_reference"][index] = touches["angle"][index] + turn
+        nodes["lead"][index] = end.lead if isinstance(end, Winch) else 0.0
 
 
 def poses_in_range(robot: Robot) -> NDArray[np.float64]:

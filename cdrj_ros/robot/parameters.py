@@ -353,11 +353,11 @@ def _default(document: Document, parent: _Spot, key: str) -> float:
 def _friction_default(document: Document, keys: Keys, key: str) -> float:
     """Value of the pulley, else of the cable, else of the robot; mu_s defaults to mu_c."""
     layers: list[Document] = [document.get("friction", {})]
-    place: Any = document
+    node: Any = document
     for step in keys[:-1]:
-        place = place[step]
-        if isinstance(place, dict):
-            layers.append(place.get("friction", {}))
+        node = node[step]
+        if isinstance(node, dict):
+            layers.append(node.get("friction", {}))
     wanted = (key, "mu_c") if key == "mu_s" else (key,)
     for name in wanted:
         for layer in reversed(layers):

@@ -54,7 +54,7 @@ def recorded_estimates(
     measured = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
     parts: list[Table] = []
     done = 0
-    for piece in pieces_of(model, segment, spread=True):
+    for piece in pieces_of(model, segment, uncertainty=True):
         kept = slice((-done) % every, None, every)
         samples = segment.part(slice(done, done + piece.stamp_ns.size))
         parts.append(_part(model.layout, piece, samples, kept, measured))

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
 from cdrj_ros.model.filling import stribeck_of
-from cdrj_ros.model.packing import number_views, plan_views
+from cdrj_ros.model.packing import constant_views, topology_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot
 from cdrj_ros.simulation.assembly import Course, course
@@ -290,8 +290,8 @@ def _cable_of(model: Model, path: Path, known: Sequence[KnownTension]) -> tuple[
 
 def _motion_of(model: Model, path: Path, c: int) -> CableMotion:
     """One cable's share of a path, with its friction constants."""
-    cable, plan = model.robot.cables[c], plan_views(model.plan)
-    own = plan.cables[c]
+    cable, topology = model.robot.cables[c], topology_views(model.topology)
+    own = topology.cables[c]
     elements = slice(own.first_element, own.first_element + own.elements)
     pulleys = slice(own.first_pulley, own.first_pulley + own.pulleys)
     return CableMotion(
@@ -317,7 +317,7 @@ def _readings(known: Sequence[KnownTension], places: list[int]) -> Readings:
 
 def _constants(model: Model, pulleys: slice, frictionless: bool) -> Any:
     """Rows of ``PulleyConstants`` of a cable's pulleys, shape (pulleys,)."""
-    every: Any = number_views(model.sizes, model.numbers).pulleys
+    every: Any = constant_views(model.sizes, model.constants).pulleys
     rows = every[pulleys].copy()
     if frictionless:
         for field in ("mu_c", "mu_s", "bearing_ratio", "drag"):
@@ -330,7 +330,7 @@ def _unseen(
 ) -> Table:
     """Slip below the resolution of joint and tension sensors [m], shape (n, pulleys)."""
     step = np.array([j.sensor.resolution + CERTAIN * j.sensor.noise for j in model.robot.joints])
-    own = plan_views(model.plan).cables[c]
+    own = topology_views(model.topology).cables[c]
     rates = path.course.lever_arm[:, own.first_element : own.first_element + own.elements]
     behind = slip_rates(rates, motion.held_last)
     hidden = np.abs(behind) @ step if step.size else np.zeros(behind.shape[:2])

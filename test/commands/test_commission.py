@@ -72,7 +72,7 @@ def covered(model: Model, stamps: np.ndarray, motors: dict[str, np.ndarray],
     """Share of true tensions within two standard deviations, after the first fifth."""
     series = [{name: Series(stamps, stamps, np.ascontiguousarray(read)) for name, read in
                axes.items()} for axes in (motors, joints)]  # fmt: skip
-    found = estimate(model, condition(model.robot, *series), spread=True)
+    found = estimate(model, condition(model.robot, *series), uncertainty=True)
     assert found.stddev is not None
     late = found.stamp_ns > stamps[len(stamps) // 5]
     true = np.stack([np.interp(found.stamp_ns, stamps, one) for one in tension.T], axis=1)[late]

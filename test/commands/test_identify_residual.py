@@ -59,7 +59,7 @@ def corrected(bags: list[str], settings: str, tmp_path_factory: pytest.TempPathF
 
 def compared(robot: Path, bag: str) -> dict[str, Channel]:
     model = load_model(str(robot))
-    return {one.name: one for one in validate_bag(model, bag, Topics(), spread=True).channels}
+    return {one.name: one for one in validate_bag(model, bag, Topics(), uncertainty=True).channels}
 
 
 def rms(channel: Channel) -> float:

@@ -331,9 +331,9 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
         assert live.ensemble is not None
         drawn = LiveEstimator(model).ensemble
         assert drawn is not None
-        assert not np.array_equal(live.ensemble.numbers, drawn.numbers)
+        assert not np.array_equal(live.ensemble.constants, drawn.constants)
         live.reset()
-        assert np.array_equal(live.ensemble.numbers, drawn.numbers)
+        assert np.array_equal(live.ensemble.constants, drawn.constants)
 
     outputs = run(model, course, faults, scratch=tmp_path, watch=confirm)
     verdict = judge(course, outputs, BEGIN, course.duration_ns)

@@ -26,18 +26,18 @@ def _motion(model: Model) -> Samples:
 
 
 def _differences(
-    model: Model, spread: Ensemble, samples: Samples, values: np.ndarray
+    model: Model, ensemble: Ensemble, samples: Samples, values: np.ndarray
 ) -> np.ndarray:
     """Members' differences from the estimate after every sample, (count, members, columns)."""
     known = model.robot.uncertainty
     unsure = known is not None and not known.drums_hold
-    robots = [_core.Robot(model.plan, numbers.copy()) for numbers in spread.numbers]
-    errors, shares = spread.core.reading_error, spread.core.friction_share
+    robots = [_core.Robot(model.topology, constants.copy()) for constants in ensemble.constants]
+    errors, shares = ensemble.core.reading_error, ensemble.core.friction_share
     angle = np.concatenate([samples.motor_angle, samples.joint_angle], axis=1)
     motors = samples.motor_angle.shape[1]
     out = np.zeros((MEMBERS, model.out_size))
     last = np.zeros(MEMBERS, dtype=np.int64)
-    found, updates = np.zeros((COUNT, MEMBERS, spread.columns.size)), 0
+    found, updates = np.zeros((COUNT, MEMBERS, ensemble.columns.size)), 0
     for k in range(COUNT):
         found[k] = found[k - 1]
         for _ in range(1 if k else MEMBERS):  # one in turn; with the first sample, all
@@ -53,7 +53,7 @@ def _differences(
             assert own.step(out[member, : model.state_size].copy(), *read, dt, out[member])
             last[member] = k
             estimate = out[member, model.estimate_part]
-            found[k, member] = estimate[spread.columns] - values[k, spread.columns]
+            found[k, member] = estimate[ensemble.columns] - values[k, ensemble.columns]
             if unsure and member // 2 % 2:  # every other pair has cables that slip on their drums
                 own.forget_drums(out[member])
     return found
@@ -64,13 +64,13 @@ def test_deviations_are_those_of_robots_that_take_turns_and_stddev_their_root_me
     name: str,
 ) -> None:
     model = load_model(name)
-    spread = Ensemble(model, MEMBERS, seed=3)
+    ensemble = Ensemble(model, MEMBERS, seed=3)
     samples = _motion(model)
-    _, estimates = spread.run(initial_state(model), samples)
+    _, estimates = ensemble.run(initial_state(model), samples)
     assert estimates.stddev is not None
-    found = _differences(model, spread, samples, estimates.values)
-    np.testing.assert_array_equal(spread.deviation, found[-1])
+    found = _differences(model, ensemble, samples, estimates.values)
+    np.testing.assert_array_equal(ensemble.deviation, found[-1])
     # a sample's standard deviations are those before its member is updated; (U5) and (U6) add more
     shown = (found**2).mean(axis=1)
     assert (estimates.stddev[1:] ** 2 >= shown[:-1] * (1.0 - 1e-9)).all()
-    np.testing.assert_allclose(spread.variance, shown[-1], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(ensemble.variance, shown[-1], rtol=1e-6, atol=1e-12)

@@ -52,7 +52,10 @@ class Sample:
         joint = model.robot.joints[0]
         self.span, self.drift = joint.upper - joint.lower, joint.load_drift
         self.step = 1e-4 * self.span
-        self._robot, self._out = _core.Robot(model.plan, model.numbers), np.zeros(model.out_size)
+        self._robot, self._out = (
+            _core.Robot(model.topology, model.constants),
+            np.zeros(model.out_size),
+        )
 
     def _estimate(self, angle: float) -> np.ndarray:
         self._robot.step(self.state, self.motor, np.array([angle]), DT, self._out)

@@ -64,18 +64,18 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     drawn = draw_members(model.robot, known, runs, generator, lambda one: prepare(one, False))
     truths = [one or model for one in drawn]
     generator.shuffle(truths)
-    spreads = [Ensemble(model, seed=k) for k in range(4)]
+    ensembles = [Ensemble(model, seed=k) for k in range(4)]
     hits = []
     for k, truth in enumerate(truths):
         begin = int(generator.integers(int(12 * RATE), path.stamp_ns.size - WATCHED))
         until = slice(0, begin + WATCHED)
         so_far = Samples(path.stamp_ns[until], path.motor_angle[until], path.joint_angle[until])
         _, true = run(truth, initial_state(truth), so_far)
-        spread = spreads[k % len(spreads)]
-        spread.reset()
+        ensemble = ensembles[k % len(ensembles)]
+        ensemble.reset()
         readings = _read(model, path, slice(begin, begin + WATCHED), generator)
-        _, estimates = spread.run(initial_state(model), readings)
-        columns = spread.columns
+        _, estimates = ensemble.run(initial_state(model), readings)
+        columns = ensemble.columns
         error = np.abs(estimates.values[:, columns] - true.values[begin:, columns])
         hits.append((error <= 2.0 * estimates.stddev)[::EVERY])
     return np.array(hits)
@@ -194,23 +194,23 @@ def test_linear_dependence_gives_the_exact_spread(
 ) -> None:
     text = ONE_STRAND.format(noise=0.0, preload=preload, ea=ea, rho=rho)
     model = prepare(parse_robot(text))
-    spread = Ensemble(model)
+    ensemble = Ensemble(model)
     sample = Sample(1, np.zeros(1), np.zeros(0))
     _, estimate = step(model, initial_state(model), sample)
-    stddev = spread.update(sample, estimate)
+    stddev = ensemble.update(sample, estimate)
     assert stddev[0] == pytest.approx(expected, abs=1e-9)
     assert stddev[1] == pytest.approx(0.01 * expected, abs=1e-9)  # the motor's effort
 
 
 def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     model = prepare(parse_robot(ONE_STRAND.format(noise=1e-3, preload=0.0, ea=0.0, rho=0.0)))
-    spread = Ensemble(model)
+    ensemble = Ensemble(model)
     state = initial_state(model)
     spreads = []
     for k in range(1, 2000):
         sample = Sample(k * 1_000_000, np.zeros(1), np.zeros(0))
         state, estimate = step(model, state, sample)
-        spreads.append(spread.update(sample, estimate)[0])
+        spreads.append(ensemble.update(sample, estimate)[0])
     # dt / dphi = EA / l * r at a strain of 5 %
     expected = 1e-3 * 1000.0 / (2.0 / 1.05) * 0.01
     assert np.mean(spreads) == pytest.approx(expected, rel=0.1)

@@ -98,7 +98,7 @@ def test_there_are_no_estimates_for_the_silence_of_one_topic(
     motors = {"winch": Series(stamps, stamps, readings.motor_angle[:, 0])}
     heard = np.r_[0:1000, 4000:5000]
     joints = {"elbow": Series(stamps[heard], stamps[heard] - 1, readings.joint_angle[heard, 0])}
-    offline = estimate(model, condition(model.robot, motors, joints), spread=True)
+    offline = estimate(model, condition(model.robot, motors, joints), uncertainty=True)
     assert np.array_equal(offline.stamp_ns, [o.stamp_ns for o in before + outputs])
     node = np.array([output.tension for output in before + outputs])
     assert np.array_equal(offline.values[:, model.layout.tension], node)
@@ -312,7 +312,7 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
         expected, got = send(live, readings, k), send(again, readings, k)
         assert np.array_equal(got[0].values, expected[0].values)
     for one in (at_once, again):
-        assert np.array_equal(one.model.numbers, live.model.numbers)
+        assert np.array_equal(one.model.constants, live.model.constants)
         assert one.model.robot.motors == live.model.robot.motors
     write_state(again, path)
     assert read_state(LiveEstimator(model, UNFILTERED), path)  # and the restart after that one

@@ -17,7 +17,7 @@ from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.packing import number_views
+from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
@@ -79,10 +79,10 @@ uncertainty: {others: exact}
 
 def test_a_slack_cable_has_a_spread() -> None:
     model = prepare(parse_robot(SLACK))
-    spread = Ensemble(model)
+    ensemble = Ensemble(model)
     sample = Sample(1, np.array([-1.0]), np.zeros(0))  # paid out by 10 mm
     _, estimate = step(model, initial_state(model), sample)
-    stddev = spread.update(sample, estimate)
+    stddev = ensemble.update(sample, estimate)
     assert estimate.tension.tolist() == [0.0, 0.0]
     assert stddev[:2].tolist() == [0.2, 0.2]
     assert stddev[2] == pytest.approx(0.2 * np.sqrt(2.0))  # the force on a pulley wrapped by 90°
@@ -138,7 +138,7 @@ def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
         assert out.stddev is not None
         assert live.ensemble is not None
         widths.append(float(out.stddev[:8].mean()))  # of one cable; draws vary with NumPy
-        cables: Any = number_views(live.model.sizes, live.ensemble.numbers).cables
+        cables: Any = constant_views(live.model.sizes, live.ensemble.constants).cables
         preloads.append(float(cables["preload"][:, 0].std()) / 36.85)
         then()
     assert widths[0] > 10.0

@@ -110,7 +110,7 @@ def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
         motors={"winch": Series(motor.stamp_ns[:20_000], motor.log_ns[:20_000], winch)},
         joints={"elbow": Series(*(column[heard] for column in vars(joint).values()))},
     )
-    offline = estimate(model, condition_recording(model, slipped), spread=True)
+    offline = estimate(model, condition_recording(model, slipped), uncertainty=True)
     live = LiveEstimator(model)
     messages = [
         (log, kind, name, stamp, value)

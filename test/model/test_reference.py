@@ -32,7 +32,7 @@ from support.places import ROBOTS
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
-from cdrj_ros.model.packing import plan_views
+from cdrj_ros.model.packing import topology_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.model.state import OK, SLACK, state_views
 from cdrj_ros.robot.description import FRICTION_LAWS, Law, Node, PassiveTorque, Pulley, Robot, Winch
@@ -150,7 +150,7 @@ def history_of(model: Model, state: State) -> History | None:
     if not views.started[0]:
         return None
     rows: Any = views.drums
-    ends: Any = plan_views(model.plan).ends
+    ends: Any = topology_views(model.topology).ends
     drums = [
         Drum(row["angle"][:n], row["material"][:n], row["rate_below"], row["spacing"])
         if drum >= 0 and (n := int((row := rows[drum])["points"]))

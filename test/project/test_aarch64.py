@@ -69,8 +69,10 @@ def test_aarch64_gives_the_numbers_of_this_processor(program: Path, path: Path) 
     expected = np.empty((SAMPLES, model.layout.size))
     model.core.run(np.zeros(model.state_size), motor, joint, dt, expected)
 
-    sizes = np.array([model.plan.size, model.numbers.size, SAMPLES])
-    given = b"".join(one.tobytes() for one in (sizes, model.plan, model.numbers, motor, joint, dt))
+    sizes = np.array([model.topology.size, model.constants.size, SAMPLES])
+    given = b"".join(
+        one.tobytes() for one in (sizes, model.topology, model.constants, motor, joint, dt)
+    )
     done = subprocess.run([EMULATOR, program], input=given, stdout=subprocess.PIPE, check=True)
     found = np.frombuffer(done.stdout).reshape(expected.shape)
     assert np.abs(expected).max() > 1.0

@@ -40,7 +40,7 @@ def recording() -> cdrj.Recording:
 @pytest.fixture(scope="module")
 def offline(model: cdrj.Model, recording: cdrj.Recording) -> Offline:
     """The estimates that ``validate`` makes of the recording."""
-    return estimate_recording(model, condition_recording(model, recording), spread=True)
+    return estimate_recording(model, condition_recording(model, recording), uncertainty=True)
 
 
 def imported(tree: ast.AST) -> set[str]:

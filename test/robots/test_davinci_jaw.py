@@ -32,15 +32,15 @@ def model() -> Model:
     return prepare(load_robot(ROBOT))
 
 
-def compared(model: Model, folder: str, spread: bool = False) -> list[BagComparison]:
+def compared(model: Model, folder: str, uncertainty: bool = False) -> list[BagComparison]:
     bags = sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir())
-    return [validate_bag(model, str(bag), Topics(), spread=spread) for bag in bags]
+    return [validate_bag(model, str(bag), Topics(), uncertainty=uncertainty) for bag in bags]
 
 
 @pytest.fixture(scope="module")
 def held_out(model: Model) -> list[BagComparison]:
     """Runs that were not fitted, with standard deviations."""
-    return compared(model, "validate", spread=True)
+    return compared(model, "validate", uncertainty=True)
 
 
 def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
@@ -66,7 +66,7 @@ def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(
     out = tmp_path / "corrected.yaml"
     bags = sorted(str(entry) for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
     assert identify.main([*bags, "--robot", str(ROBOT), "--residual", "--out", str(out)]) == 0
-    after = compared(prepare(load_robot(out)), "validate", spread=True)
+    after = compared(prepare(load_robot(out)), "validate", uncertainty=True)
     (spindle, jaw), (spindle_before, jaw_before) = r2_of(after), r2_of(held_out)
     assert 1.0 - spindle < 0.8 * (1.0 - spindle_before)
     assert jaw == jaw_before

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cdrj_ros.model.packing import number_views
+from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Pulley, Robot
@@ -173,7 +173,7 @@ def test_no_material_is_lost_as_cells_come_and_leave(guide: str) -> None:
     joints[:, 0] *= -1 if guide.startswith("mirrored") else 1
     model = make_rig(crank(guide, joints[0]), 24).fine
     states = state_views(model.sizes, walk(model, joints, still()))
-    width = number_views(model.sizes, model.numbers).pulleys[0].cell_width
+    width = constant_views(model.sizes, model.constants).pulleys[0].cell_width
     half = 0.5 * states.covered
     moved = [np.ptp(states.track + side * half) for side in (-1, 1)]
     assert max(moved) > 5.0 * width

@@ -1,6 +1,6 @@
 // A robot's recording through the core alone, without Python: standard input to standard output.
 //
-// In: numbers of plan, of numbers and of samples, then plan, numbers, motor angles, joint angles and
+// In: sizes of topology and constants, number of samples, then topology, constants, motor and joint angles and
 // times since the sample before. Out: the estimates.
 #include <algorithm>
 #include <cstdio>
@@ -23,9 +23,9 @@ std::vector<T> read(std::size_t count) {
 int main() {
     using namespace cdrj;
     const auto sizes = read<std::int64_t>(3);
-    const auto plan = read<Index>(sizes[0]);
-    const auto numbers = read<double>(sizes[1]);
-    const Robot robot(plan.data(), numbers.data());
+    const auto topology = read<Index>(sizes[0]);
+    const auto constants = read<double>(sizes[1]);
+    const Robot robot(topology.data(), constants.data());
     const std::size_t samples = sizes[2];
     const std::size_t motors = robot.topology.sizes.motors, joints = robot.topology.sizes.joints;
     const auto motor_angle = read<double>(samples * motors);
