@@ -35,7 +35,8 @@ void bind_friction(nb::module_& core) {
         },
         "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "stribeck"_a);
     core.def(
-        "sliding_transmission", sliding_transmission, "slip_speed"_a, "mu_c"_a, "mu_s"_a, "stribeck_speed"_a, "wrap_angle"_a, "stribeck"_a);
+        "sliding_transmission", sliding_transmission, "slip_speed"_a, "mu_c"_a, "mu_s"_a,
+        "stribeck_speed"_a, "wrap_angle"_a, "stribeck"_a);
     core.def("bearing_transmission", bearing_transmission, "wrap_angle"_a, "bearing_ratio"_a);
     core.def(
         "blended_loss",

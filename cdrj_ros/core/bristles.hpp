@@ -1,14 +1,7 @@
 // What the friction laws share: contacts as bristles that carry a force.
 #pragma once
 
-#include <cstdint>
-
 namespace cdrj {
-
-enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
-
-/// The words of a robot file; the code of a law is its place here.
-inline constexpr const char* LAW_NAMES[]{"none", "euler", "steady", "lugre", "elastoplastic"};
 
 /// A contact whose bristles have carried a force.
 struct Bristles {

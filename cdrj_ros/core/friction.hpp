@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "bristles.hpp"
 #include "law_elastoplastic.hpp"
@@ -16,7 +17,12 @@
 
 namespace cdrj {
 
-// A new law adds its name in bristles.hpp, a file and a line in both functions.
+// A new law adds a file, its name here, and a line in both functions.
+
+enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
+
+/// The words of a robot file; the code of a law is its position here.
+inline constexpr const char* LAW_NAMES[]{"none", "euler", "steady", "lugre", "elastoplastic"};
 
 /// Bristle force after a slip, exact over the slip for a constant bound; `slip`: material that has
 /// moved past the body's surface [m].

@@ -16,7 +16,7 @@ using Index = std::int64_t;
 /// How the lengths of a cable are given.
 enum class Route : std::int64_t { tables, positions };
 
-enum class Law : std::int64_t;  // bristles.hpp
+enum class Law : std::int64_t;  // friction.hpp
 
 /// How static friction enters: (35) as printed, or the capstan equation with mu_s.
 enum class Stribeck : std::int64_t { printed, capstan };
