@@ -28,7 +28,7 @@ from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import random
 from cdrj_ros.simulation.truth import simulate
 
-RATE = 50.0
+RATE = 25.0
 EPOCH_NS = 1_700_000_000_000_000_000
 TRUTH = {
     "joints.elbow.offset": np.radians(-0.8), "joints.elbow.reference_angle": np.radians(1.1),

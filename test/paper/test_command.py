@@ -27,13 +27,14 @@ def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
 
 
 def test_the_command_writes_every_figure_and_the_tables(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from examples.paper.figures import DRAWINGS
+    from examples.paper import figures
 
+    monkeypatch.setattr(figures, "STYLE", {**figures.STYLE, "savefig.dpi": 40})
     out = tmp_path / "new" / "folder"
     assert paper.main(["--out", str(out), "--quick"]) == 0
-    for name in DRAWINGS:
+    for name in figures.DRAWINGS:
         assert (out / f"{name}.png").read_bytes().startswith(PNG)
     printed = capsys.readouterr().out
     text = (out / "tables.md").read_text()
