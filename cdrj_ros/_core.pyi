@@ -657,19 +657,15 @@ BOUND_FLOOR: Final[float]
 """epsilon of (34) [N]: keeps the bound positive on a slack cable."""
 
 def residual_products(
-    load: NDArray[np.float64],
-    angle: NDArray[np.float64],
-    dt: NDArray[np.float64],
-    ranges: NDArray[np.float64],
+    inputs: NDArray[np.float64], dt: NDArray[np.float64], ranges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What a learned correction depends on, along a motion: (R1) to (R3) in docs/model.md.
 
     Args:
-        load: the output without correction [N] or [N m], shape (n,).
-        angle: of all axes on which it depends [rad] or [m], shape (n, axes).
+        inputs: the output without correction [N] or [N m], then angles [rad] or [m], shape
+            (n, inputs).
         dt: time since the sample before [s], shape (n,).
-        ranges: lowest and highest value that was seen, of the load, then of every axis, shape
-            (1 + axes, 2).
+        ranges: lowest and highest value of every input that was seen, shape (inputs, 2).
 
     Returns:
         The products of all rows and columns, shape (n, weights), and the share of the correction

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 from cdrj_ros.commands.identify_task import Task
 from cdrj_ros.commands.identify_uncertainty import KINDS
@@ -14,8 +13,6 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Residual
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_section, yaml_number
-
-_ROWS: Final = "angle, three stop operators and last motion"
 
 
 def with_residuals(text: str, task: Task, recordings: Sequence[Recorded]) -> str:
@@ -56,16 +53,13 @@ def residual_section(residuals: Sequence[Residual]) -> str:
     """The entry ``residual`` of the robot file."""
     lines = ["residual:                       # learned corrections on top of the model"]
     for one in residuals:
-        load, *angles = map(_numbers, one.ranges)
         lines += [
             f"  - output: {one.output}",
             f"    bound: {yaml_number(one.bound, 3)}",
             f"    stddev: {yaml_number(one.stddev, 3)}  # of the error that is left",
-            f"    load: {load}           # seen, as the angles",
-            "    angles:",
-            *(f"      {name}: {span}" for name, span in zip(one.axes, angles, strict=True)),
-            f"    weights:  # rows: {one.output}, and {_ROWS} of {', '.join(one.axes)}",
-            f"    # columns: 1, {one.output}, {', '.join(one.axes)}",
+            "    inputs:  # with the range that was seen",
+            *(f"      {name}: {_numbers(seen)}" for name, seen in one.inputs.items()),
+            "    weights:  # columns: 1, inputs; rows: value, three stops, last motion of each",
             *(f"      - {_numbers(row)}" for row in one.weights.tolist()),
         ]
     return "\n".join(lines)

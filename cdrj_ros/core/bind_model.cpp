@@ -177,25 +177,22 @@ Index course(
     });
 }
 
-/// Products and trust of (R1) to (R3) along a motion; `ranges`: of the load, then of all axes.
-nb::tuple residual_products(
-    const Given& load, const Given& angle, const Given& dt, const Given& ranges) {
-    const Index samples = dt.size(), axes = angle.shape(1);
+/// Products and trust of (R1) to (R3) along a motion; `ranges`: of all inputs.
+nb::tuple residual_products(const Given& inputs, const Given& dt, const Given& ranges) {
+    const Index samples = dt.size(), count = inputs.shape(1);
     require(
-        load.size() == samples && angle.shape(0) == samples && ranges.size() == 2 * (1 + axes),
-        "load, angle, dt and ranges differ in their numbers of samples or axes");
-    const Written products({samples, residual_rows(axes) * residual_columns(axes)}), trust({samples});
-    std::vector<ResidualRange> seen;
-    for (Index k = 0; k <= axes; ++k) seen.push_back({ranges.data()[2 * k], ranges.data()[2 * k + 1]});
-    std::vector<ResidualAxis> state(axes);
+        inputs.shape(0) == samples && ranges.size() == 2 * count,
+        "inputs, dt and ranges differ in their numbers of samples or inputs");
+    const Written products({samples, residual_weights(count)}), trust({samples});
+    std::vector<ResidualInput> state(count);
     for_samples(samples, [&](Index k) {
-        for (Index a = 0; a < axes; ++a) {
-            const double place = place_in(seen[1 + a], row_of(angle, k)[a]);
-            state[a] = followed(k > 0 ? &state[a] : nullptr, place, dt.data()[k]);
+        for (Index i = 0; i < count; ++i) {
+            const ResidualRange seen{ranges.data()[2 * i], ranges.data()[2 * i + 1]};
+            const double place = place_in(seen, row_of(inputs, k)[i]);
+            state[i] = followed(k > 0 ? &state[i] : nullptr, place, dt.data()[k]);
         }
-        const double place = place_in(seen[0], load.data()[k]);
-        write_products(place, state, row_of(products, k));
-        trust.data()[k] = trust_in(place, state);
+        write_products(state, row_of(products, k));
+        trust.data()[k] = trust_in(state);
         return true;
     });
     return nb::make_tuple(products, trust);
@@ -217,7 +214,7 @@ void bind_robot(nb::module_& core) {
     bind_kinds<Guide>(core, "Guide", GUIDE_NAMES);
     bind_kinds<FrameMotion>(core, "FrameMotion", FRAME_MOTION_NAMES);
     core.def(
-        "residual_products", residual_products, "load"_a, "angle"_a, "dt"_a, "ranges"_a,
+        "residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a,
         "What a learned correction depends on, along a motion.");
     nb::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
         .def(

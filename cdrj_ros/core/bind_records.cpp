@@ -65,11 +65,11 @@ void bind_records(nb::module_& core) {
     ADD_RECORD(
         NodeConstants, centre, basis, exit, sided, ignored_inside, radius, turn, inside, turns, lead,
         reel, length, arc_reference, turn_reference);
-    ADD_RECORD(ResidualTopology, column, cable, first_axis, axes, first_weight);
-    ADD_RECORD(ResidualAxisTopology, axis);
+    ADD_RECORD(ResidualTopology, column, cable, first_input, inputs, first_weight);
+    ADD_RECORD(ResidualInputTopology, axis, column);
     ADD_RECORD(ResidualRange, lower, upper);
-    ADD_RECORD(ResidualConstants, load_lower, load_upper, bound, variance);
-    ADD_RECORD(ResidualAxis, place, stop, motion);
+    ADD_RECORD(ResidualConstants, bound, variance);
+    ADD_RECORD(ResidualInput, place, stop, motion);
     ADD_RECORD(Drum, points, spacing, rate_below, angle, material);
     ADD_RECORD(ArcMiddle, normal, tangent, height);
     ADD_RECORD(Segment, length_before, length, material_before, material, tension);

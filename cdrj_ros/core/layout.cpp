@@ -40,7 +40,7 @@ Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(
     frames = parts.take<const FrameTopology>(sizes.frames);
     nodes = parts.take<const NodeTopology>(sizes.nodes);
     residuals = parts.take<const ResidualTopology>(sizes.residuals);
-    residual_axes = parts.take<const ResidualAxisTopology>(sizes.residual_axes);
+    residual_inputs = parts.take<const ResidualInputTopology>(sizes.residual_inputs);
 }
 
 Constants::Constants(const Sizes& sizes, const double* packed) {
@@ -57,7 +57,7 @@ Constants::Constants(const Sizes& sizes, const double* packed) {
     frames = parts.take<const FrameConstants>(sizes.frames);
     nodes = parts.take<const NodeConstants>(sizes.nodes);
     residuals = parts.take<const ResidualConstants>(sizes.residuals);
-    residual_ranges = parts.take<const ResidualRange>(sizes.residual_axes);
+    residual_ranges = parts.take<const ResidualRange>(sizes.residual_inputs);
     residual_weights = parts.take<const double>(sizes.residual_weights);
 }
 
@@ -76,14 +76,14 @@ State::State(const Sizes& sizes, double* state) : started(state) {
     bearing_friction = parts.take<double>(sizes.axes());
     drums = parts.take<Drum>(sizes.drums);
     middles = parts.take<ArcMiddle>(sizes.nodes);
-    residual_axes = parts.take<ResidualAxis>(sizes.residual_axes);
+    residual_inputs = parts.take<ResidualInput>(sizes.residual_inputs);
 }
 
 std::size_t State::size(const Sizes& sizes) {
     const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys + sizes.surfaces +
                         2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
                         sizes.nodes * Index{sizeof(ArcMiddle) / 8} +
-                        sizes.residual_axes * Index{sizeof(ResidualAxis) / 8};
+                        sizes.residual_inputs * Index{sizeof(ResidualInput) / 8};
     return static_cast<std::size_t>(words);
 }
 

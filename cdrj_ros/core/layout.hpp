@@ -28,7 +28,7 @@ struct Sizes {
     Index surfaces;        // pulleys whose contact cells are fixed to their surface; 0 but for the
                            // simulated rig
     Index residuals;       // outputs with a learned correction; 0 but for robots that have one
-    Index residual_axes;   // axes of all of them
+    Index residual_inputs; // of all of them
     Index residual_weights;
 
     Index segments() const { return contacts + cables; }
@@ -64,7 +64,7 @@ struct Topology {
     std::span<const FrameTopology> frames;
     std::span<const NodeTopology> nodes;
     std::span<const ResidualTopology> residuals;
-    std::span<const ResidualAxisTopology> residual_axes;
+    std::span<const ResidualInputTopology> residual_inputs;
 
     /// First segment of a cable, and the one after its last.
     struct Segments {
@@ -99,7 +99,7 @@ struct Constants {
     std::span<const FrameConstants> frames;
     std::span<const NodeConstants> nodes;
     std::span<const ResidualConstants> residuals;
-    std::span<const ResidualRange> residual_ranges;  // of the angles of their axes
+    std::span<const ResidualRange> residual_ranges;  // of their inputs
     std::span<const double> residual_weights;
 };
 
@@ -124,7 +124,7 @@ struct State {
     std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
     std::span<Drum> drums;          // of every end that takes up cable
     std::span<ArcMiddle> middles;   // of every node
-    std::span<ResidualAxis> residual_axes;
+    std::span<ResidualInput> residual_inputs;
 
     /// 1 + strain of a segment; 1 where it is slack.
     double stretch(Index segment) const {

@@ -11,70 +11,68 @@ constexpr double SIGN = 1e-9;
 
 }  // namespace
 
-ResidualAxis followed(const ResidualAxis* before, double place, double dt) {
-    ResidualAxis axis{place, {}, 0.0};
-    if (before == nullptr) return axis;
+ResidualInput followed(const ResidualInput* before, double place, double dt) {
+    ResidualInput input{place, {}, 0.0};
+    if (before == nullptr) return input;
     const double moved = place - before->place;
     for (std::size_t k = 0; k < STOPS.size(); ++k) {
-        axis.stop[k] = std::clamp(before->stop[k] + moved / STOPS[k], -1.0, 1.0);
+        input.stop[k] = std::clamp(before->stop[k] + moved / STOPS[k], -1.0, 1.0);
     }
     if (moved != 0.0) {
-        axis.motion = std::copysign(SIGN, moved);
+        input.motion = std::copysign(SIGN, moved);
     } else if (before->motion != 0.0) {  // otherwise it has not moved yet
         const double rest = std::abs(before->motion) + dt / LONGEST_REST;
-        axis.motion = std::copysign(std::min(rest, 1.0), before->motion);
+        input.motion = std::copysign(std::min(rest, 1.0), before->motion);
     }
-    return axis;
+    return input;
 }
 
-void write_products(double load, std::span<const ResidualAxis> axes, std::span<double> products) {
+void write_products(std::span<const ResidualInput> inputs, std::span<double> products) {
     double* next = products.data();
     const auto write_row = [&](double row) {
         *next++ = row;
-        *next++ = row * load;
-        for (const ResidualAxis& axis : axes) *next++ = row * axis.place;
+        for (const ResidualInput& input : inputs) *next++ = row * input.place;
     };
-    write_row(load);
-    for (const ResidualAxis& axis : axes) {
-        write_row(axis.place);
-        for (const double stop : axis.stop) write_row(stop);
-        write_row(axis.motion);
+    for (const ResidualInput& input : inputs) {
+        write_row(input.place);
+        for (const double stop : input.stop) write_row(stop);
+        write_row(input.motion);
     }
 }
 
-double trust_in(double load, std::span<const ResidualAxis> axes) {
-    double farthest = std::abs(load);
-    for (const ResidualAxis& axis : axes) farthest = std::max(farthest, std::abs(axis.place));
+double trust_in(std::span<const ResidualInput> inputs) {
+    double farthest = 0.0;
+    for (const ResidualInput& input : inputs) farthest = std::max(farthest, std::abs(input.place));
     return std::clamp(1.0 - (farthest - 1.0) / FADED, 0.0, 1.0);
 }
 
 void correct_outputs(const Step& step, double dt, bool solved, double* values) {
     const auto& [topology, constants, before, after, estimate, work] = step;
     const bool started = *before.started != 0.0;
+    for (Index k = 0; k < topology.sizes.residual_inputs; ++k) {
+        const auto [axis, column] = topology.residual_inputs[k];
+        const double value = axis >= 0 ? after.angle[axis] : values[column];
+        after.residual_inputs[k] = followed(
+            started ? &before.residual_inputs[k] : nullptr,
+            place_in(constants.residual_ranges[k], value), dt);
+    }
     for (Index r = 0; r < topology.sizes.residuals; ++r) {
-        const auto [column, cable, first, axes, first_weight] = topology.residuals[r];
-        const ResidualConstants& own = constants.residuals[r];
-        for (Index k = first; k < first + axes; ++k) {
-            const double place =
-                place_in(constants.residual_ranges[k], after.angle[topology.residual_axes[k].axis]);
-            after.residual_axes[k] =
-                followed(started ? &before.residual_axes[k] : nullptr, place, dt);
-        }
+        const auto [column, cable, first, count, first_weight] = topology.residuals[r];
+        const double bound = constants.residuals[r].bound;
+        const std::span<const ResidualInput> inputs = after.residual_inputs.subspan(first, count);
         estimate.correction[r] = estimate.trust[r] = 0.0;
-        if (!solved || own.bound == 0.0) continue;
-        double& value = values[column];
-        const double load = place_in({own.load_lower, own.load_upper}, value);
-        const std::span<const ResidualAxis> seen = after.residual_axes.subspan(first, axes);
-        estimate.trust[r] = trust_in(load, seen);
+        if (!solved || bound == 0.0) continue;
+        estimate.trust[r] = trust_in(inputs);
         if (estimate.trust[r] == 0.0) continue;
-        const std::size_t size = residual_rows(axes) * residual_columns(axes);
+        const std::size_t size = residual_weights(count);
         const std::span<double> products = work.products.subspan(first_weight, size);
-        write_products(load, seen, products);
+        write_products(inputs, products);
         double sum = 0.0;
         for (std::size_t k = 0; k < size; ++k) {
             sum += constants.residual_weights[first_weight + k] * products[k];
         }
-        double corrected = value + estimate.trust[r] * std::clamp(sum, -own.bound, own.bound);
+        double& value = values[column];
+        double corrected = value + estimate.trust[r] * std::clamp(sum, -bound, bound);
         if (cable >= 0) {  // the tension of its element `column`
             corrected = std::max(corrected, 0.0);
             set_load(estimate.status[column], corrected, constants.cables[cable]);

@@ -214,17 +214,18 @@ struct NodeConstants {
 struct ResidualTopology {
     Index column;  // in the estimate; that of a tension is the number of its element
     Index cable;  // of that element; -1 for an effort
-    Index first_axis;  // its axes are consecutive among those of all such outputs
-    Index axes;
+    Index first_input;  // its inputs are consecutive among those of all such outputs
+    Index inputs;  // the first is the output itself
     Index first_weight;
 };
 
-/// An axis on which an output's correction depends.
-struct ResidualAxisTopology {
-    Index axis;  // among motors, then joints
+/// What an output's correction depends on: an angle, or an output of the model.
+struct ResidualInputTopology {
+    Index axis;  // among motors, then joints; -1 for an output
+    Index column;  // of that output in the estimate
 };
 
-/// Lowest and highest value that a correction was fitted to.
+/// Lowest and highest value of an input that was seen when the correction was fitted.
 struct ResidualRange {
     double lower;
     double upper;
@@ -232,8 +233,6 @@ struct ResidualRange {
 
 /// Constants of an output with a learned correction, beside its weights.
 struct ResidualConstants {
-    double load_lower;  // lowest value of the output without correction that was fitted [N] or [N m]
-    double load_upper;  // highest
     double bound;  // largest correction [N] or [N m]; 0 for none
     double variance;  // of the error that is left in that range
 };

@@ -32,9 +32,9 @@ struct ArcMiddle {
     double height;  // along the axis of a cylinder [m]; 0 for other bodies
 };
 
-/// An axis as a learned correction sees it, (R2); every number is from -1 to 1 in the range seen.
-struct ResidualAxis {
-    double place;  // of its angle in the range seen
+/// An input of a learned correction, (R2); every number is from -1 to 1 in the range seen.
+struct ResidualInput {
+    double place;  // in the range seen
     std::array<double, 3> stop;  // stop operators, each as a fraction of its bound
     double motion;  // time since its last motion, with the sign of that motion
 };

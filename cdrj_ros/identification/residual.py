@@ -42,10 +42,8 @@ SMALLEST: Final = 0.01
 class _Bag(NamedTuple):
     """A recording as the correction of one output sees it."""
 
-    load: Vector
-    """The output without correction at every sample."""
-    angle: Table
-    """Of the axes on which it depends."""
+    inputs: Table
+    """The output without correction, then the angles on which it depends, at every sample."""
     dt: Vector
     right: NDArray[np.intp]
     """The sample at or after every reference."""
@@ -64,7 +62,7 @@ class _Bag(NamedTuple):
 
     def products(self, ranges: Table) -> tuple[Table, Vector]:
         """Products of (R1) and trust at the references."""
-        products, trust = residual_products(self.load, self.angle, self.dt, ranges)
+        products, trust = residual_products(self.inputs, self.dt, ranges)
         return self.at_references(products), self.at_references(trust)
 
 
@@ -106,7 +104,8 @@ def learn(
     names = [axis.name for axis in model.robot.axes]
     for name, own in bags.items():
         if len(own) >= FEWEST_BAGS:
-            yield _learned(name, tuple(names[k] for k in axes[name]), own, stated.get(name))
+            inputs = (name, *(names[k] for k in axes[name]))
+            yield _learned(inputs, own, stated.get(name))
 
 
 def _axes_of(model: Model, channel: str) -> NDArray[np.intp]:
@@ -140,26 +139,26 @@ def _bags_of(
         for k in group.members:
             channel = observed.channels[k]
             some = slice(None, None, -(-channel.reference.size // MOST_ROWS))
-            load = np.ascontiguousarray(estimates.values[:, channel.column])
-            bag = _Bag(
-                load, np.ascontiguousarray(angles[:, axes[channel.name]]), dt, group.right[some],
-                group.share[some], np.empty(0), np.empty(0),
-            )  # fmt: skip
+            own = estimates.values[:, channel.column]
+            inputs = np.column_stack([own, angles[:, axes[channel.name]]])
+            bag = _Bag(inputs, dt, group.right[some], group.share[some], np.empty(0), np.empty(0))
             deviation = estimates.stddev[:, columns.index(channel.column)]
             yield (
                 channel.name,
                 bag._replace(
-                    missing=channel.reference[some] - bag.at_references(load),
+                    missing=channel.reference[some] - bag.at_references(own),
                     stddev=bag.at_references(deviation),
                 ),
             )
 
 
-def _learned(
-    output: str, axes: tuple[str, ...], bags: Sequence[_Bag], stated: float | None
-) -> Learned:
-    """Choose products, penalty and factor with the least error on bags left out, and fit."""
-    choices = [_products_of(len(axes), columns) for columns in (1, 2, 2 + len(axes))]
+def _learned(names: tuple[str, ...], bags: Sequence[_Bag], stated: float | None) -> Learned:
+    """Choose products, penalty and factor with the least error on bags left out, and fit.
+
+    ``names`` are those of the inputs, first the output itself.
+    """
+    output, count = names[0], len(names)
+    choices = [_products_of(count, columns) for columns in (1, 2, 1 + count)]
     left = [_left_out(bags, k, choices) for k in range(len(bags))]
     missing = np.concatenate([bag.missing for bag in bags])
     found = np.concatenate(left, axis=2)  # by choices, penalties and references
@@ -173,17 +172,15 @@ def _learned(
     rest = [b.missing - share * one[choice, penalty] for b, one in zip(bags, left, strict=True)]
     if stated is None:
         stated = model_error([bag.missing for bag in bags], [bag.stddev for bag in bags])
-    error = stated * _bound_of(np.concatenate(rest)) / _bound_of(missing)
+    error = stated * min(_bound_of(np.concatenate(rest)) / _bound_of(missing), 1.0)
     ranges = _ranges(bags)
     products = np.concatenate([bag.products(ranges)[0] for bag in bags])
     used = choices[choice]
     weights = np.zeros(used.size)
     weights[used] = share * _ridge(products[:, used], missing)[penalty]
-    residual = Residual(
-        output, float(np.abs(products @ weights).max()), error, axes,
-        tuple((float(low), float(high)) for low, high in ranges),
-        weights.reshape(residual_shape(len(axes))),
-    )  # fmt: skip
+    seen = {name: (low, high) for name, (low, high) in zip(names, ranges.tolist(), strict=True)}
+    bound = float(np.abs(products @ weights).max())
+    residual = Residual(output, bound, error, seen, weights.reshape(residual_shape(count)))
     return Learned(output, residual, before**0.5, best**0.5)
 
 
@@ -192,23 +189,22 @@ def _bound_of(errors: Vector) -> float:
     return float(np.quantile(np.abs(errors), ENOUGH))
 
 
-def _products_of(axes: int, columns: int) -> NDArray[np.bool_]:
+def _products_of(inputs: int, columns: int) -> NDArray[np.bool_]:
     """Which products have a weight, shape (weights,).
 
-    Those of second degree in output and angles, and those of every stop operator and last motion
-    with the first ``columns`` columns.
+    Those of second degree in the inputs, and those of every stop operator and last motion with the
+    first ``columns`` columns.
     """
-    used = np.zeros(residual_shape(axes), dtype=np.bool_)
+    used = np.zeros(residual_shape(inputs), dtype=np.bool_)
     used[:, :columns] = True
-    values = np.concatenate([[0], np.arange(axes) * RESIDUAL_ROWS + 1])
-    used[values] = np.triu(np.ones((1 + axes, 2 + axes), dtype=np.bool_), 1)  # each pair once
-    used[values, 0] = True
+    used[::RESIDUAL_ROWS] = np.triu(np.ones((inputs, 1 + inputs), dtype=np.bool_), 1)  # once each
+    used[::RESIDUAL_ROWS, 0] = True
     return used.ravel()
 
 
 def _ranges(bags: Sequence[_Bag]) -> Table:
-    """Lowest and highest load and angles, shape (1 + axes, 2); none is empty."""
-    values = np.concatenate([np.column_stack([bag.load, bag.angle]) for bag in bags])
+    """Lowest and highest value of every input, shape (inputs, 2); none is empty."""
+    values = np.concatenate([bag.inputs for bag in bags])
     low, high = values.min(axis=0), values.max(axis=0)
     return np.column_stack([low, np.maximum(high, low + 1e-6 + 1e-6 * np.abs(low))])
 

@@ -82,7 +82,7 @@ def _sizes(robot: Robot) -> Sizes:
         drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
         residuals=len(robot.residuals),
-        residual_axes=sum(len(one.axes) for one in robot.residuals),
+        residual_inputs=sum(len(one.inputs) for one in robot.residuals),
         residual_weights=sum(one.weights.size for one in robot.residuals),
     )
 
@@ -161,38 +161,35 @@ class _Rows:
 
     def residuals(self) -> None:
         """Fill the rows of the learned corrections."""
-        names = [axis.name for axis in self._robot.axes]
+        axes = {axis.name: a for a, axis in enumerate(self._robot.axes)}
         cables = [c for c, cable in enumerate(self._robot.cables) for _ in cable.element_names]
         elements = [name for cable in self._robot.cables for name in cable.element_names]
         pulleys = len(self._topology.pulleys)
-        efforts = 2 * len(elements) + 6 * pulleys  # what an estimate has before them
-        axis = weight = 0
+        columns = {f"tension/{name}": e for e, name in enumerate(elements)}
+        before = 2 * len(elements) + 6 * pulleys  # what an estimate has before its efforts
+        columns |= {f"effort/{name}": before + a for name, a in axes.items()}
+        entry = weight = 0
         for r, one in enumerate(self._robot.residuals):
-            kind, name = one.output.split("/", 1)
-            tension = kind == "tension"
-            column = elements.index(name) if tension else efforts + names.index(name)
+            column = columns[one.output]
             _fill(
                 self._topology.residuals,
                 r,
                 column=column,
-                cable=cables[column] if tension else -1,
-                first_axis=axis,
-                axes=len(one.axes),
+                cable=cables[column] if column < len(elements) else -1,
+                first_input=entry,
+                inputs=len(one.inputs),
                 first_weight=weight,
             )
-            (lower, upper), *angles = one.ranges
-            _fill(
-                self._constants.residuals,
-                r,
-                load_lower=lower,
-                load_upper=upper,
-                bound=one.bound,
-                variance=one.stddev**2,
-            )
-            for known, (lower, upper) in zip(one.axes, angles, strict=True):
-                _fill(self._topology.residual_axes, axis, axis=names.index(known))
-                _fill(self._constants.residual_ranges, axis, lower=lower, upper=upper)
-                axis += 1
+            _fill(self._constants.residuals, r, bound=one.bound, variance=one.stddev**2)
+            for name, (lower, upper) in one.inputs.items():
+                _fill(
+                    self._topology.residual_inputs,
+                    entry,
+                    axis=axes.get(name, -1),
+                    column=columns.get(name, -1),
+                )
+                _fill(self._constants.residual_ranges, entry, lower=lower, upper=upper)
+                entry += 1
             self._constants.residual_weights[weight : weight + one.weights.size] = (
                 one.weights.ravel()
             )

@@ -47,8 +47,8 @@ class Sizes(NamedTuple):
     """Pulleys whose contact cells are fixed to their surface; 0 but for the simulated rig."""
     residuals: int = 0
     """Outputs with a learned correction."""
-    residual_axes: int = 0
-    """Axes on which they depend, of all of them."""
+    residual_inputs: int = 0
+    """Of all of them."""
     residual_weights: int = 0
 
 
@@ -67,7 +67,7 @@ class Topology(NamedTuple):
     frames: Rows
     nodes: Rows
     residuals: Rows
-    residual_axes: Rows
+    residual_inputs: Rows
 
 
 class Constants(NamedTuple):
@@ -89,7 +89,7 @@ class Constants(NamedTuple):
     nodes: Rows
     residuals: Rows
     residual_ranges: Rows
-    """Of the angles of ``Topology.residual_axes``."""
+    """Of ``Topology.residual_inputs``."""
     residual_weights: Vector
 
 
@@ -104,7 +104,7 @@ def _topology_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.frames, record=RECORDS["FrameTopology"]),
         part(sizes.nodes, record=RECORDS["NodeTopology"]),
         part(sizes.residuals, record=RECORDS["ResidualTopology"]),
-        part(sizes.residual_axes, record=RECORDS["ResidualAxisTopology"]),
+        part(sizes.residual_inputs, record=RECORDS["ResidualInputTopology"]),
     )
 
 
@@ -130,7 +130,7 @@ def _constant_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.frames, record=RECORDS["FrameConstants"]),
         part(sizes.nodes, record=RECORDS["NodeConstants"]),
         part(sizes.residuals, record=RECORDS["ResidualConstants"]),
-        part(sizes.residual_axes, record=RECORDS["ResidualRange"]),
+        part(sizes.residual_inputs, record=RECORDS["ResidualRange"]),
         part(sizes.residual_weights),
     )
 

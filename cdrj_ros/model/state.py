@@ -50,8 +50,8 @@ class StateViews(NamedTuple):
     """Of every end that takes up cable, shape (drums,); see ``EndTopology.drum``."""
     middles: Rows
     """Of every node, shape (nodes,)."""
-    residual_axes: Rows
-    """As in ``Plan``."""
+    residual_inputs: Rows
+    """As in ``Topology``."""
 
 
 class EstimateViews(NamedTuple):
@@ -144,7 +144,7 @@ def _state_parts(sizes: Sizes) -> tuple[Part, ...]:
         axes,
         part(sizes.drums, record=RECORDS["Drum"]),
         part(sizes.nodes, record=RECORDS["ArcMiddle"]),
-        part(sizes.residual_axes, record=RECORDS["ResidualAxis"]),
+        part(sizes.residual_inputs, record=RECORDS["ResidualInput"]),
     )
 
 

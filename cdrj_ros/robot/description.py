@@ -131,22 +131,20 @@ class Residual:
     """Largest correction [N] or [N m]."""
     stddev: float
     """Standard deviation of the error that is left within the ranges [N] or [N m]."""
-    axes: tuple[str, ...]
-    """Motors and joints on which it depends."""
-    ranges: tuple[tuple[float, float], ...]
-    """Lowest and highest value that was fitted: of the output without correction, then of the
-    angles of ``axes``."""
+    inputs: Mapping[str, tuple[float, float]]
+    """Lowest and highest value that was seen: of the output without correction, then of the angles
+    of motors and joints, by name."""
     weights: NDArray[np.float64]
     """Of all rows and columns of (R1) [N] or [N m], see ``residual_shape``."""
 
 
 RESIDUAL_ROWS: Final = 5
-"""Rows of the weights for every axis: its angle, three stop operators and its last motion."""
+"""Rows of the weights for every input: itself, three stop operators and its last motion."""
 
 
-def residual_shape(axes: int) -> tuple[int, int]:
-    """Rows and columns of the weights of a correction that depends on this many axes."""
-    return 1 + RESIDUAL_ROWS * axes, 2 + axes
+def residual_shape(inputs: int) -> tuple[int, int]:
+    """Rows and columns of the weights of a correction with this many inputs."""
+    return RESIDUAL_ROWS * inputs, 1 + inputs
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def with_prefix(document: Document) -> Document:
         "frames": (("joint", "joints"), named),
         "cables": (("motor", "joint"), named),
         "uncertainty": (("parameters", "model_error"), at),
-        "residual": (("output", "angles"), lambda name: at(name) if "/" in name else named(name)),
+        "residual": (("output", "inputs"), lambda name: at(name) if "/" in name else named(name)),
     }
     return {
         key: renamed(value, *changes[key]) if key in changes else value

@@ -120,34 +120,32 @@ def _residuals(document: Document, robot: Robot, refuse: Refusal) -> Iterator[Re
     if entries and robot.unmeasured:
         raise refuse("residual", "is not possible for a robot with joints without encoder")
     channels, seen = _channels(document, robot.cables), set[str]()
-    names = {axis.name for axis in robot.axes}
+    axes = {axis.name for axis in robot.axes}
     for k, entry in enumerate(entries):
-        path, output, angles = f"residual[{k}]", entry["output"], entry["angles"]
+        path, output, inputs = f"residual[{k}]", entry["output"], entry["inputs"]
         if output not in channels or output in seen:
             what = "is taken already" if output in seen else "is no channel of this robot"
             raise refuse(f"{path}.output", f"{output!r} {what}; there are {listed(channels)}")
         seen.add(output)
-        for name in angles:
-            if name not in names:
-                raise refuse(
-                    f"{path}.angles", f"has no motor or joint {name!r}; there are {listed(names)}"
-                )
-        ranges = {"load": entry["load"], **{f"angles.{name}": one for name, one in angles.items()}}
-        for name, (lower, upper) in ranges.items():
+        if next(iter(inputs)) != output or not axes.issuperset([*inputs][1:]):
+            raise refuse(
+                f"{path}.inputs",
+                f"must be {output}, then some of {', '.join(sorted(axes))}; got {listed(inputs)}",
+            )
+        for name, (lower, upper) in inputs.items():
             if not lower + NARROWEST <= upper:
                 raise refuse(
-                    f"{path}.{name}",
+                    f"{path}.inputs.{name}",
                     f"must increase by {NARROWEST:g} or more, got {[lower, upper]}",
                 )
-        shape = residual_shape(len(angles))
+        shape = residual_shape(len(inputs))
         if [len(row) for row in entry["weights"]] != [shape[1]] * shape[0]:
             raise refuse(f"{path}.weights", f"must have {shape[0]} rows of {shape[1]} numbers")
         yield Residual(
             output,
             entry["bound"],
             entry["stddev"],
-            tuple(angles),
-            tuple((float(lower), float(upper)) for lower, upper in ranges.values()),
+            {name: (float(lower), float(upper)) for name, (lower, upper) in inputs.items()},
             np.array(entry["weights"], dtype=float),
         )
 

@@ -27,15 +27,17 @@ RANGES = np.array([[-0.05, 0.2], [0.0, 1.05], [0.16, 1.24]])
 BOUND = {"effort/spindle": 0.008, "tension/b/3": 0.6}
 STDDEV = 0.001
 GENERATOR = np.random.default_rng(3)
-WEIGHTS = {"effort/spindle": GENERATOR.normal(0.0, 0.004, (11, 4)),
-           "tension/b/3": GENERATOR.normal(0.0, 0.3, (11, 4))}  # fmt: skip
+WEIGHTS = {"effort/spindle": GENERATOR.normal(0.0, 0.004, (15, 4)),
+           "tension/b/3": GENERATOR.normal(0.0, 0.3, (15, 4))}  # fmt: skip
 
 
 def block(channel: str, **other: Any) -> str:
     load = RANGES[0] if channel.startswith("effort") else np.array([1.0, 20.0])
     entry = {
-        "output": channel, "bound": BOUND[channel], "stddev": STDDEV, "load": load.tolist(),
-        "angles": {"spindle": RANGES[1].tolist(), "jaw": RANGES[2].tolist()},
+        "output": channel, "bound": BOUND[channel], "stddev": STDDEV,
+        "inputs": {
+            channel: load.tolist(), "spindle": RANGES[1].tolist(), "jaw": RANGES[2].tolist(),
+        },
         "weights": WEIGHTS[channel].tolist(),
     }  # fmt: skip
     return f"  - {entry | other}\n"
@@ -69,25 +71,18 @@ def estimates_of(model: Model, samples: Samples = MOTION) -> Estimates:
 
 def expected(output: str, load: Table, ranges: Table) -> tuple[Table, Table]:
     """(R1) to (R3), sample by sample: the correction, and its trust."""
-    middle, half = ranges.mean(axis=1), np.ptp(ranges, axis=1) / 2.0
-    stops, rest, way = np.zeros((2, 3)), np.zeros(2), np.zeros(2)
+    places = (np.column_stack([load, TABLE]) - ranges.mean(axis=1)) / (np.ptp(ranges, axis=1) / 2.0)
+    limit, before = np.array([0.01, 0.04, 0.16]), places[0]
+    stops, rest, way = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     found = np.empty((2, len(load)))
-    before = (TABLE[0] - middle[1:]) / half[1:]
-    for k, angle in enumerate(TABLE):
-        place = (angle - middle[1:]) / half[1:]
+    for k, place in enumerate(places):
         moved, before = place - before, place
-        limit = np.array([0.01, 0.04, 0.16])
         stops = np.clip(stops + moved[:, None], -limit, limit)
         rest = np.where(moved != 0.0, 0.0, np.minimum(rest + 2e-3, 0.2))
         way = np.where(moved != 0.0, np.sign(moved), way)
-        own = (load[k] - middle[0]) / half[0]
-        rows = [own]
-        for a in (0, 1):
-            rows += [place[a], *(stops[a] / limit), way[a] * rest[a] / 0.2]
-        columns = np.array([1.0, own, *place])
-        farthest = max(abs(own), *np.abs(place))
-        trust = min(max(1.0 - (farthest - 1.0) / 0.5, 0.0), 1.0)
-        value = float(np.array(rows) @ WEIGHTS[output] @ columns)
+        rows = np.column_stack([place, stops / limit, way * rest / 0.2]).ravel()
+        value = float(rows @ WEIGHTS[output] @ np.array([1.0, *place]))
+        trust = min(max(1.0 - (np.abs(place).max() - 1.0) / 0.5, 0.0), 1.0)
         found[:, k] = trust * min(max(value, -BOUND[output]), BOUND[output]), trust
     return found[0], found[1]
 
@@ -165,11 +160,17 @@ def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_el
             "residual[0].output 'effort/thumb' is no",
         ),
         (2 * block("effort/spindle"), "residual[1].output 'effort/spindle' is taken already"),
-        (block("effort/spindle", angles={"wrist": [0, 1]}), "no motor or joint 'wrist'"),
-        (block("effort/spindle", load=[1, 1]), "residual[0].load must increase by 1e-09"),
+        (
+            block("effort/spindle", inputs={"effort/spindle": [0, 1], "wrist": [0, 1]}),
+            "residual[0].inputs must be effort/spindle, then some of jaw, spindle; got",
+        ),
+        (
+            block("effort/spindle", inputs={"effort/spindle": [1, 1]}),
+            "residual[0].inputs.effort/spindle must increase by 1e-09",
+        ),
         (
             block("effort/spindle", weights=[[1, 2]] * 6),
-            "residual[0].weights must have 11 rows of 4",
+            "residual[0].weights must have 15 rows of 4",
         ),
         (block("effort/spindle", bound=-1), "residual[0].bound must be at least 0"),
     ],

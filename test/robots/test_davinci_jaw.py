@@ -62,14 +62,14 @@ def test_held_out_runs_are_explained(held_out: list[BagComparison]) -> None:
 def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(
     held_out: list[BagComparison], tmp_path: Path
 ) -> None:
-    """A third of the spindle's squared error is learned, nothing of the jaw's, which is drift."""
+    """A fifth of the spindle's squared error is learned, and less of the jaw's, which drifts."""
     out = tmp_path / "corrected.yaml"
     bags = sorted(str(entry) for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
     assert identify.main([*bags, "--robot", str(ROBOT), "--residual", "--out", str(out)]) == 0
     after = compared(prepare(load_robot(out)), "validate", uncertainty=True)
     (spindle, jaw), (spindle_before, jaw_before) = r2_of(after), r2_of(held_out)
     assert 1.0 - spindle < 0.8 * (1.0 - spindle_before)
-    assert jaw == jaw_before
+    assert 1.0 - jaw < 0.95 * (1.0 - jaw_before)
     for one in after:
         channel = next(channel for channel in one.channels if channel.name == "effort/spindle")
         assert channel.stddev is not None
