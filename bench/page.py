@@ -46,9 +46,9 @@ LIMITS = {
         "middleware below: 90 000 messages to another process, and the answers"
     ),
     "make test, whole": (
-        "3500 tests that take 500 to 600 s of processor time on a machine that adds ten million "
-        "numbers in 0.3 s, three quarters of it in the processes of the tests themselves, and no "
-        "test with more than 4 %; a further worker gains nothing"
+        "2300 tests that take some 380 s of processor time on a machine that adds ten million "
+        "numbers in 0.3 s, a third of it in those of the estimation, which simulate the truth that "
+        "they compare with; a further worker gains nothing"
     ),
     "10 000 whole pulleys": "Newton's method gives up even with softened bristles",
 }
