@@ -18,10 +18,10 @@ NODE = (
 )
 LIMITS = {
     "one update, 2 cables": "the call from Python and its results; see the update in bulk",
-    "one update with": "the step of a member, at every second sample",
+    "one update with": "the step of a member, at every third sample",
     "one update, 2 imported": (
-        "geometry in space takes half of it, spread over the routes of 14 bodies (13 %), their "
-        "tangents (12 %) and their angles (7 %); the rest is that of cables in the plane"
+        "geometry in space takes half of it, spread over the points of contact (19 %), wraps and "
+        "middles of arcs (8 %) and the rest (23 %); what remains is that of cables in the plane"
     ),
     "validate as": (
         "estimates and standard deviations of 300 000 samples take two thirds of it, the start of "

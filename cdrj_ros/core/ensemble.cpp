@@ -78,7 +78,7 @@ Ensemble::Ensemble(
     memory.least_variance.resize(quantities.size());
     memory.lasting.resize(quantities.size());
     memory.late.resize(quantities.size());
-    take_offset(memory.offset);
+    take_offset(std::vector<double>(3 * axes));
 }
 
 // -------------------------------------------------------------------------------------------------
