@@ -175,7 +175,8 @@ def is_alike(text: str) -> bool:
         return False
     try:
         value = load_yaml(text, "a.yaml")
-        with warnings.catch_warnings(action="ignore"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             reference = YAML(typ="safe", pure=True).load(text)
     except (YamlError, YAMLError, AttributeError, TypeError, ValueError, AssertionError):
         return False
