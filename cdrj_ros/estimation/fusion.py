@@ -409,10 +409,12 @@ class SensorFusion:
         Those of cables without load cell that share an effort with it follow from it, since an
         effort shows the difference of cables.
         """
-        share = 0.0 if len(self._cells(cable, stamp_ns)) > 1 else UNCONFIRMED
-        for one in self._recent(stamp_ns).values():
+        recent = self._recent(stamp_ns).values()
+        with_cell = [one.cables[0] for one in recent if not one.is_effort]
+        share = 0.0 if with_cell.count(cable) > 1 else UNCONFIRMED
+        for one in recent:
             for c in one.cables if cable in one.cables else ():
-                if c == cable or not self._cells(c, stamp_ns):
+                if c == cable or c not in with_cell:
                     self._unconfirmed[c] = share * self._changed[c]
         self._preloads.show_at_least(self._unconfirmed)
 
