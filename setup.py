@@ -130,7 +130,6 @@ setup(
     python_requires=">=3.10",
     install_requires=requirements("runtime"),
     extras_require={
-        "cluster": requirements("cluster"),  # for --scheduler
         "mujoco": ["mujoco<4"],  # for import_robot
         "view": requirements("view"),
     },

@@ -33,7 +33,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
-from cdrj_ros.identification.problem import Loss, Pool, Settings
+from cdrj_ros.identification.problem import Loss, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Recording, Topics
@@ -205,12 +205,7 @@ def _body(argv: Sequence[str]) -> int:
     task = task_of(arguments)
     if not task.unknowns:
         return _corrected(arguments, task)
-    if arguments.scheduler is None:
-        return _identified(arguments, task, None)
-    from cdrj_ros.evaluation.parallel import cluster_pool
-
-    with cluster_pool(arguments.scheduler) as pool:
-        return _identified(arguments, task, pool)
+    return _identified(arguments, task)
 
 
 def _corrected(arguments: argparse.Namespace, task: Task) -> int:
@@ -232,7 +227,7 @@ def _text_with(task: Task, values: Mapping[str, float]) -> str:
     return with_numbers_in_text(text, values, task.source)
 
 
-def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) -> int:
+def _identified(arguments: argparse.Namespace, task: Task) -> int:
     """Fit, compare with the bags, write and print."""
     begin = perf_counter()
     model = prepare(build_robot(task.document, task.source))
@@ -242,7 +237,7 @@ def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) ->
         task, left = posed(arguments, task, recordings)
         model = prepare(build_robot(task.document, task.source))
     read = perf_counter()
-    found = fit(task.document, task.source, task.unknowns, recordings, task.settings, pool)
+    found = fit(task.document, task.source, task.unknowns, recordings, task.settings)
     values = {**task.start, **_rounded(found)}
     values |= {path: _round(end) for path, end in pose_ranges(left, values).items()}
     seen = {path for k in found.seen.tolist() for path in found.unknowns[k].paths}
@@ -258,7 +253,7 @@ def _identified(arguments: argparse.Namespace, task: Task, pool: Pool | None) ->
         sections["hold_out"] = Compared(pooled_errors(unseen), pooled_errors(before))
     fold_lines: tuple[str, ...] = ()
     if task.folds:
-        judged, fold_lines = cross_validated(task, found, recordings, pool)
+        judged, fold_lines = cross_validated(task, found, recordings)
         sections["cross_validation"] = Compared(pooled_errors(judged))
         unseen += judged
     outcome = Outcome(
@@ -285,15 +280,14 @@ def fit(
     unknowns: Sequence[Unknown],
     recordings: Sequence[Recorded],
     settings: Settings,
-    pool: Pool | None,
 ) -> Identification:
     """``identify``, with a line for each round on standard error."""
     with progress_text(lambda text: "samples" in text) as progress:
-        return identify(document, source, unknowns, recordings, settings, progress, pool)
+        return identify(document, source, unknowns, recordings, settings, progress)
 
 
 def cross_validated(
-    task: Task, found: Identification, recordings: Sequence[Recorded], pool: Pool | None
+    task: Task, found: Identification, recordings: Sequence[Recorded]
 ) -> tuple[list[BagComparison], tuple[str, ...]]:
     """Compare every bag with the estimates of a fit without this bag.
 
@@ -311,7 +305,7 @@ def cross_validated(
     again = [replace(u, start=float(v)) for u, v in zip(found.unknowns, found.values, strict=True)]
     for pattern, out in task.folds.items():
         others = [one for k, one in enumerate(recordings) if k not in out]
-        fold = fit(begin, task.source, again, others, rough, pool)
+        fold = fit(begin, task.source, again, others, rough)
         robot = build_robot(with_numbers(task.document, fold.by_path), task.source)
         judged = validated([task.bags[k] for k in out], task.topics, prepare(robot))
         unseen += judged

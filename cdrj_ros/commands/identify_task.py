@@ -9,8 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cdrj_ros.commands.entry import CommandParser
-from cdrj_ros.commands.shared import add_scheduler_option, add_topic_options, topics_of
-from cdrj_ros.evaluation.parallel import check_address
+from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
@@ -103,7 +102,6 @@ def parser() -> argparse.ArgumentParser:
         help="fit again without each bag, or without matching bags, and evaluate these bags",
     )  # fmt: skip
     parser.add_argument("--residual", action="store_true", help="learn what the model leaves over")
-    add_scheduler_option(parser)
     add_topic_options(parser)
     return parser
 
@@ -151,8 +149,6 @@ def task_of(arguments: argparse.Namespace) -> Task:
     Raises:
         CdrjError: the request is impossible, or an output would overwrite a file.
     """
-    if arguments.scheduler is not None:
-        check_address(arguments.scheduler)
     path = robot_path(_chosen_file(arguments))
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
     _check_files(arguments, path, held_out)

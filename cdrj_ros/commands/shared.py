@@ -67,15 +67,6 @@ def add_topic_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_scheduler_option(parser: argparse.ArgumentParser) -> None:
-    """``--scheduler``."""
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS",
-        help="compute on the Dask cluster with this scheduler, such as tcp://10.0.0.5:8786 "
-        "(docs/recordings.md); otherwise on the processors of this machine",
-    )  # fmt: skip
-
-
 def add_result_options(parser: argparse.ArgumentParser) -> None:
     """``--json``, ``--html``."""
     parser.add_argument("--json", metavar="FILE", help="write the errors as JSON")

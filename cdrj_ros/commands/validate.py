@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from cdrj_ros.commands.entry import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandPars
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
-    add_scheduler_option,
     add_topic_options,
     print_results,
     topic_prefix,
@@ -29,11 +27,9 @@ from cdrj_ros.evaluation.parallel import (
     Failed,
     Progress,
     Work,
-    check_address,
     default_jobs,
     in_processes,
     in_this_process,
-    on_cluster,
     processors,
     reason_of,
 )
@@ -41,7 +37,6 @@ from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import progress_bar, say
-from cdrj_ros.model.loading import robot_path
 from cdrj_ros.recordings import open_source
 from cdrj_ros.robot.description import Robot
 
@@ -51,11 +46,9 @@ MOST_JOBS = 64
 def _compared(
     arguments: argparse.Namespace, tasks: Sequence[BagTask], report: Progress
 ) -> list[BagComparison | Failed]:
-    """The comparison of every bag, wherever it is computed; a single one here, with its errors."""
+    """The comparison of every bag; that of a single one here, with its errors."""
     sizes = [size_of(task.path) for task in tasks]
-    work = Work(compare_bag, tasks, [task.path for task in tasks], sizes, BagComparison)
-    if arguments.scheduler:
-        return on_cluster(work, arguments.scheduler, report)
+    work = Work(compare_bag, tasks, [task.path for task in tasks], sizes)
     if len(tasks) == 1:
         return [compare_bag(tasks[0], lambda share: report(share * work.sizes[0]))]
     jobs = default_jobs(work.sizes) if arguments.jobs is None else arguments.jobs or processors()
@@ -87,7 +80,6 @@ def _parser() -> argparse.ArgumentParser:
         help="number of bags processed at a time, each in its own process; 0: one per processor "
         "(default: one per processor, but a single one for less than 16 MB of bags)",
     )  # fmt: skip
-    add_scheduler_option(parser)
     parser.add_argument(
         "--limits", metavar="FILE",
         help="limits of the figures (YAML, docs/recordings.md); exit code 1 if a figure is outside",
@@ -183,7 +175,8 @@ def _check_files(arguments: argparse.Namespace) -> None:
 
 def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
-    _check_workers(arguments)
+    if arguments.jobs is not None and not 0 <= arguments.jobs <= MOST_JOBS:
+        raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     _check_files(arguments)
     limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
@@ -191,10 +184,8 @@ def _body(argv: Sequence[str]) -> int:
     tasks = _tasks(arguments, model.robot)
     for task in tasks:
         prepared_model(task.robot, task.preload)
-    unreadable = _unreadable(tasks) if not arguments.scheduler else {}
+    unreadable = _unreadable(tasks)
     readable = [task for task in tasks if task.path not in unreadable]
-    if arguments.scheduler:
-        readable = [_from_elsewhere(task) for task in readable]
     with progress_bar("validating", sum(size_of(task.path) for task in readable)) as report:
         results = _compared(arguments, readable, report) if readable else []
     bags = [result for result in results if not isinstance(result, Failed)]
@@ -216,16 +207,6 @@ def _body(argv: Sequence[str]) -> int:
     return OUTSIDE_LIMITS if outside else DONE
 
 
-def _check_workers(arguments: argparse.Namespace) -> None:
-    if arguments.jobs is not None and not 0 <= arguments.jobs <= MOST_JOBS:
-        raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
-    if arguments.scheduler is None:
-        return
-    check_address(arguments.scheduler)
-    if arguments.jobs is not None:
-        raise UsageError("--jobs and --scheduler exclude each other: the cluster has its workers")
-
-
 def _unreadable(tasks: Sequence[BagTask]) -> dict[str, Failed]:
     """Bags that cannot be opened; one of several does not stop the others.
 
@@ -242,11 +223,6 @@ def _unreadable(tasks: Sequence[BagTask]) -> dict[str, Failed]:
             continue
         require_reference_topics(task.path, task.topics)
     return failed
-
-
-def _from_elsewhere(task: BagTask) -> BagTask:
-    """The task for a worker that was started in another folder."""
-    return replace(task, robot=str(robot_path(task.robot).absolute()), folder=str(Path.cwd()))
 
 
 def _say_failed(failed: Sequence[Failed], total: int) -> None:

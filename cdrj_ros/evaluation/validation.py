@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from time import perf_counter
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -287,8 +286,6 @@ class BagTask:
     """What the health monitor hears: what the node would hear, or also the references."""
     load_cells: str = LOAD_CELLS
     """Topic of the load cells that the node would hear."""
-    folder: str = ""
-    """Folder from which relative paths start, for a process with another working folder."""
 
 
 prepared_model = cache(load_model)
@@ -316,17 +313,18 @@ def compare_bag(
         BagError: the bag cannot be read or has nothing to compare.
         RobotFileError: the robot file describes no possible robot.
     """
-    model = model or prepared_model(str(Path(task.folder, task.robot)), task.preload)
+    model = model or prepared_model(task.robot, task.preload)
     begin = perf_counter()
     sensors = None  # a robot with joints without encoder has no health monitor, as in the node
-    path = str(Path(task.folder, task.path)) if task.folder else task.path
     if model.robot.unmeasured:
-        recording = read_encoderless(path, task.topics, model.robot)
-        require_axes(path, recording, model.robot.as_read)
+        recording = read_encoderless(task.path, task.topics, model.robot)
+        require_axes(task.path, recording, model.robot.as_read)
     else:
         efforts = task.health != "off"
-        recording = read_inputs(path, task.topics, model, motor_efforts=efforts, force_vectors=True)
-        sensors = _sensors(path, task, model, recording) if efforts else None
+        recording = read_inputs(
+            task.path, task.topics, model, motor_efforts=efforts, force_vectors=True
+        )
+        sensors = _sensors(task, model, recording) if efforts else None
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
     recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
@@ -344,8 +342,7 @@ def compare_bag(
         progress=on, sensors=sensors,
     )  # fmt: skip
     if log_ns is not None:
-        written = str(Path(task.folder, task.written))
-        write_estimates(written, path, log_ns, validation.pieces(), task.outputs)
+        write_estimates(task.written, task.path, log_ns, validation.pieces(), task.outputs)
     else:
         for _ in validation.pieces():
             pass
@@ -360,7 +357,7 @@ def compare_bag(
     return replace(comparison, facts=facts)
 
 
-def _sensors(path: str, task: BagTask, model: Model, recording: Recording) -> Sensors:
+def _sensors(task: BagTask, model: Model, recording: Recording) -> Sensors:
     """Readings for the health monitor: efforts of the motors, and load cells.
 
     Raises:
@@ -369,9 +366,9 @@ def _sensors(path: str, task: BagTask, model: Model, recording: Recording) -> Se
     tensions: Mapping[str, Series] = {}
     if task.load_cells in task.topics.references:
         tensions = recording.references
-    elif task.load_cells in open_source(path).channels():
+    elif task.load_cells in open_source(task.path).channels():
         topics = replace(task.topics, references=(task.load_cells,))
-        tensions = read_recording(path, topics).references
+        tensions = read_recording(task.path, topics).references
     also = recording.references if task.health == "references" else {}
     efforts = {name: also.get(f"{EFFORT}/{name}") for name in model.layout.motors}
     cells = {

@@ -30,7 +30,6 @@ from cdrj_ros.identification.observations import (
     samples_of,
 )
 from cdrj_ros.identification.problem import (
-    Pool,
     Problem,
     Progress,
     Rounds,
@@ -109,7 +108,6 @@ def identify(
     recordings: Sequence[Recorded],
     settings: Settings | None = None,
     say: Progress | None = None,
-    pool: Pool | None = None,
 ) -> Identification:
     """Identify the unknowns by least squares.
 
@@ -120,7 +118,6 @@ def identify(
         recordings: all are fitted together.
         settings: choices of the fit; None: the defaults.
         say: called with each progress line.
-        pool: computes the residuals; None for the threads of this process.
 
     Raises:
         UsageError: there are no unknowns or no references.
@@ -137,7 +134,7 @@ def identify(
         samples = tuple(threads.map(partial(samples_of, model), recordings))
         rounds = Rounds(
             document, source, tuple(unknowns), tuple(recordings), settings, model, samples, sigmas,
-            pool or threads, say or _silent,
+            threads, say or _silent,
         )  # fmt: skip
         return _fitted(rounds, channels)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Observations, changes_conditioning
-from cdrj_ros.identification.problem import Problem, joined, residuals_of_one
+from cdrj_ros.identification.problem import Problem, residuals_of_one
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
@@ -109,7 +109,7 @@ def effects(problem: Problem, coordinates: Vector, causes: Sequence[Cause]) -> T
             )
         )
         size = len(observed)
-        found = [joined(parts[at : at + size], here.size) for at in range(0, len(parts), size)]
+        found = [np.concatenate(parts[at : at + size]) for at in range(0, len(parts), size)]
         problem.evaluations += len(there)
         if len(found) == 2:
             columns[:, k] = (found[0] - found[1]) / (2.0 * STEP)

@@ -6,16 +6,17 @@ first one on.  The estimates are interpolated at the references' stamps as in ev
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.errors import CdrjError, RobotFileError, UsageError
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import (
     WEIGHTS,
@@ -93,19 +94,6 @@ REMEMBERED_BYTES: Final = 128 * 1024 * 1024
 """Size of the residuals that a problem remembers, at least those of its last point."""
 
 
-class Pool(Protocol):
-    """Computes residuals: threads of this process, or a cluster."""
-
-    def map(
-        self,
-        function: Callable[[Model, Observations], Vector],
-        models: Sequence[Model],
-        observed: Sequence[Observations],
-        /,
-    ) -> Iterable[Vector]:
-        """The function's results for all pairs, in order."""
-
-
 class Problem:
     """Residuals of all recordings as a function of the unknowns' coordinates."""
 
@@ -115,7 +103,7 @@ class Problem:
         source: str,
         unknowns: Sequence[Unknown],
         observations: Sequence[Observations],
-        pool: Pool,
+        pool: ThreadPoolExecutor,
     ) -> None:
         self.document = document
         self.source = source
@@ -215,21 +203,9 @@ def residuals_together(
                 observed += problem.observations
     parts = iter(list(pool.map(residuals_of_one, models, observed)))
     for problem, coordinates, key in places:
-        found[key] = joined([next(parts) for _ in problem.observations], problem.size)
+        found[key] = np.concatenate([next(parts) for _ in problem.observations])
         problem.remember(coordinates, found[key])
     return [[found[id(one), at.tobytes()] for at in many] for one, many in requests]
-
-
-def joined(parts: Sequence[object], size: int) -> Vector:
-    """The residuals of all recordings, shape (size,).
-
-    Raises:
-        CdrjError: a worker of a cluster returned something else for one of them.
-    """
-    vectors = [one for one in parts if isinstance(one, np.ndarray) and one.dtype == np.float64]
-    if len(vectors) < len(parts) or sum(one.size for one in vectors) != size:
-        raise CdrjError(f"a worker returned something other than the residuals of {size} readings")
-    return np.concatenate(vectors)
 
 
 def residuals_of_one(model: Model, observed: Observations) -> Vector:
@@ -291,7 +267,7 @@ class Rounds:
     """The conditioned samples of every recording, with the starting values."""
     sigmas: Mapping[str, float]
     """Unit of the residuals of every channel."""
-    pool: Pool
+    pool: ThreadPoolExecutor
     say: Progress
 
     def problem(self, *, coarse: bool, scout: int = 1) -> Problem:

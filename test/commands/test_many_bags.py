@@ -1,4 +1,4 @@
-"""Many bags: no bag lost to another, and no process left behind; test_parallel.py has clusters."""
+"""Many bags: no bag lost to another, and no process left behind."""
 
 from __future__ import annotations
 
@@ -55,21 +55,6 @@ def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
     assert len(errors) == 3
     assert [bag["path"] for bag in figures(out)["bags"]] == [str(bags[1])]
     assert "all elements" in captured.out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--scheduler", "nowhere"], "--scheduler must be the address of a Dask scheduler"),
-        (["--scheduler", "tcp://127.0.0.1:1", "--jobs", "2"], "exclude each other"),
-    ],
-)
-def test_wrong_workers_are_refused_in_one_line(
-    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert validate.main([str(SAMPLE), "--robot", ROBOT, *arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])

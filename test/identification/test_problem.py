@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from support.places import PROTOTYPE
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import (
@@ -123,27 +120,6 @@ def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
         np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(found[0][1], found[0][3])
     assert np.any(found[0][1] != found[0][2])
-
-
-class Foreign:
-    """A pool whose worker returns something else for a recording."""
-
-    def __init__(self, answer: Any) -> None:
-        self.answer = answer
-
-    def map(self, _function: Any, models: Sequence[Model], _observed: Any) -> list[Any]:
-        return [self.answer for _ in models]
-
-
-@pytest.mark.parametrize("answer", ["text", None, np.zeros(3), np.array(["text"])])
-def test_a_worker_that_returns_no_residuals_ends_the_fit_with_one_line(
-    answer: Any, document: Document, model: Model, recorded: Recorded
-) -> None:
-    unknowns = parse_unknowns(document, "friction.rho")
-    one = observed(model, recorded)
-    problem = Problem(document, "test", unknowns, [one], Foreign(answer))
-    with pytest.raises(CdrjError, match="a worker returned something other than the residuals"):
-        problem.residuals(np.zeros(1))
 
 
 def test_a_problem_forgets_what_would_not_fit_into_memory(

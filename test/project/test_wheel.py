@@ -119,7 +119,6 @@ def test_the_wheel_contains_the_commands_and_requires_what_they_import(
         f"{line}{condition}"
         for name, condition in (
             ("runtime", ""),
-            ("cluster", '; extra == "cluster"'),
             ("view", '; extra == "view"'),
         )
         for line in (ROOT / "requirements" / f"{name}.txt").read_text().splitlines()

@@ -7,21 +7,15 @@ import signal
 from pathlib import Path
 from threading import Event
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cdrj_ros.foundation.errors import BagError
 
 
 def square(task: float) -> float:
-    """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process, 66 gives
-    something else than a number."""
+    """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process."""
     if task < 0:
         raise BagError(f"{task} is no bag")
     if task == 13:
         raise ValueError("a bug\nof two lines")
-    if task == 66:
-        return {"no": "number"}  # type: ignore[return-value]
     if task == 99:
         os.kill(os.getpid(), signal.SIGKILL)
     return 0.1 * task * task
@@ -44,19 +38,3 @@ def noted(task: tuple[str, str]) -> str:
     with Path(note).open("a", encoding="utf-8") as file:
         file.write(f"{name}\n")
     return name
-
-
-def sum_with(first: float, table: NDArray[np.float64]) -> float:
-    """Works; a negative number fails."""
-    if first < 0:
-        raise BagError(f"{first} is no number")
-    return float(first * table.sum())
-
-
-def sum_after_death(note: str, table: NDArray[np.float64]) -> float:
-    """Kill the process at the first attempt; then the sum of the table."""
-    path = Path(note)
-    if not path.exists():
-        path.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return float(table.sum())
