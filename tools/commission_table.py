@@ -44,7 +44,7 @@ from cdrj_ros.robot.writer import with_section  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.follow import follow_joints  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import random  # noqa: E402
+from cdrj_ros.simulation.motion import differences, random  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
 Vector = NDArray[np.float64]
@@ -112,22 +112,22 @@ def moved(robot: Robot, seed: int) -> Moved:
     """A random motion over most of the joints' ranges, and what the encoders read."""
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
     if len(robot.joints) == 1:
-        course = random(np.radians(33.0), 0.3, seed, 0.5)(time)
-        torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
-        free = simulate(robot, time, course.angle, torque, 20.0, allow_slack=True)
+        angle = random(np.radians(33.0), 0.3, seed, 0.5)(time)
+        torque = make_load("rolling").torque(*differences(time, angle))
+        free = simulate(robot, time, angle, torque, 20.0, allow_slack=True)
         motors = gaussian_filter1d(free.motor_angle, INERTIA_S * RATE, axis=0, mode="nearest")
         joints = free.joint_angle
     else:
         joints = np.stack(
             [
-                random(0.4 * (joint.upper - joint.lower), 0.3, seed + 100 * k, 0.5)(time).angle
+                random(0.4 * (joint.upper - joint.lower), 0.3, seed + 100 * k, 0.5)(time)
                 for k, joint in enumerate(robot.joints)
             ],
             axis=1,
         )
         motors = follow_joints(prepare(robot), joints).motor_angle
         for k in range(len(robot.motors)):  # a controller changes the tensions by some 4 N
-            motors[:, k] += random(PULL, 0.5, seed + 1000 + k, 0.5)(time).angle
+            motors[:, k] += random(PULL, 0.5, seed + 1000 + k, 0.5)(time)
     truth = simulate(robot, time, joints, motor_angle=motors, allow_slack=True)
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
     return Moved(stamps, truth, *_read(robot, stamps, truth.motor_angle, truth.joint_angle))

@@ -20,7 +20,7 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import load_mujoco, read_mjcf
-from cdrj_ros.robot.mjcf_tendons import Imported, joint_ranges
+from cdrj_ros.robot.mjcf_tendons import Imported
 from cdrj_ros.robot.reader import parse_robot
 
 LENGTH = 1e-9
@@ -118,6 +118,14 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
         slope, impossible,
         tuple(every.remarks),
     )  # fmt: skip
+
+
+def joint_ranges(mujoco: Any, mj: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper end of every joint's range; ±180° or ±1 m for joints without limits."""
+    most = np.where(mj.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, 1.0, np.pi)
+    limited = mj.jnt_limited.astype(bool)
+    low = np.where(limited, mj.jnt_range[:, 0], -most)
+    return low, np.where(limited, mj.jnt_range[:, 1], most)
 
 
 def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> tuple[Imported, Model]:

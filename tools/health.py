@@ -32,7 +32,7 @@ from cdrj_ros.robot.description import Pulley, Robot  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.faults import Fault  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import random, sine  # noqa: E402
+from cdrj_ros.simulation.motion import differences, random, sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
 Vector = NDArray[np.float64]
@@ -122,11 +122,11 @@ def motion_of(robot: Robot, case: Case, seconds: float, seed: int | None) -> Tru
         if seed is None
         else random(np.radians(38.0), 0.5, seed, 1.0)
     )
-    course = move(time)
+    angle = move(time)
     load = make_load("rolling")
-    torque = load.torque(course.angle, course.speed, course.acceleration)
+    torque = load.torque(*differences(time, angle))
     return simulate(
-        case.robot(robot), time, course.angle, torque, 20.0, cells=4, faults=case.faults,
+        case.robot(robot), time, angle, torque, 20.0, cells=4, faults=case.faults,
         allow_slack=True,
     )  # fmt: skip
 

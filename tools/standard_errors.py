@@ -47,7 +47,7 @@ from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 from cdrj_ros.robot.tolerances import SPRING_SCALE, within_range  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import random, sine  # noqa: E402
+from cdrj_ros.simulation.motion import differences, random, sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
 Vector = NDArray[np.float64]
@@ -142,9 +142,9 @@ def moved(
         if seed % 2
         else sine(float(amplitude), float(frequency), 0.5)
     )
-    course = move(time)
-    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
-    truth = simulate(robot, time, course.angle, torque, 20.0, cells=8, allow_slack=True)
+    angle = move(time)
+    torque = make_load("rolling").torque(*differences(time, angle))
+    truth = simulate(robot, time, angle, torque, 20.0, cells=8, allow_slack=True)
     stamps = 1_700_000_000_000_000_000 + np.round(time * 1e9).astype(np.int64)
     counts = [axis.sensor.resolution for axis in robot.axes]
     motor = np.round(truth.motor_angle[:, 0] / counts[0]) * counts[0]

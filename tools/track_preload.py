@@ -31,7 +31,7 @@ from cdrj_ros.model.prepared import Model  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.faults import Fault  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import sine  # noqa: E402
+from cdrj_ros.simulation.motion import differences, sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
 
 Vector = NDArray[np.float64]
@@ -66,12 +66,10 @@ def moved(share: float, cycles: int, fault: Fault | None) -> Truth:
     upper, lower = model.robot.cables
     robot = replace(model.robot, cables=(replace(upper, preload=share * upper.preload), lower))
     time = np.arange(0.0, 1.0 + cycles / FREQUENCY, 1.0 / RATE)
-    course = sine(np.radians(35.0), FREQUENCY, 1.0)(time)
-    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
+    angle = sine(np.radians(35.0), FREQUENCY, 1.0)(time)
+    torque = make_load("rolling").torque(*differences(time, angle))
     faults = (fault,) if fault is not None else ()
-    return simulate(
-        robot, time, course.angle, torque, 20.0, cells=4, faults=faults, allow_slack=True
-    )
+    return simulate(robot, time, angle, torque, 20.0, cells=4, faults=faults, allow_slack=True)
 
 
 def track(model: Model, truth: Truth, friction: float, options: Options, seed: int) -> Tracked:

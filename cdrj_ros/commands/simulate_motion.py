@@ -130,8 +130,8 @@ def _prescribed(
 ) -> NDArray[np.float64]:
     """Angles of all joints, those without a motion in the reference pose; shape (n, joints)."""
     joints = np.tile(robot.reference_pose, (time.size, 1))
-    for index, course in motions.items():
-        angle = course(time).angle
+    for index, move in motions.items():
+        angle = move(time)
         joint = robot.joints[index]
         if angle.min() < joint.lower or angle.max() > joint.upper:
             raise UsageError(

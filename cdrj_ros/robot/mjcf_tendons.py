@@ -11,7 +11,6 @@ from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import printable
@@ -23,14 +22,8 @@ STIFFNESS: Final = 10_000.0
 PRELOAD: Final = 10.0
 """Assumed preload [N]."""
 
-POSES: Final = 200
-"""Number of poses, in addition to the model's own."""
-
 DRUM: Final = 0.01
 """Assumed radius of the drums [m]."""
-
-NEARLY: Final = 1.1
-"""A site that comes within this multiple of a body's radius in sampled poses may enter it."""
 
 FARTHEST_M: Final = 1e6
 """Maximum coordinate or size that is read [m]."""
@@ -57,52 +50,6 @@ class Imported:
     """Where every cable comes from, in the order of the cables."""
     joints: list[int] = field(default_factory=list)
     """MuJoCo's index of every joint of the document."""
-
-
-@dataclass(frozen=True)
-class SampledPlaces:
-    """Positions in all poses."""
-
-    sites: NDArray[np.float64]
-    """[m], shape (poses, sites, 3)."""
-    geoms: NDArray[np.float64]
-    """[m], shape (poses, geoms, 3)."""
-    turned: NDArray[np.float64]
-    """Rotation matrices of the geoms by rows, shape (poses, geoms, 3, 3)."""
-
-    def nearest(self, site: int, geom: int, *, level: bool) -> float:
-        """Smallest distance of a site from a geom's centre, or with ``level`` from its axis [m]."""
-        away = self.sites[:, site] - self.geoms[:, geom]
-        if level:
-            away = np.einsum("pji,pj->pi", self.turned[:, geom], away)[:, :2]
-        return float(np.linalg.norm(away, axis=1).min())
-
-
-def joint_ranges(mujoco: ModuleType, model: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower and upper end of every joint's range; ±180° or ±1 m for joints without limits."""
-    most = np.where(model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, 1.0, np.pi)
-    limited = model.jnt_limited.astype(bool)
-    low = np.where(limited, model.jnt_range[:, 0], -most)
-    return low, np.where(limited, model.jnt_range[:, 1], most)
-
-
-def sample_places(mujoco: ModuleType, model: Any) -> SampledPlaces:
-    """Place all sites and geoms in random poses; ball and free joints stay at the model's pose."""
-    data = mujoco.MjData(model)
-    low, high = joint_ranges(mujoco, model)
-    single = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
-    addresses = model.jnt_qposadr[single]
-    generator = np.random.default_rng(0)
-    sites, geoms, turned = [], [], []
-    for k in range(POSES + 1):
-        data.qpos[:] = model.qpos0
-        if k > 0:
-            data.qpos[addresses] = generator.uniform(low[single], high[single])
-        mujoco.mj_kinematics(model, data)
-        sites.append(data.site_xpos.copy())
-        geoms.append(data.geom_xpos.copy())
-        turned.append(data.geom_xmat.reshape(-1, 3, 3).copy())
-    return SampledPlaces(np.array(sites), np.array(geoms), np.array(turned))
 
 
 def convert(
@@ -155,9 +102,6 @@ class _Import:
         """Frame of every body, and the body's origin in it [m]."""
         self._joints: list[int] = []
         self._taken: dict[str, int] = {"base": 1}
-        self._places = sample_places(mujoco, model)
-        self._ignored: list[str] = []
-        """Bodies that contain a neighbouring site in some poses."""
 
     def run(self, wanted: Sequence[str] | None) -> Imported:
         """Convert all wanted tendons; remarks name those that cannot be represented."""
@@ -250,17 +194,13 @@ class _Import:
         """Nodes of a branch, the ends without their types; None if one cannot be represented."""
         kinds = self._mujoco.mjtWrap
         nodes: list[Document] = []
-        for k, (kind, target, parameter) in enumerate(path):
+        for kind, target, parameter in path:
             if kind == kinds.mjWRAP_SITE:
                 body = int(self._model.site_bodyid[target])
                 point = self._point(name, body, self._model.site_pos[target])
                 node = None if point is None else {"type": "eyelet", **point}
             else:
                 node = self._body(name, kind == kinds.mjWRAP_CYLINDER, target, round(parameter))
-                around = [path[near][1] for near in (k - 1, k + 1)]  # MuJoCo allows only sites
-                if node is not None and self._comes_inside(around, target, node):
-                    node["ignored_inside"] = True
-                    self._ignored.append(f"{self._label('GEOM', target)} ({name})")
             if node is None:
                 return None
             nodes.append(node)
@@ -276,7 +216,8 @@ class _Import:
         if point is None:
             return None
         radius = float(model.geom_size[geom][0])
-        node = {"type": "cylinder" if round_bar else "sphere", "radius": radius, **point}
+        kind = "cylinder" if round_bar else "sphere"
+        node = {"type": kind, "radius": radius, **point, "ignored_inside": True}
         if round_bar:
             turned = np.empty(3)
             self._mujoco.mju_rotVecQuat(turned, np.array([0.0, 0.0, 1.0]), model.geom_quat[geom])
@@ -287,24 +228,17 @@ class _Import:
         if carrier != body:
             if not self._carry(name, carrier):
                 return None
-            if self._places.nearest(side, geom, level=round_bar) < radius:
-                self._remarks.append(
-                    f"{name} is left out: the side site {self._label('SITE', side)} of another "
-                    f"body enters {label} in some poses"
-                )
-                return None
+            self._remarks.append(
+                f"{name} passes outside {label} on the side of {self._label('SITE', side)} of "
+                "another body, also in poses in which MuJoCo lets it through the inside since "
+                "that site lies there"
+            )
             node["side_frame"] = self._bodies[carrier][0]
         elif np.linalg.norm(model.site_pos[side] - model.geom_pos[geom]) < radius:
             node["inside"] = True
             return node
         node["side"] = _numbers(model.site_pos[side] + self._bodies[carrier][1])
         return node
-
-    def _comes_inside(self, sites: list[int], geom: int, node: Document) -> bool:
-        """Whether one of the sites lies inside a wrapping body in some pose, or nearly so."""
-        level = node["type"] == "cylinder"
-        near = NEARLY * node["radius"]
-        return any(self._places.nearest(site, geom, level=level) <= near for site in sites)
 
     def _point(self, name: str, body: int, position: Any) -> Document | None:
         """Frame and position of a point of a body; None if the body cannot become a frame."""
@@ -415,11 +349,6 @@ class _Import:
 
     def _remark_on_the_rest(self) -> None:
         model = self._model
-        if self._ignored:
-            self._remarks.append(
-                "ignored in poses, if any, in which the site before or after lies inside, as in "
-                "MuJoCo: " + ", ".join(self._ignored)
-            )
         if model.neq:
             self._remarks.append(
                 f"{model.neq} equality constraints are not carried over: a coupled joint needs the "

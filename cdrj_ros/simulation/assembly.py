@@ -69,33 +69,6 @@ class Truth:
         return np.asarray(self.tension <= 0.0)
 
 
-class Kept:
-    """What the truth needs of the fine robot's estimates, of which there is one batch at a time.
-
-    All of them would take 7 kB for every sample of the prototype.
-    """
-
-    def __init__(self, rig: Rig, samples: int) -> None:
-        self._layout = rig.fine.layout
-        self.tension = np.empty((samples, len(rig.lumped.layout.elements)))
-        """Of the free spans [N], shape (n, elements)."""
-        self.force = np.empty((samples, len(rig.lumped.layout.pulleys), 3))
-        """As in ``Truth``."""
-        self.motor_effort = np.empty((samples, rig.wiring.owner.size))
-        """Of all motors of the fine robot [N m]."""
-        self.joint_effort = np.empty((samples, len(rig.lumped.layout.joints)))
-        """[N m]."""
-
-    def keep(self, begin: int, estimates: Table) -> None:
-        """Take over the estimates of the samples from ``begin`` on, shape (k, fine layout.size)."""
-        rows, layout = slice(begin, begin + len(estimates)), self._layout
-        self.tension[rows] = estimates[:, layout.tension]
-        for axis, part in enumerate((layout.force_x, layout.force_y, layout.force_z)):
-            self.force[rows, :, axis] = estimates[:, part]
-        self.motor_effort[rows] = estimates[:, layout.motor_effort]
-        self.joint_effort[rows] = estimates[:, layout.joint_effort]
-
-
 class MotionError(UsageError):
     """A motion that the rig cannot perform."""
 
@@ -195,28 +168,20 @@ def require_taut(
         raise SlackError(layout.elements[element], float(time[k]), pose(k))
 
 
-def read_out(
-    rig: Rig,
-    time: Vector,
-    motor_angle: Table,
-    joint_angle: Table,
-    kept: Kept,
-    offset: Table,
-    imbalance: Vector,
-    notes: tuple[str, ...] = (),
-) -> Truth:
-    """The truth from the fine robot's estimates."""
-    return Truth(
-        time,
-        motor_angle,
-        joint_angle,
-        kept.tension,
-        kept.force,
-        rig.of_motors(kept.motor_effort),
-        kept.joint_effort,
-        imbalance,
-        offset[:, len(rig.lumped.robot.motors) :],
-        notes,
+def read_out(rig: Rig, estimates: Table) -> tuple[Table, NDArray[np.float64], Table, Table]:
+    """Tensions, forces, efforts of motors and of joints, as in ``Truth``.
+
+    Args:
+        rig: the rig.
+        estimates: of the fine robot, shape (n, fine layout.size).
+    """
+    layout = rig.fine.layout
+    forces = [estimates[:, part] for part in (layout.force_x, layout.force_y, layout.force_z)]
+    return (
+        estimates[:, layout.tension].copy(),
+        np.stack(forces, axis=-1),
+        rig.of_motors(estimates[:, layout.motor_effort]),
+        estimates[:, layout.joint_effort].copy(),
     )
 
 

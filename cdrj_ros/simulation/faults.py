@@ -16,6 +16,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch
+from cdrj_ros.simulation.motion import smooth_step
 
 FaultKind = Literal["slack", "snap", "slip"]
 KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
@@ -84,8 +85,7 @@ class Wiring:
         """Angle of each motor relative to its owner [rad], shape (n, all motors)."""
         offset = np.zeros((time.size, self.owner.size))
         for (motor, fault), turn in zip(self.faults, self.turn, strict=True):
-            share = np.clip((time - fault.begin) / DURATION_S[fault.kind], 0.0, 1.0)
-            offset[:, motor] += turn * share * share * (3.0 - 2.0 * share)
+            offset[:, motor] += turn * smooth_step((time - fault.begin) / DURATION_S[fault.kind])
         return offset
 
     def during(self, time: Vector) -> NDArray[np.bool_]:

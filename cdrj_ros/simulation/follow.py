@@ -137,11 +137,10 @@ def _angle_of(axis: Joint, kind: motion.MotionKind, seed: int) -> Callable[[Vect
     if most < AT_AN_END * (axis.upper - axis.lower):
         centre, begin = 0.5 * (axis.lower + axis.upper), BEGIN_S + APPROACH_S
         most = 0.5 * (axis.upper - axis.lower)
-    course = motion.named_motion(kind, SHARE * most, FREQUENCY_HZ, seed, begin, centre)
+    move = motion.named_motion(kind, SHARE * most, FREQUENCY_HZ, seed, begin, centre)
     away = axis.reference_angle - centre
 
     def angle(time: Vector) -> Vector:
-        share = np.clip((time - BEGIN_S) / APPROACH_S, 0.0, 1.0)
-        return course(time).angle + away * (1.0 - share * share * (3.0 - 2.0 * share))
+        return move(time) + away * (1.0 - motion.smooth_step((time - BEGIN_S) / APPROACH_S))
 
     return angle

@@ -18,7 +18,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import Rig, divide_contacts
+from cdrj_ros.simulation.assembly import Rig, divide_contacts, read_out
 from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all
 from cdrj_ros.simulation.load import Load, make_load, resting_start
 from cdrj_ros.simulation.truth import UNSOLVED
@@ -291,17 +291,9 @@ class LiveRig:
         return not np.any(status & INVALID) and bool(np.isfinite(row).all())
 
     def _read(self) -> None:
-        """Store the results in the robot's own order, as ``read_out`` does."""
-        row, layout = self._estimates[0], self._rig.fine.layout
-        self.tension = row[layout.tension].copy()
-        """Tensions of all elements [N], shape (elements,)."""
-        parts = (layout.force_x, layout.force_y, layout.force_z)
-        self.force = np.stack([row[part] for part in parts], axis=-1)
-        """Force of the cable on every pulley [N], shape (pulleys, 3), as ``Truth.force``."""
-        self.motor_effort = self._rig.of_motors(row[layout.motor_effort])
-        """Efforts of the cables on the motors [N m], shape (motors,)."""
-        self.joint_effort = row[layout.joint_effort].copy()
-        """Efforts of the cables on the joints [N m], shape (joints,)."""
+        """Store the tensions [N], forces [N] and efforts [N m] of now, in the robot's own order."""
+        row = (one[0] for one in read_out(self._rig, self._estimates))
+        self.tension, self.force, self.motor_effort, self.joint_effort = row
 
 
 def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:

@@ -1,7 +1,6 @@
-"""Motions of a joint: functions of time that give angle, speed and acceleration.
+"""Motions of a joint: functions from times [s] to angles [rad], or [m] of a prismatic joint.
 
-Every motion rests at its centre until ``begin`` and has a continuous speed.  Angles are in [rad],
-or in [m] for a prismatic joint.
+Every motion rests at its centre until ``begin`` and has a continuous speed.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
@@ -20,6 +18,7 @@ BLEND: Final = 0.2
 
 RANDOM_TONES: Final = 4
 """Number of sines in a random motion."""
+
 
 RECORDED_BAND: Final = 5.0
 """Cutoff frequency of the smoothing of a recorded motion [Hz]."""
@@ -42,7 +41,7 @@ class Course(NamedTuple):
     """[rad/s^2], shape (n,)."""
 
 
-Motion = Callable[[Vector], Course]
+Motion = Callable[[Vector], Vector]
 
 MotionKind = Literal["sine", "ramps", "dwell", "random"]
 MOTIONS: Final[tuple[MotionKind, ...]] = get_args(MotionKind)
@@ -70,32 +69,15 @@ def differences(time: Vector, angle: Vector) -> Course:
     return Course(angle, speed, np.gradient(speed, time))
 
 
-def still(centre: float) -> Motion:
-    """No motion."""
-
-    def course(time: Vector) -> Course:
-        return Course(np.full(time.shape, centre), np.zeros(time.shape), np.zeros(time.shape))
-
-    return course
-
-
 def sine(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
     """A sine [Hz] that grows to its amplitude over the first period."""
-    pulsation = 2.0 * np.pi * frequency
 
-    def course(time: Vector) -> Course:
+    def angle(time: Vector) -> Vector:
         moving = np.maximum(time - begin, 0.0)
-        ramp, ramp_speed, ramp_acceleration = _growth(moving, frequency)
-        wave, slope = np.sin(pulsation * moving), pulsation * np.cos(pulsation * moving)
-        return _after(
-            time >= begin,
-            centre + amplitude * ramp * wave,
-            amplitude * (ramp_speed * wave + ramp * slope),
-            amplitude
-            * (ramp_acceleration * wave + 2.0 * ramp_speed * slope - ramp * pulsation**2 * wave),
-        )
+        wave = np.sin(2.0 * np.pi * frequency * moving)
+        return centre + amplitude * smooth_step(moving * frequency) * wave
 
-    return course
+    return angle
 
 
 def ramps(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:
@@ -131,7 +113,7 @@ def moves(
     blend = BLEND * move_s
     top = 1.0 / (move_s - blend)  # speed of a move of 1 rad
 
-    def course(time: Vector) -> Course:
+    def angle(time: Vector) -> Vector:
         moving = np.maximum(time - begin, 0.0)
         index = np.floor(moving / (move_s + rest_s)).astype(np.int64)
         at = np.minimum(moving - index * (move_s + rest_s), move_s)
@@ -141,19 +123,10 @@ def moves(
             0.5 * top * at**2 / blend,
             np.where(left < blend, 1.0 - 0.5 * top * left**2 / blend, top * (at - 0.5 * blend)),
         )
-        speed = top * np.minimum(np.minimum(at, left) / blend, 1.0)
-        change = top / blend * (np.where(at < blend, 1.0, 0.0) - np.where(left < blend, 1.0, 0.0))
-        goal = places[index % places.size]
         start = np.where(index > 0, places[(index - 1) % places.size], 0.0)
-        resting = (at >= move_s) | (time < begin)
-        way = goal - start
-        return Course(
-            centre + start + way * share,
-            np.where(resting, 0.0, way * speed),
-            np.where(resting, 0.0, way * change),
-        )
+        return centre + start + (places[index % places.size] - start) * share
 
-    return course
+    return angle
 
 
 def random(
@@ -169,25 +142,16 @@ def random(
     pulsation = 2.0 * np.pi * frequency * share
     phase = generator.uniform(0.0, 2.0 * np.pi, RANDOM_TONES)
 
-    def course(time: Vector) -> Course:
+    def angle(time: Vector) -> Vector:
         moving = np.maximum(time - begin, 0.0)
-        ramp, ramp_speed, ramp_acceleration = _growth(moving, frequency)
-        turn = np.multiply.outer(moving, pulsation) + phase
-        wave = np.sin(turn).mean(axis=-1)
-        slope = (np.cos(turn) * pulsation).mean(axis=-1)
-        bend = -(np.sin(turn) * pulsation**2).mean(axis=-1)
-        return _after(
-            time >= begin,
-            centre + amplitude * ramp * wave,
-            amplitude * (ramp_speed * wave + ramp * slope),
-            amplitude * (ramp_acceleration * wave + 2.0 * ramp_speed * slope + ramp * bend),
-        )
+        wave = np.sin(np.multiply.outer(moving, pulsation) + phase).mean(axis=-1)
+        return centre + amplitude * smooth_step(moving * frequency) * wave
 
-    return course
+    return angle
 
 
 def recorded(time: Vector, angle: Vector, begin: float = 0.0) -> Motion:
-    """A recorded motion, smoothed so that its acceleration is usable.
+    """A recorded motion without what is faster than ``RECORDED_BAND``.
 
     It starts from rest: during ``SLOW_START_S`` the recording is played more slowly, which adds
     half of that to its duration.  After its end the joint keeps its angle.
@@ -217,22 +181,13 @@ def recorded(time: Vector, angle: Vector, begin: float = 0.0) -> Motion:
         values = sosfiltfilt(sections, values, padlen=min(grid.size - 1, round(rate)))
     spline = CubicSpline(grid, np.clip(values, angle.min(), angle.max()))
 
-    def course(time: Vector) -> Course:
+    def angle_at(time: Vector) -> Vector:
         moving = np.maximum(time - begin, 0.0)
-        inside = np.clip(moving / SLOW_START_S, 0.0, 1.0)
-        # the playback rate rises as a smooth step, 3 u^2 - 2 u^3
-        own = np.where(
-            inside < 1.0, SLOW_START_S * (inside**3 - 0.5 * inside**4), moving - 0.5 * SLOW_START_S
-        )
-        rate = inside**2 * (3.0 - 2.0 * inside)
-        rate_by = np.where(inside < 1.0, 6.0 * inside * (1.0 - inside) / SLOW_START_S, 0.0)
-        there = np.clip(own, 0.0, length)
-        runs = own < length
-        slope = np.where(runs, spline(there, 1), 0.0)
-        bend = np.where(runs, spline(there, 2), 0.0)
-        return Course(spline(there), slope * rate, bend * rate**2 + slope * rate_by)
+        slow = np.minimum(moving / SLOW_START_S, 1.0)  # the rate of playback is a smooth step
+        played = SLOW_START_S * (slow**3 - 0.5 * slow**4) + np.maximum(moving - SLOW_START_S, 0.0)
+        return np.asarray(spline(np.minimum(played, length)))
 
-    return course
+    return angle_at
 
 
 def recorded_duration(time: Vector) -> float:
@@ -240,16 +195,7 @@ def recorded_duration(time: Vector) -> float:
     return float(time[-1] - time[0]) + 0.5 * SLOW_START_S
 
 
-def _growth(moving: Vector, frequency: float) -> tuple[Vector, Vector, Vector]:
-    """A smooth step over one period, 3 u^2 - 2 u^3, with its derivatives by time."""
-    share = np.minimum(moving * frequency, 1.0)
-    inside = share < 1.0
-    return (
-        share * share * (3.0 - 2.0 * share),
-        6.0 * share * (1.0 - share) * frequency,
-        np.where(inside, 6.0 * (1.0 - 2.0 * share) * frequency**2, 0.0),
-    )
-
-
-def _after(begun: NDArray[np.bool_], angle: Vector, speed: Vector, acceleration: Vector) -> Course:
-    return Course(angle, np.where(begun, speed, 0.0), np.where(begun, acceleration, 0.0))
+def smooth_step(share: Vector) -> Vector:
+    """3 u^2 - 2 u^3 of a share u, from 0 below 0 to 1 above 1, both at rest."""
+    inside = np.clip(share, 0.0, 1.0)
+    return np.asarray(inside * inside * (3.0 - 2.0 * inside))

@@ -21,7 +21,7 @@ from cdrj_ros.simulation.sensor_groups import (
     encoder_groups,
     truth_table,
 )
-from cdrj_ros.simulation.sensors import ReadingTimes, read_cells
+from cdrj_ros.simulation.sensors import ReadingTimes, measured
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 """Stamp of a simulated recording's start [ns]."""
@@ -100,7 +100,8 @@ class Recorder:
         plan = ReadingTimes(sensors, 0.0, [self._seed, 3]).until(float(truth.time[-1]))
 
         def readings_of(values: Table, noise: float, step: float, bias: float) -> Table:
-            return read_cells(values, truth.time, plan.times, noise, step, generator, bias)
+            columns = [np.interp(plan.times, truth.time, column) for column in values.T]
+            return measured(np.stack(columns, axis=1), noise, step, generator, bias)
 
         tensions, forces, torques = Topics().references
         force = (sensors.force_noise, sensors.force_step, sensors.force_bias)

@@ -213,20 +213,6 @@ def counted(encoder: Encoder, angle: Vector, noise: float | Vector, sensor: Sens
     return read
 
 
-def read_cells(
-    values: Table,
-    truth_time: Vector,
-    times: Vector,
-    noise: float,
-    step: float,
-    generator: np.random.Generator,
-    bias: float = 0.0,
-) -> Table:
-    """Noisy, quantised readings of columns of truth, shape (times, columns)."""
-    columns = [np.interp(times, truth_time, column) for column in values.T]
-    return measured(np.stack(columns, axis=1), noise, step, generator, bias)
-
-
 def measured(
     ideal: Table, noise: float, step: float, generator: np.random.Generator, bias: float = 0.0
 ) -> Table:

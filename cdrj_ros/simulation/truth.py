@@ -20,7 +20,6 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation.assembly import (
     BATCH,
-    Kept,
     MotionError,
     Rig,
     Truth,
@@ -129,7 +128,7 @@ def simulate(
         stepper.release(load.coefficients(), axis.effort_sign, axis.lower, axis.upper)
         stepper.swing = np.array([start, 0.0, 0.0, 0.0])
     dt = np.diff(time, prepend=time[0])
-    batch, kept = np.empty((min(n, BATCH), rig.fine.layout.size)), Kept(rig, n)
+    batch, kept = np.empty((min(n, BATCH), rig.fine.layout.size)), []
     imbalance, motors_out, joints_out = np.empty(n), np.empty_like(base), np.empty_like(joints)
     for begin in range(0, n, BATCH):
         rows = slice(begin, min(begin + BATCH, n))
@@ -139,7 +138,7 @@ def simulate(
         )  # fmt: skip
         upto = begin + done
         require_taut(rig, time[begin:], joints_out[begin:upto], batch[:done], allow_slack)
-        kept.keep(begin, batch[:done])
+        kept.append(read_out(rig, batch[:done]))  # the whole would take 7 kB for every sample
         if upto < rows.stop and joint_torque is not None:
             where = joint_text(robot, joint, joints[stepper.phase, joint])
             needed = float(joint_torque[stepper.phase])
@@ -151,8 +150,11 @@ def simulate(
         if progress is not None:
             progress(rows.stop)
     notes += _waiting_notes(time, imbalance, torque)
-    motor_out = motors_out[:, : len(robot.motors)]
-    return read_out(rig, time, motor_out, joints_out, kept, offset, imbalance, notes)
+    motors, unseen = (motors_out[:, : len(robot.motors)], offset[:, len(robot.motors) :])
+    tension, force, on_motors, on_joints = map(np.concatenate, zip(*kept, strict=True))
+    return Truth(
+        time, motors, joints_out, tension, force, on_motors, on_joints, imbalance, unseen, notes
+    )
 
 
 def _require_one_rule(

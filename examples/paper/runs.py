@@ -31,7 +31,7 @@ from cdrj_ros.simulation.sensors import (
     Encoder,
     LoadCells,
     counted,
-    read_cells,
+    measured,
 )
 from cdrj_ros.simulation.truth import simulate
 from examples.paper.joint import RollingLoad
@@ -243,10 +243,10 @@ def record(
         (TENSION, layout.elements, truth.tension),
         (NODAL_FORCE, layout.pulleys, truth.nodal_force),
     ):
-        read = read_cells(values, truth.time, times, cell.force_noise, cell.force_step, generator)
+        ideal = np.stack([np.interp(times, truth.time, column) for column in values.T], axis=1)
+        read = measured(ideal, cell.force_noise, cell.force_step, generator)
         for k, name in enumerate(names):
-            readings[f"{prefix}/{name}"] = read[:, k]
-            noiseless[f"{prefix}/{name}"] = np.interp(times, truth.time, values[:, k])
+            readings[f"{prefix}/{name}"], noiseless[f"{prefix}/{name}"] = read[:, k], ideal[:, k]
     for name in layout.pulleys:
         cable, node = name.split("/")
         for forces in (readings, noiseless):

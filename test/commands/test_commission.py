@@ -25,7 +25,7 @@ from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import random
+from cdrj_ros.simulation.motion import differences, random
 from cdrj_ros.simulation.truth import simulate
 
 RATE = 25.0
@@ -43,9 +43,9 @@ def moved(seed: int) -> tuple[np.ndarray, Any, dict[str, np.ndarray]]:
     document = load_document(PROTOTYPE)[0]
     robot = build_robot(with_numbers(document, TRUTH), "truth")
     time = np.arange(0.0, 25.0, 1.0 / RATE)
-    course = random(np.radians(33.0), 0.4, seed, 0.5)(time)
-    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
-    truth = simulate(robot, time, course.angle, torque, 20.0, allow_slack=True)
+    angle = random(np.radians(33.0), 0.4, seed, 0.5)(time)
+    torque = make_load("rolling").torque(*differences(time, angle))
+    truth = simulate(robot, time, angle, torque, 20.0, allow_slack=True)
     readings = {
         "winch": truth.motor_angle[:, 0],
         "elbow": truth.joint_angle[:, 0] - TRUTH["joints.elbow.offset"],

@@ -18,7 +18,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import sine
+from cdrj_ros.simulation.motion import differences, sine
 from cdrj_ros.simulation.truth import simulate
 
 RATE: Final = 100.0
@@ -30,9 +30,9 @@ SNAP: Final = Fault("snap", 13.0, 1e-3, "upper")
 def truth_of(seconds: float, *faults: Fault) -> Truth:
     robot = load_model(ROBOT).robot
     time = np.arange(0.0, seconds, 1.0 / RATE)
-    course = sine(np.radians(35.0), 0.25, 1.0)(time)
-    torque = make_load("rolling").torque(course.angle, course.speed, course.acceleration)
-    return simulate(robot, time, course.angle, torque, 20.0, cells=4, faults=faults)
+    angle = sine(np.radians(35.0), 0.25, 1.0)(time)
+    torque = make_load("rolling").torque(*differences(time, angle))
+    return simulate(robot, time, angle, torque, 20.0, cells=4, faults=faults)
 
 
 @dataclass(frozen=True)

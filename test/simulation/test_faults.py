@@ -19,14 +19,14 @@ from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
 TIME = np.arange(6_001) / 1000.0
-COURSE = sine(np.radians(25.0), 0.2, 0.5)(TIME)
+ANGLE = sine(np.radians(25.0), 0.2, 0.5)(TIME)
 AT = 3.0
 BEFORE, AFTER = TIME < AT, AT + max(DURATION_S.values()) < TIME
 LOWER, UPPER = slice(8, 16), slice(0, 8)
 
 
 def _followed(robots: Robots, *faults: Fault, robot: Robot | None = None) -> Truth:
-    return simulate(robot or robots.prototype(), TIME, COURSE.angle, cells=1, faults=faults)
+    return simulate(robot or robots.prototype(), TIME, ANGLE, cells=1, faults=faults)
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_an_impossible_fault_is_refused(robots: Robots, fault: Fault, words: str
 
 def test_faults_work_on_cables_given_by_positions(robots: Robots) -> None:
     joints = np.zeros((TIME.size, 2))
-    joints[:, 1] = 0.3 * COURSE.angle
+    joints[:, 1] = 0.3 * ANGLE
     sound = simulate(robots.finger(), TIME, joints, cells=4)
     for fault in (Fault("snap", AT, 1e-4, "flexor"), Fault("slip", AT, 0.0125, "flexor")):
         broken = simulate(robots.finger(), TIME, joints, cells=4, faults=(fault,))

@@ -22,7 +22,7 @@ TIME = np.arange(3_001) / 1000.0
 
 def _moving(robot: Robot, share: float = 0.5) -> np.ndarray:
     joints = [
-        sine(share * joint.upper, 0.4 + 0.1 * k, 0.2, joint.reference_angle)(TIME).angle
+        sine(share * joint.upper, 0.4 + 0.1 * k, 0.2, joint.reference_angle)(TIME)
         for k, joint in enumerate(robot.joints)
     ]
     return np.stack(joints, axis=1)
@@ -73,7 +73,7 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
 def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
     robot = robots.finger()
     joints = np.zeros((TIME.size, 2))
-    joints[:, 1] = sine(0.2, 0.5, 0.2)(TIME).angle
+    joints[:, 1] = sine(0.2, 0.5, 0.2)(TIME)
     load = make_load("pendulum", 0.05)
     torque = load.torque(*differences(TIME, joints[:, 1]))
     truth = simulate(robot, TIME, joints, torque, joint=1, cells=4)
@@ -88,7 +88,7 @@ def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
 
 def test_a_weight_is_balanced_wherever_it_starts(robots: Robots) -> None:
     robot = robots.hoist()
-    height = 0.3 + sine(0.05, 0.5, 0.2)(TIME).angle
+    height = 0.3 + sine(0.05, 0.5, 0.2)(TIME)
     load = make_load("lift", 2.0)
     truth = simulate(robot, TIME, height, load.torque(*differences(TIME, height)), cells=4)
     weight = 2.05 * 9.81
@@ -102,7 +102,7 @@ def test_a_motion_faster_than_its_motor_is_refused_or_a_note_reports_its_waits(
     robots: Robots,
 ) -> None:
     robot = robots.prototype()
-    angle = sine(0.5, 0.5, 0.2)(TIME).angle
+    angle = sine(0.5, 0.5, 0.2)(TIME)
     torque = make_load("rolling", 0.3, gravity=0.0).torque(*differences(TIME, angle))
     with pytest.raises(UsageError, match=r"needs a motor speed of .* above the limit of 5 rad/s"):
         simulate(robot, TIME, angle, torque, 5.0, cells=2)

@@ -77,9 +77,9 @@ def test_forward_dynamics_return_the_motion_that_was_balanced(
 ) -> None:
     robot = robots.prototype()
     time = np.arange(3_001) / 1000.0
-    course = sine(0.3, 0.5, 0.2)(time)
-    torque = LOAD.torque(*differences(time, course.angle))
-    inverse = simulate(robot, time, course.angle, torque, cells=4, motor_speed=1e3)
+    angle = sine(0.3, 0.5, 0.2)(time)
+    torque = LOAD.torque(*differences(time, angle))
+    inverse = simulate(robot, time, angle, torque, cells=4, motor_speed=1e3)
     forward = simulate(robot, time, motor_angle=inverse.motor_angle, load=LOAD, cells=4)
     assert np.abs(forward.joint_angle - inverse.joint_angle).max() < 2e-3
     assert np.abs(forward.tension - inverse.tension).mean() < 0.2

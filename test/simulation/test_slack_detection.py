@@ -15,7 +15,7 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import SLACK
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import Motion, ramps, random, sine
+from cdrj_ros.simulation.motion import Motion, differences, ramps, random, sine
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
@@ -86,10 +86,10 @@ def watch(
     robot = model.robot
     assert {cable.slack_tension for cable in robot.cables} == {SLACK_N}
     time = step_s * np.arange(round(duration / step_s))
-    course = motion(time)
+    angle = motion(time)
     load = make_load("rolling", load_kg)
-    torque = load.torque(course.angle, course.speed, course.acceleration)
-    truth = simulate(robot, time, course.angle, torque, motor_speed, 2, allow_slack=True)
+    torque = load.torque(*differences(time, angle))
+    truth = simulate(robot, time, angle, torque, motor_speed, 2, allow_slack=True)
     heard = condition(
         robot,
         {"winch": readings(MOTOR_ENCODER, time, truth.motor_angle[:, 0])},

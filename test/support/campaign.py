@@ -160,8 +160,9 @@ def course_of(
     time = 0.001 * np.arange(round(1000 * seconds))
     elbow = moves(time)
     robot = model.robot if seed is None else _other(model, seed).robot
-    torque = make_load("rolling", load).torque(*elbow) if load > 0.0 else None
-    truth = simulate(robot, time, elbow.angle, torque, WINCH_SPEED, CELLS, allow_slack=True)
+    loaded = make_load("rolling", load)
+    torque = loaded.torque(*motion.differences(time, elbow)) if load > 0.0 else None
+    truth = simulate(robot, time, elbow, torque, WINCH_SPEED, CELLS, allow_slack=True)
     return Course(
         truth.motor_angle[:, 0], truth.joint_angle[:, 0], truth.tension, truth.motor_effort[:, 0]
     )
