@@ -24,8 +24,6 @@ DURATION_S = 200
 ROUNDS = 3
 MESSAGES_S = 45.0
 """Time for the rounds with mcap."""
-SQLITE3_S = 15.0
-"""Time for the rounds with sqlite3."""
 
 
 def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
@@ -109,38 +107,8 @@ def measure() -> list[Row]:
         writing = seconds(lambda: write_long_bag(path, recording))
         return [
             *_measure(path, Path(folder, "figures.json")),
-            *_sqlite3(path, Path(folder, "database")),
             Row("offline", "writing the bag, with mcap's writer", "s", Spread.of([writing])),
         ]
-
-
-def _sqlite3(path: Path, copy: Path) -> list[Row]:
-    """Measure reading the same messages from rosbag2's older storage."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    with (
-        AnyReader([path]) as reader,
-        Writer(copy, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer,
-    ):
-        topics = {
-            connection.id: writer.add_connection(
-                connection.topic, connection.msgtype, typestore=reader.typestore
-            )
-            for connection in reader.connections
-        }
-        for connection, log_ns, data in reader.messages():
-            writer.write(topics[connection.id], log_ns, data)
-    ours, theirs = [], []
-    for _ in turns(ROUNDS, SQLITE3_S):
-        ours.append(seconds(lambda: read_recording(copy)))
-        theirs.append(sum(deserialise(copy)))
-    return [
-        compared(
-            "offline", "reading and decoding alone, from sqlite3", "s", ours,
-            "rosbags: reading and deserialising", theirs,
-        )
-    ]  # fmt: skip
 
 
 def _measure(path: Path, figures: Path) -> list[Row]:

@@ -240,7 +240,7 @@ def validate(
 
     Args:
         model: from ``load``, or what ``load`` takes.
-        bags: rosbag2 folder or file (MCAP, sqlite3), or several.
+        bags: rosbag2 folder or MCAP file, or several.
         topics: names of the recorded topics; None: ``Topics()``.
         uncertainty: whether to estimate standard deviations and their coverage.
 

@@ -25,7 +25,7 @@ from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import BagWriter, Recording, list_topics
+from cdrj_ros.recordings import BagWriter, Recording, open_source
 
 T = TypeVar("T")
 
@@ -195,7 +195,7 @@ def write_estimates(
 
     types = (CABLE_TENSIONS.name, NODAL_FORCES.name, JOINT_STATE.name)
     with BagWriter(out) as bag:
-        kept = [topic.name for topic in list_topics(path) if topic.name not in outputs]
+        kept = [name for name in open_source(path).all_channels() if name not in outputs]
         bag.copy(path, kept)
         bag.write_pieces(dict(zip(outputs, types, strict=True)), pieces, write)
 

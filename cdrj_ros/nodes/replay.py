@@ -147,10 +147,7 @@ def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
     """
     there: dict[str, Channel] = {}
     for path in arguments.bags:
-        source = open_source(path)
-        for file in source.files:
-            file.declare_all()
-        there |= source.channels()
+        there |= open_source(path).all_channels()
     extras = []
     for topic in sorted({*arguments.topics} - {topics.motors, topics.joints}):
         if topic == CLOCK and arguments.clock:

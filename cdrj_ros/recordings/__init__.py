@@ -5,8 +5,6 @@ from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import (
     RawMessage,
     Source,
-    TopicInfo,
-    list_topics,
     open_source,
     read_messages,
 )
@@ -18,9 +16,7 @@ __all__ = [
     "Recording",
     "Series",
     "Source",
-    "TopicInfo",
     "Topics",
-    "list_topics",
     "open_source",
     "read_messages",
     "read_recording",

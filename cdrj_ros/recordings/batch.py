@@ -1,6 +1,5 @@
 """Recorded messages as undecoded bytes, and bounds on the sizes that a bag may claim.
 
-Both storage formats are read as one `Batch` for every `Stretch`, whose offsets are flat arrays.
 A bag may come from an untrusted source, and a few kilobytes can claim, or unpack to, more memory
 than a machine has.  Ordinary recordings stay far below the bounds, see `docs/reliability.md`.
 """
@@ -10,29 +9,25 @@ from __future__ import annotations
 import os
 import stat
 from dataclasses import dataclass
-from io import BufferedReader
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
 
-MESSAGE_BYTES: Final = 1 << 26
-"""Size of one unpacked message.  A joint state of 1000 joints has 40 kB, a large image 30 MB."""
 CHUNK_BYTES: Final = 1 << 26
-"""Size of one unpacked chunk of an MCAP file, and total size of the chunks unpacked ahead.  Writers
-make chunks of 1 to 4 MB."""
+"""Size of one unpacked chunk, and so of one message.  Writers make chunks of 1 to 4 MB; a joint
+state of 1000 joints has 40 kB, a large image 30 MB."""
 RECORD_BYTES: Final = CHUNK_BYTES + (1 << 16)
 """Size of a record of an MCAP file."""
 UNPACKED_FREE: Final = 1 << 28
-"""Bytes to which any file may unpack in one pass: chunks, single messages or the whole file."""
+"""Bytes to which the chunks of any file may unpack."""
 UNPACKED_RATIO: Final = 1000
 """Compression ratio allowed beyond `UNPACKED_FREE`.  Joint states of a robot at rest reach about
 100; a file made to fill the memory reaches 30 000."""
-UNPACKED_FILE: Final = 1 << 32
-"""Unpacked size of a file compressed as a whole (`.mcap.zstd`); it goes to a temporary file."""
 
 DEFINITION_BYTES: Final = 1 << 20
 """Size of a record that declares a message type or a channel.  Those of ROS have some kilobytes."""
@@ -40,37 +35,12 @@ DEFINITION_FIELDS: Final = 10_000
 """Lines of a message definition, with nested messages expanded.  Each level may multiply them."""
 DEFINITION_DEPTH: Final = 8
 """Levels of nested messages."""
-ARRAY_VALUES: Final = MESSAGE_BYTES
+ARRAY_VALUES: Final = CHUNK_BYTES
 """Length of an array of fixed size: no message can hold more."""
-
-METADATA_BYTES: Final = 1_000_000
-"""Size of metadata.yaml; a larger one is not read, and the files in the folder are used instead."""
 
 LARGEST_REFERENCE: Final = 1e15
 """Magnitude of a recorded reference [N or N·m].  Larger values are implausible; their square may
 overflow."""
-
-
-class Unpacked:
-    """Counts the bytes that one pass over a file has unpacked."""
-
-    def __init__(self, path: Path, packed: int) -> None:
-        """`packed` is the size of the file on the disk [bytes]."""
-        self._path = path
-        self._left = self.limit = max(UNPACKED_FREE, UNPACKED_RATIO * packed)
-
-    def add(self, size: int) -> None:
-        """Add `size` bytes to the count.
-
-        Raises:
-            BagError: the total is too large for the file's size.
-        """
-        self._left -= size
-        if self._left < 0:
-            raise BagError(
-                f"{self._path} unpacks to more than {self.limit} bytes, "
-                f"more than {UNPACKED_RATIO} times its size: refused as damaged or malicious"
-            )
 
 
 class BoundedReader(BufferedReader):
@@ -101,9 +71,6 @@ class BoundedReader(BufferedReader):
 
 Int64s = npt.NDArray[np.int64]
 Octets = npt.NDArray[np.uint8]
-
-LEAD: Final = 8
-"""Bytes in front of every payload, so that rows can be padded to words."""
 
 
 @dataclass(frozen=True)
@@ -144,11 +111,9 @@ class Batch:
     channel: npt.NDArray[np.uint16]
     log_ns: Int64s
     start: Int64s
-    """Offset of each payload; at least `LEAD` bytes precede it."""
+    """Offset of each payload; its record's head precedes it, for rows that are padded to words."""
     length: Int64s
     """Bytes of each payload."""
-    unpacked: Unpacked
-    """Counts the bytes of individually compressed messages when they are unpacked."""
 
     @property
     def octets(self) -> Octets:
@@ -177,20 +142,20 @@ def column(rows: Octets, offset: int, dtype: str, count: int = 1) -> npt.NDArray
     return view
 
 
-def open_regular(path: Path) -> IO[bytes]:
+def open_regular(path: Path) -> BoundedReader:
     """Open a regular file for reading; a pipe or a device might never end.
 
     Raises:
         BagError: it cannot be read or is not a regular file.
     """
     try:
-        stream = open(path, "rb", opener=_without_waiting)  # noqa: SIM115
+        raw = FileIO(path, opener=_without_waiting)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise BagError(f"{path} cannot be read: {reason or error}") from None
-    if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-        return stream
-    stream.close()
+    if stat.S_ISREG(os.fstat(raw.fileno()).st_mode):
+        return BoundedReader(raw)
+    raw.close()
     raise BagError(f"{path} is not a regular file")
 
 

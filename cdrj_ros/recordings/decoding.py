@@ -7,37 +7,28 @@ that row are then read by slicing columns.  The layout of the first remaining ro
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import zstandard
 
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages.cdr import TEXT, Field, Layout, MessageError, MessageType, read_layout
-from cdrj_ros.recordings.batch import (
-    LEAD,
-    MESSAGE_BYTES,
-    Batch,
-    Int64s,
-    Octets,
-    Unpacked,
-    column,
-    pick,
-)
+from cdrj_ros.recordings.batch import Batch, Int64s, Octets, column, pick
 
 Float64s = npt.NDArray[np.float64]
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
+CONVERSION: Final = "rosbags-convert --src {} --dst NEW --dst-storage mcap"
+"""The command that makes an MCAP file of any bag, and unpacks its messages."""
+
 _LAYOUTS_AT_ONCE: Final = 16
 """Layouts compared with all rows; after these, each row is parsed individually."""
-_UNPACKED_AT_ONCE: Final = 1 << 24
-"""Bytes of individually compressed messages that are unpacked before decoding starts."""
 _SEC, _NANOSEC, _NAME = "header.stamp.sec", "header.stamp.nanosec", "name"
 _FRAME = "header.frame_id"
 
@@ -85,16 +76,16 @@ class BulkDecoder:
 
     def add(self, batch: Batch, chosen: Int64s, first: int) -> None:
         """Decode messages `chosen` of `batch`; `first` messages precede the batch."""
-        for octets, start, length, index in _plain_payloads(batch, chosen):
-            log_ns, arrival = batch.log_ns[index], first + index
-            for size in np.unique(length).tolist():
-                same = np.flatnonzero(length == size)
-                if not size:
-                    self._refuse(arrival[same], "an empty payload, or one that does not unpack")
-                    continue
-                pad = -size % 8
-                rows = pick(octets, start[same] - pad, size + pad)
-                self._add_rows(rows, pad, log_ns[same], arrival[same])
+        start, length, log_ns = batch.start[chosen], batch.length[chosen], batch.log_ns[chosen]
+        for size in np.unique(length).tolist():
+            same = np.flatnonzero(length == size)
+            arrival = first + chosen[same]
+            if not size:
+                self._refuse(arrival, "an empty payload")
+                continue
+            pad = -size % 8
+            rows = pick(batch.octets, start[same] - pad, size + pad)
+            self._add_rows(rows, pad, log_ns[same], arrival)
 
     def _refuse(self, arrival: Int64s, reason: str) -> None:
         self.refused.append(arrival)
@@ -104,11 +95,13 @@ class BulkDecoder:
         """Decode payloads of one length, each right-aligned in its row."""
         todo, tried = np.arange(len(rows)), 0
         while len(todo):
-            head = todo[0]
+            payload = rows[todo[0], pad:].tobytes()
             try:
-                layout = read_layout(rows[head, pad:].tobytes(), self._message.fields)
+                layout = read_layout(payload, self._message.fields)
             except MessageError as error:
-                self._refuse(arrival[todo[:1]], str(error))
+                packed = f"it is compressed by itself; `{CONVERSION.format('BAG')}` unpacks it"
+                is_packed = payload.startswith(ZSTD_MAGIC)  # rosbag2's message mode
+                self._refuse(arrival[todo[:1]], packed if is_packed else str(error))
                 todo = todo[1:]
                 continue
             same = np.arange(len(todo)) == 0
@@ -221,48 +214,3 @@ def _require(message: MessageType, arrays: Sequence[str]) -> None:
                 f"{message.name} as this bag defines it has no array {name!r}, but "
                 + ", ".join(fields)
             )
-
-
-def _plain_payloads(
-    batch: Batch, chosen: Int64s
-) -> Iterator[tuple[Octets, Int64s, Int64s, Int64s]]:
-    """(octets, start, length, index) of the messages at the indices `chosen`, decompressed.
-
-    Individually compressed messages (rosbag2's message mode) are recognised by zstd's magic bytes,
-    since plain CDR begins with a zero; they are decompressed in groups into new octets.
-    """
-    octets, start, length = batch.octets, batch.start[chosen], batch.length[chosen]
-    magic = np.frombuffer(ZSTD_MAGIC, np.uint8)
-    packed = length >= len(magic)
-    packed[packed] = (pick(octets, start[packed], len(magic)) == magic).all(axis=1)
-    if not packed.all():
-        yield octets, start[~packed], length[~packed], chosen[~packed]
-    parts: list[bytes] = []
-    waiting = 0
-    index = chosen[packed]
-    for k, (a, n) in enumerate(zip(start[packed].tolist(), length[packed].tolist(), strict=True)):
-        parts.append(plain(batch.raw[a : a + n], batch.unpacked))
-        waiting += len(parts[-1])
-        if waiting >= _UNPACKED_AT_ONCE or k + 1 == len(index):
-            sizes = np.array([len(part) for part in parts], np.int64)
-            joined = np.frombuffer(bytes(LEAD) + b"".join(parts), np.uint8)
-            of_these = index[k + 1 - len(parts) : k + 1]
-            parts, waiting = [], 0
-            yield joined, np.cumsum(sizes) - sizes + LEAD, sizes, of_these
-
-
-def plain(data: bytes, unpacked: Unpacked) -> bytes:
-    """A payload, decompressed if it is; empty if that fails or the result is too large.
-
-    Raises:
-        BagError: the file unpacks to more than `unpacked` allows.
-    """
-    if data[:4] != ZSTD_MAGIC:
-        return data
-    try:
-        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            found: bytes = reader.read(MESSAGE_BYTES + 1)
-    except zstandard.ZstdError:
-        return b""
-    unpacked.add(len(found))
-    return found if len(found) <= MESSAGE_BYTES else b""

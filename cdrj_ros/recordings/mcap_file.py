@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import os
 import struct
-import tempfile
-import weakref
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from io import BytesIO, FileIO
+from io import BytesIO
 from pathlib import Path
-from typing import IO, Final
+from typing import Final
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
@@ -35,21 +32,22 @@ from cdrj_ros.recordings.batch import (
     CHUNK_BYTES,
     DEFINITION_BYTES,
     RECORD_BYTES,
-    UNPACKED_FILE,
+    UNPACKED_FREE,
+    UNPACKED_RATIO,
     Batch,
     BoundedReader,
     Channel,
     Int64s,
     Stretch,
-    Unpacked,
     column,
     open_regular,
     pick,
 )
-from cdrj_ros.recordings.decoding import ZSTD_MAGIC
+from cdrj_ros.recordings.decoding import CONVERSION, ZSTD_MAGIC
 from cdrj_ros.recordings.definitions import long_name
 
 MAGIC: Final = b"\x89MCAP0\r\n"
+SQLITE3_MAGIC: Final = b"SQLite format 3"
 
 _FRAME: Final = struct.Struct("<BQ")
 """Header of every record: its code and the length of its content [bytes]."""
@@ -60,8 +58,6 @@ _CHUNK_HEAD: Final = 49
 """Bytes of a chunk record before its data, without the name of the compression."""
 _RUN_BYTES: Final = 1 << 22
 """Size of a run of messages outside chunks that is read at once."""
-_AT_A_TIME: Final = 1 << 20
-"""Number of bytes decompressed at a time."""
 _DAMAGES: Final = (
     McapError, EndOfFile, struct.error, ValueError, LookupError, OSError, OverflowError,
 )  # fmt: skip
@@ -71,34 +67,33 @@ _DAMAGES: Final = (
 class McapFile:
     """An MCAP file opened for reading.
 
-    `channels` grows while batches are read, since channels may be declared inside chunks;
-    `counts` is available from the start if the file has an index.
+    `channels` grows while batches are read, since channels may be declared inside chunks, unless
+    the file has an index.
     """
 
     def __init__(self, path: Path) -> None:
         """Find the file's chunks without reading messages."""
         self.path = path
         self.channels: dict[int, Channel] = {}
-        self.counts: Mapping[int, int] | None = None
-        """Number of messages by channel number; None if the file has no index."""
+        self.channels_known = False
+        """Whether `channels` is complete without reading messages."""
         self.stretches: tuple[Stretch, ...] = ()
         self.messages_read = 0
         self._schemas: dict[int, records.Schema] = {}
         self._notes: dict[str, int] = {}
         self._damaged_at = -1
-        self._descriptor = self._open()
-        weakref.finalize(self, os.close, self._descriptor)
-        self._packed_size = path.stat().st_size
-        summary = self._summary()
-        if summary is None:
-            self._walk()
-        else:
-            self._take(summary)
-
-    @property
-    def channels_known(self) -> bool:
-        """Whether `channels` is complete without reading messages."""
-        return self.counts is not None
+        with open_regular(path) as stream:
+            _require_mcap(path, stream.read(16))
+            summary = _summary(stream)
+            found = self._walked(stream) if summary is None else self._take(summary)
+            packed = os.fstat(stream.fileno()).st_size
+        self.stretches = tuple(self._fitting(found))
+        most = max(UNPACKED_FREE, UNPACKED_RATIO * packed)
+        if sum(stretch.size for stretch in self.stretches) > most:
+            raise BagError(
+                f"{path} unpacks to more than {most} bytes, "
+                f"more than {UNPACKED_RATIO} times its size: refused as damaged or malicious"
+            )
 
     def declare_all(self) -> None:
         """Complete `channels`, reading the whole file if it has no index."""
@@ -110,12 +105,10 @@ class McapFile:
         """Read the stretches in the given order (None: all of them).
 
         Raises:
-            BagError: the file unpacks to more than `Unpacked` allows.
+            BagError: the file cannot be read any more.
         """
-        unpacked = Unpacked(self.path, self._packed_size)
-        with self._reading() as stream:
+        with open_regular(self.path) as stream:
             for stretch in self.stretches if stretches is None else stretches:
-                unpacked.add(stretch.size)
                 raw = self._raw(stream, stretch)
                 offsets, declared, rest = _records(raw)
                 if rest:
@@ -123,7 +116,7 @@ class McapFile:
                 for code, content in declared:
                     self._declare(code, content)
                 self.messages_read += len(offsets)
-                yield _batch(raw, offsets, unpacked)
+                yield _batch(raw, offsets)
 
     def notes(self) -> list[str]:
         """Irregularities found so far, as sentences."""
@@ -136,7 +129,7 @@ class McapFile:
                 f"{self.path.name} is cut or damaged at byte {self._damaged_at}: "
                 f"read {self.messages_read} messages until there"
             )
-        elif self.counts is None and any(stretch.chunked for stretch in self.stretches):
+        elif not self.channels_known and any(stretch.chunked for stretch in self.stretches):
             found.append(f"{self.path.name} has no index; read from start to end")
         return found
 
@@ -151,78 +144,12 @@ class McapFile:
                 return
         self._notes[f"the chunk at byte {stretch.offset} {words}"] = 1
 
-    def _open(self) -> int:
-        """Descriptor of the file, or of its decompressed content in a temporary file."""
-        try:
-            with open_regular(self.path) as stream:
-                head = stream.read(len(MAGIC))
-                if not head:
-                    raise BagError(f"{self.path} is empty, expected an MCAP file")
-                if not head.startswith(ZSTD_MAGIC):
-                    self._require_magic(head)
-                    return os.dup(stream.fileno())
-                with tempfile.TemporaryFile() as plain:
-                    stream.seek(0)
-                    self._unpack(stream, plain)
-                    plain.seek(0)
-                    self._require_magic(plain.read(len(MAGIC)))
-                    return os.dup(plain.fileno())
-        except OSError as error:
-            raise BagError(f"{self.path} cannot be read: {error.strerror or error}") from None
-
-    def _require_magic(self, head: bytes) -> None:
-        if head != MAGIC:
-            raise BagError(
-                f"{self.path} is not an MCAP file: it begins with {head!r}, expected {MAGIC!r}"
-            )
-
-    def _unpack(self, packed: IO[bytes], plain: IO[bytes]) -> None:
-        """Decompress a file compressed as a whole (rosbag2's file mode), as far as possible."""
-        unpacked = Unpacked(self.path, os.fstat(packed.fileno()).st_size)
-        decompressor = zstandard.ZstdDecompressor()
-        with decompressor.stream_reader(packed, read_across_frames=True) as reader:
-            try:
-                while block := reader.read(_AT_A_TIME):
-                    unpacked.add(len(block))
-                    if plain.tell() + len(block) > UNPACKED_FILE:
-                        raise BagError(
-                            f"{self.path} unpacks to more than {UNPACKED_FILE} bytes: unpack it "
-                            f"first, `zstd -d {self.path}`"
-                        )
-                    plain.write(block)
-            except zstandard.ZstdError as error:
-                self._note(f"damaged compression ({error})")
-        plain.flush()
-        if not plain.tell():
-            raise BagError(f"{self.path} holds no data that can be decompressed")
-
-    @contextmanager
-    def _reading(self) -> Iterator[BoundedReader]:
-        """The file at its start."""
-        with BoundedReader(FileIO(os.dup(self._descriptor))) as stream:
-            stream.seek(0)
-            yield stream
-
-    def _summary(self) -> Summary | None:
-        """The file's index; None if it has none that covers the whole file."""
-        with self._reading() as stream:
-            try:
-                reader = SeekingReader(stream, record_size_limit=RECORD_BYTES)
-                summary = reader.get_summary()
-            except _DAMAGES:
-                return None
-        if summary is None or summary.statistics is None or not summary.chunk_indexes:
-            return None
-        complete = summary.statistics.chunk_count == len(summary.chunk_indexes)
-        return summary if complete else None
-
-    def _take(self, summary: Summary) -> None:
-        """Adopt the index of a complete file."""
+    def _take(self, summary: Summary) -> Iterable[Stretch]:
+        """Adopt the index of a complete file; returns its chunks."""
         self._schemas = summary.schemas
         for channel in summary.channels.values():
             self._add_channel(channel)
-        if summary.statistics is not None:
-            self.counts = summary.statistics.channel_message_counts
+        self.channels_known = True
         found = {
             index.chunk_start_offset: Stretch(
                 index.chunk_start_offset, index.chunk_length, index.uncompressed_size,
@@ -230,28 +157,28 @@ class McapFile:
             )
             for index in summary.chunk_indexes
         }  # fmt: skip
-        self.stretches = tuple(self._fitting(found[offset] for offset in sorted(found)))
+        return (found[offset] for offset in sorted(found))
 
-    def _walk(self) -> None:
-        """Find the stretches of a file without an index, up to its end or to the first damage."""
+    def _walked(self, stream: BoundedReader) -> list[Stretch]:
+        """The stretches of a file without an index, up to its end or to the first damage."""
         found: list[Stretch] = []
-        with self._reading() as stream:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_BYTES)
-            at = stream.renew()
-            try:
-                for record in reader.records:
-                    at = stream.renew()
-                    if isinstance(record, records.Schema):
-                        self._add_schema(record)
-                    elif isinstance(record, records.Channel):
-                        self._add_channel(record)
-                    elif isinstance(record, records.Chunk):
-                        found.append(_chunk(record, at))
-                    elif isinstance(record, records.Message):
-                        _append(found, record, at)
-            except _DAMAGES:
-                self._damaged_at = at
-        self.stretches = tuple(self._fitting(found))
+        stream.seek(0)
+        at = stream.renew()
+        reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_BYTES)
+        try:
+            for record in reader.records:
+                at = stream.renew()
+                if isinstance(record, records.Schema):
+                    self._add_schema(record)
+                elif isinstance(record, records.Channel):
+                    self._add_channel(record)
+                elif isinstance(record, records.Chunk):
+                    found.append(_chunk(record, at))
+                elif isinstance(record, records.Message):
+                    _append(found, record, at)
+        except _DAMAGES:
+            self._damaged_at = at
+        return found
 
     def _fitting(self, found: Iterable[Stretch]) -> Iterator[Stretch]:
         """The stretches that are not too large."""
@@ -308,6 +235,34 @@ class McapFile:
             definition=data.decode(errors="replace"),
             metadata=tuple(found.metadata.items()),
         )
+
+
+def _require_mcap(path: Path, head: bytes) -> None:
+    """Refuse a file by its first bytes, with the command that makes an MCAP file of another bag."""
+    if not head:
+        raise BagError(f"{path} is empty, expected an MCAP file")
+    if head.startswith(SQLITE3_MAGIC):
+        command = CONVERSION.format(path)
+        raise BagError(f"{path} is a bag stored as sqlite3; `{command}` makes an MCAP file of it")
+    if head.startswith(ZSTD_MAGIC):
+        raise BagError(f"{path} is compressed as a whole; `zstd -d {path}` unpacks it")
+    if not head.startswith(MAGIC):
+        head = head[: len(MAGIC)]
+        raise BagError(f"{path} is not an MCAP file: it begins with {head!r}, expected {MAGIC!r}")
+
+
+def _summary(stream: BoundedReader) -> Summary | None:
+    """A file's index; None if it has none that covers the whole file."""
+    stream.seek(0)
+    stream.renew()
+    try:
+        summary = SeekingReader(stream, record_size_limit=RECORD_BYTES).get_summary()
+    except _DAMAGES:
+        return None
+    if summary is None or summary.statistics is None or not summary.chunk_indexes:
+        return None
+    complete = summary.statistics.chunk_count == len(summary.chunk_indexes)
+    return summary if complete else None
 
 
 def _chunk(chunk: records.Chunk, stop: int) -> Stretch:
@@ -378,10 +333,10 @@ def _records(raw: bytes) -> tuple[Int64s, tuple[tuple[int, bytes], ...], int]:
     return np.frombuffer(offsets, np.int64), tuple(declared), end - at
 
 
-def _batch(raw: bytes, offsets: Int64s, unpacked: Unpacked) -> Batch:
+def _batch(raw: bytes, offsets: Int64s) -> Batch:
     """The message records that begin at `offsets`."""
     rows = pick(np.frombuffer(raw, np.uint8), offsets, _MESSAGE_HEAD)
     length = column(rows, 1, "<u8")[:, 0].astype(np.int64) - (_MESSAGE_HEAD - _FRAME.size)
     channel = column(rows, 9, "<u2")[:, 0].astype(np.uint16)
     log_ns = column(rows, 15, "<i8")[:, 0].astype(np.int64)
-    return Batch(raw, channel, log_ns, offsets + _MESSAGE_HEAD, length, unpacked)
+    return Batch(raw, channel, log_ns, offsets + _MESSAGE_HEAD, length)

@@ -31,7 +31,8 @@ from cdrj_ros.messages.topics import (
 from cdrj_ros.recordings.batch import LARGEST_REFERENCE, Batch, Channel, require_cdr
 from cdrj_ros.recordings.decoding import BulkDecoder, series_by_name
 from cdrj_ros.recordings.definitions import message_type
-from cdrj_ros.recordings.source import BagFile, Source, open_source
+from cdrj_ros.recordings.mcap_file import McapFile
+from cdrj_ros.recordings.source import Source, open_source
 
 _MEASURED: Final = "measured/"
 """Prefix of the series of motor efforts among those of a topic."""
@@ -96,7 +97,7 @@ def read_recording(
     force_vectors: bool = False,
     effort_scale: Mapping[str, float] = MappingProxyType({}),
 ) -> Recording:
-    """Read a rosbag2 folder, a folder of files, or one file; it may be truncated or unindexed.
+    """Read a rosbag2 folder or one MCAP file; it may be truncated or unindexed.
 
     If names are given, all must appear and only these are kept; None keeps all names.  If a message
     repeats a name, both values are kept.  With ``motor_efforts`` and ``force_vectors``, those are
@@ -158,7 +159,7 @@ class _Reading:
                     "name others with --motor-topic and --joint-topic"
                 )
 
-    def add(self, file: BagFile, batch: Batch, first: int) -> None:
+    def add(self, file: McapFile, batch: Batch, first: int) -> None:
         for number, channel in file.channels.items():
             if channel.topic not in self._selected:
                 continue

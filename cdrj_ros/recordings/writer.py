@@ -29,7 +29,7 @@ from cdrj_ros.recordings.definitions import (
     own_definition,
     parse_definition,
 )
-from cdrj_ros.recordings.source import METADATA, open_source, read_messages
+from cdrj_ros.recordings.source import open_source, read_messages
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -213,11 +213,9 @@ class BagWriter:
         They are read when this writer is closed.
         """
         source = open_source(path)
-        for file in source.files:
-            file.declare_all()
         chosen = {
             topic: channel
-            for topic, channel in source.channels().items()
+            for topic, channel in source.all_channels().items()
             if topic_names is None or topic in topic_names
         }
         for channel in chosen.values():
@@ -280,7 +278,9 @@ class BagWriter:
                 text = self._write_file(stream, name)
                 stream.flush()
                 os.fsync(stream.fileno())
-            write_text(draft / METADATA, "rosbag2_bagfile_information:\n" + indent(text, "  "))
+            write_text(
+                draft / "metadata.yaml", "rosbag2_bagfile_information:\n" + indent(text, "  ")
+            )
             draft.rename(self.path)
         except OSError as error:
             raise BagError(f"{self.path} cannot be made: {error.strerror or error}") from None

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import BagWriter, RawMessage, TopicInfo, list_topics, read_messages
+from cdrj_ros.recordings import BagWriter, RawMessage, read_messages
 
 
 @pytest.fixture
@@ -50,22 +50,6 @@ def test_arguments_are_checked_before_the_first_message(make, tmp_path, three_to
     path = make.mcap(tmp_path / "a.mcap", make.swing(3), encoding="json")
     with pytest.raises(BagError, match="'json', expected 'cdr'"):
         read_messages(path, [make.topic])
-
-
-def test_topics_are_listed_with_types_and_counts(make, three_topics, tmp_path):
-    folder, everything = three_topics
-    expected = tuple(
-        TopicInfo(name, "sensor_msgs/msg/JointState", sum(m[0] == name for m in everything))
-        for name in ("/t0", "/t1", "/t2")
-    )
-    assert list_topics(folder) == expected
-    for i in range(2):
-        messages = everything[i * 700 : (i + 1) * 700]
-        make.mcap(tmp_path / f"again_{i}.mcap", messages, indexed=False)
-    (tmp_path / "again").mkdir()
-    for i in range(2):
-        (tmp_path / f"again_{i}.mcap").rename(tmp_path / "again" / f"again_{i}.mcap")
-    assert list_topics(tmp_path / "again") == expected
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 50)), max_size=60))
