@@ -47,7 +47,7 @@ def limiter(seconds=5.0, limit=60.0):
     """A wished speed of 1 rad/s drives the prototype's joint against an end stop at 0.2 rad."""
 
     def peak(limited):
-        loop = ClosedLoop("prototype", upper=0.2, torque=20.0)
+        loop = ClosedLoop("prototype", upper=0.2, max_torque=20.0)
         law = TensionLimiter(loop.model, limit, creep_speed=0.3)
         largest = []
         for k in range(round(seconds / DT)):

@@ -121,7 +121,7 @@ def make_plan(
     load = rig.load.made(usual_load(robot, moved), USUAL_PAYLOAD, damping=0.0)
     return Plan(
         time, joints, moved, load, mode, rig.faults, arguments.allow_slack,
-        rig.drives.get("speed", USUAL_SPEED), swings,
+        rig.drives.get("max_speed", USUAL_SPEED), swings,
     )  # fmt: skip
 
 

@@ -92,6 +92,14 @@ def yaml_text(document: Any, *, block: bool = False) -> str:
     return text
 
 
+def yaml_flow(value: Any) -> str:
+    """A value of mappings, lists, texts and numbers as YAML in one line."""
+    text: str = yaml.safe_dump(
+        value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=float("inf")
+    )
+    return text.removesuffix("...\n").rstrip()
+
+
 def yaml_nodes(text: str) -> Any:
     """The nodes of a text that ``load_yaml`` accepts, with their places in it.
 

@@ -96,7 +96,7 @@ class RigOutputs:
             kind: node.create_publisher(JointState, names[kind], default_profile())
             for kind in dict.fromkeys(group.kind for group in self._groups)
         }
-        self._queues = [_Queue(publishers[one.kind], one.latency_s) for one in self._groups]
+        self._queues = [_Queue(publishers[one.kind], one.latency) for one in self._groups]
         self._templates = [
             Template(JOINT_STATE, one.names, one.fields, BASE_LINK if one.kind == "all" else "")
             for one in self._groups
@@ -156,7 +156,7 @@ class RigOutputs:
         self._cells = cells
         self._cell_template = Template(CABLE_TENSIONS, cells.names, ("tension", "status", "stddev"))
         publisher = node.create_publisher(CableTensions, topics.TENSION_SENSORS, default_profile())
-        self._cell_queue = _Queue(publisher, cells.latency_s)
+        self._cell_queue = _Queue(publisher, cells.latency)
 
     def _emit_cells(self, cells: CellGroup, time: Vector, truth: Table, zero_ns: int) -> None:
         stamps, tensions = cells.take(time, truth)

@@ -8,27 +8,23 @@ the joint is N times that of the actuator.  The cables are not in a URDF.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, pi
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final
 from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.foundation.yaml import Document, yaml_flow
 from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.space import UrdfJoint
 from cdrj_ros.robot.urdf import ROOT, joints_of, urdf_element
-
-_PLAIN: Final = re.compile(r"(?i)^(?!(y|n|yes|no|on|off|true|false|null)$)[a-z_][a-z0-9_./-]*$")
-"""Texts that YAML takes as they are."""
 
 ASSUMED: Final = {
     "axial_stiffness": "assumed: EA [N], measure it by hanging a weight on the cable",
@@ -71,48 +67,39 @@ def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
         remarks: comment lines at the beginning.
         source: name of the model.
     """
-    lines = [f"# Imported from {printable(source)} by import_robot.  Values marked as assumed are"]
-    lines += [
-        "# not in the model.  The drums are assumed: their radii and the sign of winding, and"
-    ]
-    lines += ["# the names of the motors; a cable leaves its drum at the tendon's first site."]
-    lines += [f"# - {printable(remark)}" for remark in remarks]
-    lines += [f"name: {document['name']}", "", "motors:"]
-    lines += [f"  - {flow(motor)}" for motor in document["motors"]]
-    lines += ["", "joints:" if document["joints"] else "joints: []"]
-    lines += [f"  - {flow(joint)}" for joint in document["joints"]]
-    lines += ["", "frames:" if document["frames"] else "frames: []"]
-    lines += [f"  - {flow(frame)}" for frame in document["frames"]]
-    lines += ["", "friction:"]
-    lines += [_assumed(key, value, "  ") for key, value in document["friction"].items()]
-    lines += ["", "cables:"]
-    for cable in document["cables"]:
-        lines += [f"  - name: {cable['name']}"]
-        lines += [_assumed(key, cable[key], "    ") for key in ("axial_stiffness", "preload")]
-        lines += ["    nodes:"]
-        lines += [f"      - {flow(node)}" for node in cable["nodes"]]
-    return "\n".join(lines) + "\n"
+    head = (
+        f"Imported from {printable(source)} by import_robot.  Values marked as assumed are",
+        "not in the model.  The drums are assumed: their radii and the sign of winding, and",
+        "the names of the motors; a cable leaves its drum at the tendon's first site.",
+    )
+    cables = [line for cable in document["cables"] for line in _cable(cable)]
+    return "\n".join([*_beginning(document, remarks, head), "cables:", *cables]) + "\n"
+
+
+def _beginning(document: Document, remarks: Sequence[str], head: Sequence[str]) -> Iterator[str]:
+    """Lines of a robot file before its cables."""
+    yield from (f"# {line}" for line in head)
+    yield from (f"# - {printable(remark)}" for remark in remarks)
+    yield f"name: {document['name']}"
+    for key in ("motors", "joints", "frames"):
+        entries = document[key]
+        listed = isinstance(entries, list) and entries
+        yield f"\n{key}:" if listed else f"\n{key}: {yaml_flow(entries)}"
+        yield from (f"  - {yaml_flow(entry)}" for entry in entries if listed)
+    yield "\nfriction:"
+    yield from (_assumed(key, value, "  ") for key, value in document["friction"].items())
+    yield ""
+
+
+def _cable(cable: Document) -> Iterator[str]:
+    yield f"  - name: {cable['name']}"
+    yield from (_assumed(key, cable[key], "    ") for key in ("axial_stiffness", "preload"))
+    yield "    nodes:"
+    yield from (f"      - {yaml_flow(node)}" for node in cable["nodes"])
 
 
 def _assumed(key: str, value: float, indent: str) -> str:
-    return f"{indent}{key}: {flow(value)}  # {ASSUMED[key]}"
-
-
-def flow(value: Any) -> str:
-    """A value in YAML's flow style; floats have a decimal point, which YAML 1.1 requires."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {flow(entry)}" for key, entry in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(flow, value)) + "]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        text = repr(value)
-        mantissa, exponent, power = text.partition("e")
-        return mantissa + (".0" if exponent and "." not in mantissa else "") + exponent + power
-    if isinstance(value, str) and not _PLAIN.match(value):
-        return json.dumps(value)
-    return str(value)
+    return f"{indent}{key}: {yaml_flow(value)}  # {ASSUMED[key]}"
 
 
 FASTER: Final = 2.0
@@ -181,11 +168,21 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
     if not measured:
         remarks.append("all moving joints are driven: list those that cables move under joints")
     remarks.append("the cables are not in a URDF: add them")
-    example = _example_cable(motors, measured, joints, control)
     place = os.path.relpath(path.resolve(), Path(out).resolve().parent)
     name = re.sub(r"\W", "_", root.get("name", ""), flags=re.ASCII)
     name = name if name[:1].isalpha() else f"robot_{name}"
-    write_text(out, _text(name, motors, measured, example, place, remarks))
+    document: Document = {
+        "name": name, "motors": motors, "joints": measured, "friction": {"mu_c": 0.15},
+        "frames": {"urdf": place, "joints": [one["name"] for one in measured]},
+    }  # fmt: skip
+    head = (
+        f"Begun from {printable(path.name)} by import_robot: names, gears, limits.",
+        "max_speed is twice the limit of the URDF; ranges are its limits of position.",
+    )
+    example = _example_cable(motors, measured, joints, control)
+    write_text(
+        out, "\n".join([*_beginning(document, remarks, head), "cables: []", *example]) + "\n"
+    )
     return tuple(remarks)
 
 
@@ -265,21 +262,13 @@ def _joint(joint: UrdfJoint, speeds: dict[str, float]) -> Document:
     return entry
 
 
-class Example(NamedTuple):
-    """What the commented cable of the file shows."""
-
-    links: list[str]
-    """Links that may carry nodes: the root and those that measured joints move."""
-    nodes: list[Document]
-
-
 def _example_cable(
     motors: Sequence[Document],
     measured: Sequence[Document],
     joints: Sequence[UrdfJoint],
     control: Control,
-) -> Example:
-    """From a drum where the URDF has the motor's shaft, to the link of the last measured joint."""
+) -> Iterator[str]:
+    """Comments: a cable from a drum at the motor's shaft to the link of the last measured joint."""
     named = {one.name: one for one in joints if one.name}
     root = next((one.child for one in joints if not one.name), ROOT)
     motor = motors[0]["name"] if motors else "MOTOR"
@@ -295,38 +284,8 @@ def _example_cable(
     links = [root, *(one.child for one in joints if one.name and one.name not in driven)]
     last = named[measured[-1]["name"]].child if measured else links[-1]
     anchor: Document = {"type": "anchor", "frame": last, "position_mm": [50, 50, 50]}
-    return Example(links, [winch, anchor])
-
-
-def _text(
-    name: str,
-    motors: Sequence[Document],
-    joints: Sequence[Document],
-    example: Example,
-    place: str,
-    remarks: Sequence[str],
-) -> str:
-    """Text of the robot file, whose cables are an example in comments."""
-    more = ", ..." if len(example.links) > MOST_LINKS else ""
-
-    def lines() -> Iterator[str]:
-        yield f"# Begun from {printable(Path(place).name)} by import_robot: names, gears, limits."
-        yield "# max_speed is twice the limit of the URDF; ranges are its limits of position."
-        yield from (f"# - {printable(remark)}" for remark in remarks)
-        yield f"name: {name}"
-        for kind, entries in (("motors", motors), ("joints", joints)):
-            yield f"\n{kind}:" + ("" if entries else " []")
-            yield from (f"  - {flow(entry)}" for entry in entries)
-        measured = [joint["name"] for joint in joints]
-        yield f"\nframes: {flow({'urdf': place, 'joints': measured})}"
-        yield "\nfriction: {mu_c: 0.15}          # assumed"
-        yield "\ncables: []"
-        yield "# One entry for each, in place of [], with nodes on the links"
-        yield f"# {printable(', '.join(example.links[:MOST_LINKS]))}{more}:"
-        yield "#  - name: cable_1"
-        yield "#    axial_stiffness: 60000     # EA [N]"
-        yield "#    preload: 20                # tension at rest in the reference pose [N]"
-        yield "#    nodes:"
-        yield from (f"#      - {flow(node)}" for node in example.nodes)
-
-    return "\n".join(lines()) + "\n"
+    yield "# One entry for each, in place of [], with nodes on the links"
+    more = ", ..." if len(links) > MOST_LINKS else ""
+    yield f"# {printable(', '.join(links[:MOST_LINKS]))}{more}:"
+    cable = {"name": "cable_1", "axial_stiffness": 60000, "preload": 20, "nodes": [winch, anchor]}
+    yield from (f"#{line}" for line in _cable(cable))

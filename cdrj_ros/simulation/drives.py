@@ -42,49 +42,50 @@ def drive_limits(
     robot: Robot,
     rate: float,
     *,
-    speed: float | None = None,
-    torque: float | None = None,
-    inertia: float | None = None,
-    damping: float = 1e-3,
-    timeout_s: float = 0.5,
+    max_speed: float | None = None,
+    max_torque: float | None = None,
+    rotor_inertia: float | None = None,
+    rotor_damping: float = 1e-3,
+    command_timeout: float = 0.5,
 ) -> DriveLimits:
     """Limits from values common to all motors, or from defaults that depend on the robot.
 
     Args:
         robot: robot with the motors and cables.
         rate: steps per second [Hz].
-        speed: largest speed [rad/s]; None for 10, or the robot file's ``max_speed`` if lower.
-        torque: largest torque [N m]; None for the torque that loads one cable of the motor with its
-            maximum tension.
-        inertia: inertia [kg m^2]; None for 1e-4, or the least that the step can resolve if larger.
-        damping: damping of the rotors [N m s/rad].
-        timeout_s: command timeout [s].
+        max_speed: largest speed [rad/s]; None for 10, or the robot file's ``max_speed`` if lower.
+        max_torque: largest torque [N m]; None for the torque that loads one cable of the motor with
+            its maximum tension.
+        rotor_inertia: inertia [kg m^2]; None for 1e-4, or the least that the step can resolve if
+            larger.
+        rotor_damping: damping of the rotors [N m s/rad].
+        command_timeout: time without a command after which a motor holds [s].
 
     Raises:
         UsageError: an inertia too small for the step against the cables' stiffness.
     """
     speeds, torques, inertias = [], [], []
     for k, motor in enumerate(robot.motors):
-        speeds.append(min(USUAL_SPEED if speed is None else speed, motor.max_speed))
+        speeds.append(min(USUAL_SPEED if max_speed is None else max_speed, motor.max_speed))
         strongest = max(
             (abs(radius) * robot.cables[c].maximum_tension for c, _, m, radius in drums_of(robot)
              if m == k),
             default=np.inf,
         )  # fmt: skip
         usual = float(strongest) if np.isfinite(strongest) else USUAL_TORQUE
-        torques.append(usual if torque is None else torque)
+        torques.append(usual if max_torque is None else max_torque)
         least = _stiffness(robot, k) / (RESOLVED * rate) ** 2
-        if inertia is not None and inertia < least:
+        if rotor_inertia is not None and rotor_inertia < least:
             raise UsageError(
                 f"rotor_inertia must be at least {least:.3g} kg m^2 for {motor.name}, got "
-                f"{inertia:g}: steps at {rate:g} Hz do not resolve a lighter rotor on its cables"
+                f"{rotor_inertia:g}: steps at {rate:g} Hz do not resolve a lighter rotor on cables"
             )
-        inertias.append(max(USUAL_INERTIA, least) if inertia is None else inertia)
+        inertias.append(max(USUAL_INERTIA, least) if rotor_inertia is None else rotor_inertia)
     return DriveLimits(
         tuple(motor.name for motor in robot.motors),
         tuple(robot.reference_motors.tolist()),
         tuple(motor.effort_sign for motor in robot.motors),
-        tuple(speeds), tuple(torques), tuple(inertias), damping, timeout_s,
+        tuple(speeds), tuple(torques), tuple(inertias), rotor_damping, command_timeout,
     )  # fmt: skip
 
 

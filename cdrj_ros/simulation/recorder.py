@@ -83,14 +83,14 @@ class Recorder:
             arrays = {field: getattr(read, field) for field in group.fields}
             bag.write_joint_states(
                 topic, self._stamps(read.stamps) - group.clock_offset_ns, group.names, **arrays,
-                log_ns=self._stamps(read.stamps, group.latency_s) if group.latency_s else None,
+                log_ns=self._stamps(read.stamps, group.latency) if group.latency else None,
             )  # fmt: skip
         if cells.names:
             stamps, tension = cells.take(truth.time, table)
             bag.write_tensions(
                 in_namespace(TENSION_SENSORS), self._stamps(stamps), cells.names, tension,
                 np.full(tension.shape, cells.stddev),
-                log_ns=self._stamps(stamps, cells.latency_s),
+                log_ns=self._stamps(stamps, cells.latency),
             )  # fmt: skip
 
     def _write_references(self, bag: BagWriter, truth: Truth) -> None:
@@ -99,13 +99,13 @@ class Recorder:
         generator = np.random.default_rng(self._seed)
         plan = ReadingTimes(sensors, 0.0, [self._seed, 3]).until(float(truth.time[-1]))
 
-        def readings_of(values: Table, noise: float, step: float, bias: float) -> Table:
+        def readings_of(values: Table, noise: float, step: float, bias: float = 0.0) -> Table:
             columns = [np.interp(plan.times, truth.time, column) for column in values.T]
             return measured(np.stack(columns, axis=1), noise, step, generator, bias)
 
         tensions, forces, torques = Topics().references
-        force = (sensors.force_noise, sensors.force_step, sensors.force_bias)
-        torque = (sensors.torque_noise, sensors.torque_step, sensors.torque_bias)
+        force = (sensors.noise, sensors.step, sensors.bias)
+        torque = (sensors.torque_noise, sensors.torque_step)
         at = self._stamps(plan.stamps)
         bag.write_tensions(tensions, at, layout.elements, readings_of(truth.tension, *force))
         if layout.pulleys:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
@@ -18,34 +18,10 @@ from cdrj_ros.robot.document import (
 from cdrj_ros.simulation.faults import Fault, check_amount
 from cdrj_ros.simulation.load import Load, LoadKind, make_load
 from cdrj_ros.simulation.sensor_groups import IDEAL_SENSORS, Freeze, SensorSettings
-from cdrj_ros.simulation.sensors import LOAD_CELLS, Encoder
+from cdrj_ros.simulation.sensors import LOAD_CELLS
 
 UPDATE_RATE: Final = 500.0
 """Default rate of a controller manager [Hz]."""
-
-ENCODER_KEYS: Final = {
-    "counts": "counts",
-    "rate": "rate",
-    "phase": "phase_s",
-    "noise": "noise",
-    "bias": "bias",
-    "jitter": "jitter_s",
-    "dropout": "dropout",
-    "burst": "burst_s",
-    "latency": "latency_s",
-}
-"""Keys of an encoder, and the fields that they set."""
-
-CELL_KEYS: Final = {**ENCODER_KEYS, "noise": "force_noise", "bias": "force_bias"}
-
-DRIVE_KEYS: Final = {
-    "max_speed": "speed",
-    "max_torque": "torque",
-    "rotor_inertia": "inertia",
-    "rotor_damping": "damping",
-    "command_timeout": "timeout_s",
-}
-"""Keys of the drives, and the arguments of ``drive_limits`` that they set."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +90,7 @@ def parse_rig(text: str, source: str = "rig file") -> RigDescription:
     return RigDescription(
         _sensors(document, tuple(one for one in faults if isinstance(one, Freeze))),
         LoadChoice(**load),
-        _renamed(document.get("drives", {}), DRIVE_KEYS),
+        document.get("drives", {}),
         tuple(one for one in faults if isinstance(one, Fault)),
     )
 
@@ -124,26 +100,15 @@ def _sensors(document: Document, freezes: tuple[Freeze, ...]) -> SensorSettings:
     given = {key: value for key, value in cells.items() if key != "elements"}
     efforts, control = document.get("motor_efforts"), document.get("ros2_control")
     return SensorSettings(
-        _encoder(IDEAL_SENSORS.motors, document.get("motors", {})),
-        _encoder(IDEAL_SENSORS.joints, document.get("joints", {})),
+        replace(IDEAL_SENSORS.motors, **document.get("motors", {})),
+        replace(IDEAL_SENSORS.joints, **document.get("joints", {})),
         None if efforts is None else float(efforts.get("noise", LOAD_CELLS.torque_noise)),
         tuple(cells.get("elements", ())),
-        replace(LOAD_CELLS, **_renamed(given, CELL_KEYS)),
-        replace(LOAD_CELLS, **_renamed(document.get("references", {}), CELL_KEYS)),
+        replace(LOAD_CELLS, **given),
+        replace(LOAD_CELLS, **document.get("references", {})),
         None if control is None else float(control.get("update_rate", UPDATE_RATE)),
         freezes,
     )
-
-
-def _encoder(usual: Encoder, entry: Document) -> Encoder:
-    changed: dict[str, Any] = _renamed(entry, ENCODER_KEYS)
-    if "counts" in changed:
-        changed["counts"] = int(changed["counts"])
-    return replace(usual, **changed)
-
-
-def _renamed(entry: Document, keys: Mapping[str, str]) -> dict[str, float]:
-    return {keys[key]: float(value) for key, value in entry.items()}
 
 
 def _fault(entry: Document, path: str) -> Fault | Freeze:

@@ -139,8 +139,8 @@ class EncoderGroup:
         self.kind: Kind = "motors" if self._driven[0] else "joints"
         if settings.update_rate is not None:
             self.kind = "all"
-            timing = replace(timing, rate=settings.update_rate, phase_s=0.0)
-        self.latency_s = timing.latency_s
+            timing = replace(timing, rate=settings.update_rate, phase=0.0)
+        self.latency = timing.latency
         self._effort_noise = settings.effort_noise if self._driven.any() else None
         self._scale = np.array([axis.sensor.scale for axis in self.axes])
         self._effort_scale = np.array([axis.effort_scale for axis in self.axes])
@@ -270,8 +270,8 @@ class CellGroup:
         self.elements = [known.index(name) for name in settings.elements]
         """Their indices."""
         self.names = settings.elements
-        self.latency_s = cells.latency_s
-        self.stddev = float(np.hypot(cells.force_noise, cells.force_step / np.sqrt(12.0)))
+        self.latency = cells.latency
+        self.stddev = float(np.hypot(cells.noise, cells.step / np.sqrt(12.0)))
         """Standard deviation of a reading [N]."""
         self._cells = cells
         first = 3 * len(model.robot.axes)
@@ -283,6 +283,4 @@ class CellGroup:
         """Stamps [s] and tensions [N], shape (n, cells); arguments as of ``EncoderGroup.take``."""
         plan, found = self._sampler.take(time, truth)
         cells = self._cells
-        return plan.stamps, measured(
-            found, cells.force_noise, cells.force_step, self._errors, cells.force_bias
-        )
+        return plan.stamps, measured(found, cells.noise, cells.step, self._errors, cells.bias)

@@ -35,15 +35,15 @@ class Sampling:
 
     rate: float
     """Readings per second [Hz]."""
-    phase_s: float = 0.0
+    phase: float = 0.0
     """Time from the recording's start to the first reading [s]."""
-    jitter_s: float = 0.0
+    jitter: float = 0.0
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
     """Share of readings that are lost, in [0, 1)."""
-    burst_s: float = 0.0
+    burst: float = 0.0
     """Mean duration of a loss [s]; 0: readings are lost independently."""
-    latency_s: float = 0.0
+    latency: float = 0.0
     """Time from a reading to its message [s]."""
 
 
@@ -65,18 +65,16 @@ class LoadCells(Sampling):
 
     rate: float = 100.0
     """Readings per second [Hz]."""
-    force_noise: float = 0.02
+    noise: float = 0.02
     """Standard deviation of the forces' noise [N]."""
     torque_noise: float = 0.0005
     """Standard deviation of the torques' noise [N m]."""
-    force_step: float = 2.0**-7
+    step: float = 2.0**-7
     """Resolution of the forces [N]."""
     torque_step: float = 2.0**-13
     """Resolution of the torques [N m]."""
-    force_bias: float = 0.0
+    bias: float = 0.0
     """Constant added to every force reading [N]."""
-    torque_bias: float = 0.0
-    """Constant added to every torque reading [N m]."""
 
 
 class Schedule(NamedTuple):
@@ -91,7 +89,7 @@ class Schedule(NamedTuple):
 NONE_YET = Schedule(np.empty(0), np.empty(0))
 
 MOTOR_ENCODER = Encoder(counts=81_920, rate=1000.0)
-JOINT_ENCODER = Encoder(counts=16_384, rate=500.0, phase_s=0.0003)
+JOINT_ENCODER = Encoder(counts=16_384, rate=500.0, phase=0.0003)
 LOAD_CELLS = LoadCells()
 
 
@@ -102,7 +100,7 @@ class ReadingTimes:
         """Start at ``begin`` [s]."""
         self._parts = self._scheduled(sensor, begin, np.random.default_rng(seed))
         self._part, self._taken = NONE_YET, 0
-        self.next_s = begin + sensor.phase_s
+        self.next_s = begin + sensor.phase
         """Time before which there is no further reading [s]."""
 
     @staticmethod
@@ -111,15 +109,15 @@ class ReadingTimes:
     ) -> Iterator[Schedule]:
         """Consecutive schedules of ``SCHEDULED`` readings each."""
         count = 0
-        burst = sensor.burst_s * sensor.rate
+        burst = sensor.burst * sensor.rate
         losses = Losses(sensor.dropout, burst, generator) if sensor.dropout > 0.0 else None
         while True:
-            times = begin + sensor.phase_s + np.arange(count, count + SCHEDULED) / sensor.rate
+            times = begin + sensor.phase + np.arange(count, count + SCHEDULED) / sensor.rate
             count += SCHEDULED
             stamps = times
-            if sensor.jitter_s > 0.0:
+            if sensor.jitter > 0.0:
                 most = MOST_JITTER / sensor.rate
-                off = generator.normal(0.0, sensor.jitter_s, SCHEDULED)
+                off = generator.normal(0.0, sensor.jitter, SCHEDULED)
                 stamps = times + np.clip(off, -most, most)
             if losses is not None:
                 kept = ~losses.take(SCHEDULED)

@@ -225,7 +225,7 @@ def record(
     end = float(truth.time[-1])
 
     def angles(encoder: Encoder, values: NDArray[np.float64]) -> Series:
-        times = _times(end, min(encoder.rate, motion.rate), encoder.phase_s)
+        times = _times(end, min(encoder.rate, motion.rate), encoder.phase)
         stamps = _stamps(times)
         angle = np.interp(times, truth.time, _column(values))
         return Series(stamps, stamps, counted(encoder, angle, 0.0, Sensor()))
@@ -244,7 +244,7 @@ def record(
         (NODAL_FORCE, layout.pulleys, truth.nodal_force),
     ):
         ideal = np.stack([np.interp(times, truth.time, column) for column in values.T], axis=1)
-        read = measured(ideal, cell.force_noise, cell.force_step, generator)
+        read = measured(ideal, cell.noise, cell.step, generator)
         for k, name in enumerate(names):
             readings[f"{prefix}/{name}"], noiseless[f"{prefix}/{name}"] = read[:, k], ideal[:, k]
     for name in layout.pulleys:

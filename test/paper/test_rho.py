@@ -34,7 +34,7 @@ RHO = {"upper": 0.1114, "lower": 0.3920}
 """What the source found at the preloads."""
 PRELOADS = "23.52,6.66"
 """Of upper and lower [N]."""
-NOISE = LoadCells().force_noise
+NOISE = LoadCells().noise
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def test_an_invalid_trajectory_is_refused_with_its_cause(
 
 def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
     with pytest.raises(UsageError, match="rotor_inertia must be at least"):
-        drive_limits(robots.finger(), 1000.0, inertia=1e-9)
+        drive_limits(robots.finger(), 1000.0, rotor_inertia=1e-9)
 
 
 def test_a_trajectory_runs_straight_between_its_points_and_then_holds(limits: DriveLimits) -> None:
@@ -139,7 +139,7 @@ def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
 
 def test_every_output_stays_finite_whatever_is_commanded(robots: Robots) -> None:
     robot = robots.finger()
-    limits = drive_limits(robot, 1000.0, timeout_s=0.02)
+    limits = drive_limits(robot, 1000.0, command_timeout=0.02)
     load = make_load("pendulum", 0.05, 0.01)
     rig, drives = LiveRig(robot, LiveSettings(load, cells=1)), Drives(limits)
     random = np.random.default_rng(7)

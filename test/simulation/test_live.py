@@ -82,7 +82,9 @@ def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robot
     robot = robots.prototype("none")
     load = make_load("rolling", 0.3)
     rig = live(robot, load, cells=1, start=0.002)
-    drives = Drives(drive_limits(robot, RATE, damping=0.0, timeout_s=1e3, speed=60.0))
+    drives = Drives(
+        drive_limits(robot, RATE, rotor_damping=0.0, command_timeout=1e3, max_speed=60.0)
+    )
     torque = -rig.motor_effort[0]
     run = Run(rig, drives).tell("effort", torque)
     model, inertia = prepare(robot), drives.limits.inertia[0]
@@ -119,14 +121,14 @@ def test_a_stop_ends_the_motion_and_releases_the_joint(robots: Robots, side: flo
 
 def test_a_motor_never_turns_faster_than_it_can(robots: Robots) -> None:
     for mode, value in (("position", 1.0), ("velocity", 2.0), ("effort", 1.5)):
-        run = run_of(robots.prototype(), speed=2.0).tell(mode, value).steps(300)
+        run = run_of(robots.prototype(), max_speed=2.0).tell(mode, value).steps(300)
         speed = np.diff(run.truth()[2][:, 0]) * RATE
         assert 1.0 < speed.max() < 2.0 + 1e-9
 
 
 @pytest.mark.parametrize("mode", ["velocity", "effort"])
 def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mode: str) -> None:
-    run = run_of(robots.prototype(), timeout_s=0.1).tell(mode, 0.9).steps(105)
+    run = run_of(robots.prototype(), command_timeout=0.1).tell(mode, 0.9).steps(105)
     held = run.rig.motor_angle[0]
     assert held > 0.01
     run.steps(200)
@@ -135,7 +137,7 @@ def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mod
 
 
 def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots: Robots) -> None:
-    run = run_of(robots.prototype(), torque=0.5).tell("position", 50.0).steps(2_000)
+    run = run_of(robots.prototype(), max_torque=0.5).tell("position", 50.0).steps(2_000)
     settled = np.abs(run.truth()[3][-200:, 0])
     assert settled.max() < 0.7
     assert run.rig.motor_angle[0] < 6.0

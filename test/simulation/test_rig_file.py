@@ -61,22 +61,23 @@ def test_every_key_sets_what_it_says() -> None:
     assert rig == RigDescription(
         SensorSettings(
             replace(
-                MOTOR_ENCODER, counts=100, rate=10.0, phase_s=0.1, noise=0.2, bias=quarter,
-                jitter_s=0.3, dropout=0.4, burst_s=0.5, latency_s=0.6,
+                MOTOR_ENCODER, counts=100, rate=10.0, phase=0.1, noise=0.2, bias=quarter,
+                jitter=0.3, dropout=0.4, burst=0.5, latency=0.6,
             ),
             replace(JOINT_ENCODER, counts=200),
             0.7,
             ("upper/8", "lower/1"),
             LoadCells(
-                rate=20.0, force_noise=0.8, force_bias=0.9, jitter_s=0.01, dropout=0.02,
-                burst_s=0.03, latency_s=0.04,
+                rate=20.0, noise=0.8, bias=0.9, jitter=0.01, dropout=0.02,
+                burst=0.03, latency=0.04,
             ),
-            LoadCells(force_noise=1.1, force_bias=1.2),
+            LoadCells(noise=1.1, bias=1.2),
             250.0,
             (Freeze("elbow", 7.0),),
         ),
         LoadChoice("lift", 2, -3, 4, (-1.0, 1.0)),
-        {"speed": 1.0, "torque": 2.0, "inertia": 3.0, "damping": 4.0, "timeout_s": 5.0},
+        {"max_speed": 1, "max_torque": 2, "rotor_inertia": 3, "rotor_damping": 4,
+         "command_timeout": 5},
         (Fault("snap", 20.0, 0.003, "lower"), Fault("slip", 1.0)),
     )  # fmt: skip
 

@@ -30,7 +30,7 @@ EFFORT = 1.0 + ANGLE
 TENSION = np.stack([30.0 + TIME, 20.0 - TIME, *(10.0 + 0 * TIME,) * 4], axis=1)
 TRUTH = truth_table(ANGLE, SPEED, EFFORT, TENSION)
 
-NOISY = Encoder(counts=2**22, rate=1000.0, noise=1e-3, jitter_s=1e-4, dropout=0.1, burst_s=0.005)
+NOISY = Encoder(counts=2**22, rate=1000.0, noise=1e-3, jitter=1e-4, dropout=0.1, burst=0.005)
 
 
 def model_of(**motor: object) -> Model:
@@ -73,7 +73,7 @@ def in_steps(group: EncoderGroup) -> Messages:
 def test_a_truth_in_steps_gives_the_readings_of_the_whole(update_rate: float | None) -> None:
     settings = SensorSettings(
         replace(NOISY, rate=700.0),
-        Encoder(counts=4096, rate=300.0, phase_s=0.0004, noise=1e-3), 0.01,
+        Encoder(counts=4096, rate=300.0, phase=0.0004, noise=1e-3), 0.01,
         update_rate=update_rate, freezes=(Freeze("j1", 1.5),),
     )  # fmt: skip
     whole, stepwise = (encoder_groups(MODEL, settings, 3) for _ in range(2))
@@ -147,7 +147,7 @@ def test_a_frozen_encoder_repeats_its_last_reading_until_a_restart() -> None:
 
 
 def test_load_cells_read_the_truth_with_their_noise_and_resolution() -> None:
-    cells = LoadCells(rate=100.0, force_bias=0.5)
+    cells = LoadCells(rate=100.0, bias=0.5)
     settings = SensorSettings(elements=("b/1", "a/2"), load_cells=cells)
     stamps, values = CellGroup(MODEL, settings, 1).take(TIME, TRUTH)
     assert stamps.size == 401

@@ -53,7 +53,7 @@ def test_noise_and_bias_have_the_requested_size() -> None:
 
 def test_jitter_moves_stamps_and_keeps_their_order() -> None:
     for jitter in (1e-4, 1e-2):
-        encoder = replace(ENCODER, jitter_s=jitter)
+        encoder = replace(ENCODER, jitter=jitter)
         plan = schedule(encoder, 0.0, 20.0)
         np.testing.assert_array_equal(plan.times, TIME)
         assert np.all(np.diff(plan.stamps) > 0.0)
@@ -73,7 +73,7 @@ def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
 
 
 def test_seeds_reproduce_and_differ() -> None:
-    encoder = replace(ENCODER, jitter_s=1e-4, dropout=0.1, burst_s=0.01)
+    encoder = replace(ENCODER, jitter=1e-4, dropout=0.1, burst=0.01)
     one, same = (schedule(encoder, 0.0, 5.0) for _ in range(2))
     np.testing.assert_array_equal(one.stamps, same.stamps)
     other = schedule(encoder, 0.0, 5.0, 6)
