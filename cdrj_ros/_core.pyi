@@ -335,9 +335,8 @@ class Population:
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
         dt: float,
-        out: NDArray[np.float64],
-    ) -> bool:
-        """``Robot.step`` of robot ``k`` from its own state, which is replaced."""
+    ) -> tuple[bool, NDArray[np.float64]]:
+        """``Robot.step`` of robot ``k`` from its own state, which changes: (solved, estimate)."""
 
     def reset(self) -> None:
         """Discard the history of all robots."""
@@ -390,16 +389,15 @@ class Ensemble:
 
     def step(
         self,
-        before: NDArray[np.float64],
+        before: State,
         stamp_ns: int,
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
         unseen: NDArray[np.float64],
         offset: NDArray[np.float64],
-        dt: float,
         at_once: bool,
-    ) -> tuple[bool, NDArray[np.float64], NDArray[np.float64]]:
-        """``Robot.step`` and ``update`` in one call: (solved, out, standard deviations)."""
+    ) -> tuple[State, NDArray[np.float64], bool, NDArray[np.float64]]:
+        """``Robot.step`` and ``update``: (state, estimate, solved, standard deviations)."""
 
     def update(
         self,
@@ -534,6 +532,26 @@ def mark_unsure(
         doubtful: see ``cdrj_ros.estimation.samples.Samples.doubtful``, shape (n,) or (0,).
     """
 
+NEVER: Final[int]
+"""Stamp of a state before its first sample."""
+
+class State:
+    """History-dependent state of the cables; opaque, never changed in place."""
+
+    def __init__(self, stamp_ns: int, values: NDArray[np.float64]) -> None:
+        """The state after a sample.
+
+        Args:
+            stamp_ns: stamp of the sample [ns]; ``NEVER`` before the first.
+            values: shape (state_size,), see ``cdrj_ros.model.state``; copied.
+        """
+
+    @property
+    def stamp_ns(self) -> int: ...
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """A copy, shape (state_size,)."""
+
 class Robot:
     """A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive."""
 
@@ -555,52 +573,50 @@ class Robot:
     def estimate_size(self) -> int:
         """Numbers of an estimate."""
 
-    @property
-    def out_size(self) -> int:
-        """Numbers of what ``step`` writes: state, estimate and workspace."""
-
     def step(
         self,
-        before: NDArray[np.float64],
+        before: State,
+        stamp_ns: int,
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
-        dt: float,
-        out: NDArray[np.float64],
-    ) -> bool:
-        """One sample: (state, angles) -> (state, estimate).
+    ) -> tuple[State, NDArray[np.float64], bool]:
+        """One sample: (state, angles) -> (state, estimate, solved).
 
         Args:
-            before: begins with the state, as the ``out`` of the sample before does; not changed.
+            before: the state; not changed.
+            stamp_ns: of the sample, later than the state's [ns].
             motor_angle, joint_angle: angles [rad], of prismatic joints [m], in the robot's order.
-            dt: time since the state [s]; 0 for the first sample or where it is unknown.
-            out: new state, estimate and workspace, shape (out_size,), written.
 
         Returns:
-            False where the geometry is impossible at these joint angles (the state is then kept)
-            or some cable could not be solved; the elements concerned are ``INVALID``.
+            The new state, the estimate, shape (estimate_size,), and whether it is solved.  It is
+            not where the geometry is impossible at these joint angles (the state is then kept) or
+            some cable could not be solved; the elements concerned are ``INVALID``.
 
         Raises:
             TypeError: an array is not contiguous or of another type.
-            ValueError: the angles are not those of this robot, or an array is too short.
+            ValueError: the angles or the state are not those of this robot.
         """
 
     def run(
         self,
-        state: NDArray[np.float64],
+        before: State,
+        stamp_ns: NDArray[np.int64],
         motor_angle: NDArray[np.float64],
         joint_angle: NDArray[np.float64],
-        dt: NDArray[np.float64],
         estimates: NDArray[np.float64],
         slipping: bool = False,
-    ) -> None:
+    ) -> State:
         """``step`` for many samples, bit for bit.
 
         Args:
-            state: shape (state_size,), replaced by the state after the last sample.
+            before: the state; not changed.
+            stamp_ns: increasing, later than the state's [ns], shape (samples,).
             motor_angle, joint_angle: [rad] or [m], shapes (samples, motors), (samples, joints).
-            dt: time since the sample before [s], shape (samples,).
             estimates: shape (samples, estimate_size), written.
             slipping: whether the cables slip on their drums.
+
+        Returns:
+            The state after the last sample.
 
         Raises:
             TypeError, ValueError: as ``step``.
@@ -636,20 +652,21 @@ class Robot:
             The first impossible pose, or their number.
         """
 
-    def impose_friction(self, share: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Impose a friction history on a robot that has just been started.
+    def start(
+        self,
+        motor_angle: NDArray[np.float64],
+        joint_angle: NDArray[np.float64],
+        share: NDArray[np.float64],
+    ) -> State:
+        """The state before the first sample, with a friction history.
 
         Args:
+            motor_angle, joint_angle: as ``step``.
             share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).
-            out: what ``step`` wrote for the first sample; changed.
         """
 
-    def forget_drums(self, state: NDArray[np.float64]) -> None:
-        """Give all cable on the drums the present strain, as of a cable that slips on its drum.
-
-        Args:
-            state: shape (state_size,) or longer; changed.
-        """
+    def forget_drums(self, state: State) -> State:
+        """Give all cable on the drums the present strain, as of a cable that slips on its drum."""
 
 MINIMUM_TRANSMISSION: Final[float]
 """Floor of eta: the printed (35) goes below zero for large mu_s / mu_c and wrap angles."""

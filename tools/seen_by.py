@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import wrong_files
 
-from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 
@@ -48,16 +48,7 @@ def readings_of(model: Model, wrong: wrong_files.Wrong, motion: Samples) -> Tabl
     layout = real.layout
     if wrong.zero:  # the true angle is less than the reading
         motion = Samples(motion.stamp_ns, motion.motor_angle, motion.joint_angle - wrong.zero)
-    if wrong.forgets:
-        state, rows = initial_state(real), np.empty((motion.stamp_ns.size, layout.size))
-        for k, (stamp, motor, joint) in enumerate(
-            zip(motion.stamp_ns.tolist(), motion.motor_angle, motion.joint_angle, strict=True)
-        ):
-            state, estimate = step(real, state, Sample(stamp, motor, joint))
-            real.core.forget_drums(state.values)
-            rows[k] = estimate.values
-    else:
-        rows = run(real, initial_state(real), motion)[1].values
+    rows = run(real, initial_state(real), motion, slipping=wrong.forgets)[1].values
     columns = [
         layout.motor_effort.start, layout.joint_effort.start,
         layout.tension.start + 7, layout.tension.start + 15,

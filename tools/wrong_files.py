@@ -29,7 +29,7 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros._core import mark_unsure  # noqa: E402
 from cdrj_ros.estimation.changes import narrowed  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
-from cdrj_ros.estimation.estimator import initial_state, run, step  # noqa: E402
+from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
 from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.estimation.health_verdict import unsure_elements  # noqa: E402
 from cdrj_ros.estimation.samples import NO_DOUBTS, Sample, Samples  # noqa: E402
@@ -156,22 +156,8 @@ def reality(model: Model, wrong: Wrong) -> Any:
 def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
     """Tensions and effort of the real machine with contact cells."""
     fine = prepare(divide_contacts(reality(model, wrong), CELLS))
-    state = initial_state(fine)
-    if not wrong.forgets:
-        _, estimates = run(fine, state, motion)
-        return Truth(
-            estimates.values[:, fine.layout.tension],
-            estimates.values[:, fine.layout.motor_effort],
-        )
-    rows = np.empty((motion.stamp_ns.size, len(model.layout.elements)))
-    efforts = np.empty((motion.stamp_ns.size, 1))
-    for k, (stamp, motor, joint) in enumerate(
-        zip(motion.stamp_ns.tolist(), motion.motor_angle, motion.joint_angle, strict=True)
-    ):
-        state, estimate = step(fine, state, Sample(stamp, motor, joint))
-        fine.core.forget_drums(state.values)
-        rows[k], efforts[k] = estimate.tension, estimate.motor_effort
-    return Truth(rows, efforts)
+    _, estimates = run(fine, initial_state(fine), motion, slipping=wrong.forgets)
+    return Truth(estimates.tension, estimates.motor_effort)
 
 
 def readings(model: Model, motion: Samples, zero: float) -> Samples:

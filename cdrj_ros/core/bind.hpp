@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "bind_array.hpp"
+#include "records.hpp"
 #include "robot.hpp"
 
 namespace cdrj {
@@ -39,13 +40,33 @@ inline void require(bool fits, const char* otherwise) {
     if (!fits) throw nb::value_error(otherwise);
 }
 
-/// A robot whose arrays stay alive with it.
+/// State of a robot after a sample; Python does not see its parts.
+struct HeldState {
+    Nanoseconds stamp_ns;
+    std::vector<double> numbers;
+
+    /// Time from this state to a sample [s]; 0 before the first one.
+    double seconds_until(Nanoseconds sample_ns) const {
+        return stamp_ns == NEVER_NS ? 0.0 : static_cast<double>(sample_ns - stamp_ns) * 1e-9;
+    }
+};
+
+/// A robot whose arrays stay alive with it, and the memory in which it computes a sample.
 struct HeldRobot {
     HeldRobot(GivenIntegers topology, Given constants)
         : topology(std::move(topology)),
           constants(std::move(constants)),
-          robot(this->topology.data(), this->constants.data()) {
+          robot(this->topology.data(), this->constants.data()),
+          out(robot.out_size()) {
         require(this->topology.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "topology is too short");
+    }
+
+    /// The state in `out`.
+    std::vector<double> state() const { return {out.begin(), out.begin() + robot.state_size()}; }
+
+    /// The estimate in `out`.
+    Written estimate() const {
+        return copy_of(std::span(out).subspan(robot.state_size(), robot.estimate_size()));
     }
 
     /// Angles of all motors and of all joints in one sample.
@@ -55,9 +76,16 @@ struct HeldRobot {
             "the angles are not those of this robot");
     }
 
+    /// A state of such a robot.
+    void require_state(const HeldState& state) const {
+        require(
+            state.numbers.size() == robot.state_size(), "state has not the size of this robot's");
+    }
+
     GivenIntegers topology;
     Given constants;
     Robot robot;
+    std::vector<double> out;  // of `Robot::advance`
 };
 
 /// Kinds as an enumeration, by their names in the order of their codes.

@@ -93,15 +93,17 @@ std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estim
 }
 
 nb::tuple step(
-    Ensemble& ensemble, const Given& before, Nanoseconds stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Given& unseen, const Given& offset, double dt, bool at_once) {
+    Ensemble& ensemble, const HeldState& before, Nanoseconds stamp_ns, const Given& motor_angle,
+    const Given& joint_angle, const Given& unseen, const Given& offset, bool at_once) {
     const Robot& robot = ensemble.robot();
-    require(before.size() >= Index(robot.state_size()), "before is too short");
-    const Written out({Index(robot.out_size())}), stddev = stddev_of(ensemble);
+    require(
+        before.numbers.size() == robot.state_size(), "state has not the size of this robot's");
+    HeldState after{stamp_ns, std::vector<double>(robot.state_size())};
+    const Written estimate({Index(robot.estimate_size())}), stddev = stddev_of(ensemble);
     const bool solved = ensemble.step(
-        before.data(), view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset), dt,
-        at_once, out.data(), span_of(stddev));
-    return nb::make_tuple(solved, out, stddev);
+        before.numbers.data(), view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
+        before.seconds_until(stamp_ns), at_once, after.numbers, span_of(estimate), span_of(stddev));
+    return nb::make_tuple(std::move(after), estimate, solved, stddev);
 }
 
 Written update(
@@ -207,14 +209,13 @@ struct HeldPopulation {
     Population population;
 };
 
-bool advance(
-    HeldPopulation& held, Index k, const Given& motor_angle, const Given& joint_angle, double dt,
-    const Written& out) {
+nb::tuple advance(
+    HeldPopulation& held, Index k, const Given& motor_angle, const Given& joint_angle, double dt) {
     held.robot.require_angles(motor_angle.size(), joint_angle.size());
     require(k >= 0 && k < held.population.size(), "there is no such robot");
-    require(out.size() >= Index(held.robot.robot.out_size()), "out is too short");
-    return held.population.advance(
-        k, span_of(motor_angle), span_of(joint_angle), dt, out.data());
+    const bool solved = held.population.advance(
+        k, span_of(motor_angle), span_of(joint_angle), dt, held.robot.out.data());
+    return nb::make_tuple(solved, held.robot.estimate());
 }
 
 /// Mark one estimate, or the rows of a table.
@@ -315,8 +316,8 @@ void bind_ensemble(nb::module_& core) {
             nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a,
             "Copies all arrays.")
         .def(
-            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a, "out"_a,
-            "One sample of robot k.")
+            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a,
+            "One sample of robot k: (solved, estimate).")
         .def("reset", [](HeldPopulation& held) {
             std::ranges::fill(held.population.states, 0.0);
         }, "Discard the history of all robots.");
@@ -328,7 +329,7 @@ void bind_ensemble(nb::module_& core) {
             "Copies all arrays.")
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset"_a, "dt"_a, "at_once"_a,
+            "offset"_a, "at_once"_a,
             "``Robot.step`` and ``update`` in one call.")
         .def(
             "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,

@@ -95,43 +95,46 @@ void bind_cable(nb::module_& core) {
         "elastic"_a, "length"_a, "material"_a);
 }
 
-bool step(
-    const HeldRobot& held, const Given& before, const Given& motor_angle, const Given& joint_angle,
-    double dt, const Written& out) {
-    const Robot& robot = held.robot;
+nb::tuple step(
+    HeldRobot& held, const HeldState& before, Nanoseconds stamp_ns, const Given& motor_angle,
+    const Given& joint_angle) {
     held.require_angles(motor_angle.size(), joint_angle.size());
-    require(before.size() >= Index(robot.state_size()), "before is too short");
-    require(out.size() >= Index(robot.out_size()), "out is too short");
-    return robot.advance(
-        before.data(), span_of(motor_angle), span_of(joint_angle), dt, out.data());
+    held.require_state(before);
+    const bool solved = held.robot.advance(
+        before.numbers.data(), span_of(motor_angle), span_of(joint_angle),
+        before.seconds_until(stamp_ns), held.out.data());
+    return nb::make_tuple(HeldState{stamp_ns, held.state()}, held.estimate(), solved);
 }
 
 /// Advance a state by many samples; `slipping`: the cables slip on their drums.
-void run(
-    const HeldRobot& held, const Written& state, const Given& motor_angle, const Given& joint_angle,
-    const Given& dt, const Written& estimates, bool slipping) {
+HeldState run(
+    const HeldRobot& held, HeldState state, const GivenIntegers& stamp_ns, const Given& motor_angle,
+    const Given& joint_angle, const Written& estimates, bool slipping) {
     const Robot& robot = held.robot;
-    const Index samples = dt.size();
+    const Index samples = stamp_ns.size();
     require(
         motor_angle.ndim() == 2 && joint_angle.ndim() == 2 && estimates.ndim() == 2,
         "motor_angle, joint_angle and estimates need two axes");
     const std::size_t size = robot.state_size(), wanted = robot.estimate_size();
-    require(state.size() == Index(size), "state has not the size of this robot's");
+    held.require_state(state);
     held.require_angles(motor_angle.shape(1), joint_angle.shape(1));
     require(
         motor_angle.shape(0) == samples && joint_angle.shape(0) == samples &&
             estimates.shape(0) == samples && estimates.shape(1) == Index(wanted),
-        "motor_angle, joint_angle, dt and estimates differ in their numbers of samples");
+        "stamp_ns, motor_angle, joint_angle and estimates differ in their numbers of samples");
     std::vector<double> out(robot.out_size());
-    double* now = state.data();
+    double* now = state.numbers.data();
     for_samples(samples, [&](Index k) {
+        const Nanoseconds stamp = stamp_ns.data()[k];
         const bool solved = robot.advance(
-            now, row_of(motor_angle, k), row_of(joint_angle, k), dt.data()[k], out.data());
+            now, row_of(motor_angle, k), row_of(joint_angle, k), state.seconds_until(stamp), out.data());
+        state.stamp_ns = stamp;
         std::copy_n(out.data(), size, now);
         std::copy_n(out.data() + size, wanted, row_of(estimates, k).begin());
         if (slipping && solved) robot.forget_drums(now);
         return true;
     });
+    return state;
 }
 
 bool shape(
@@ -198,16 +201,22 @@ nb::tuple residual_products(const Given& inputs, const Given& dt, const Given& r
     return nb::make_tuple(products, trust);
 }
 
-void impose_friction(const HeldRobot& held, const Given& share, const Written& out) {
+HeldState start(
+    HeldRobot& held, const Given& motor_angle, const Given& joint_angle, const Given& share) {
+    held.require_angles(motor_angle.size(), joint_angle.size());
     require(
         share.size() == held.robot.topology.sizes.pulleys, "share has not one entry per pulley");
-    require(out.size() >= Index(held.robot.out_size()), "out is too short");
-    held.robot.impose_friction(span_of(share), out.data());
+    const std::vector<double> before(held.robot.state_size());
+    held.robot.advance(
+        before.data(), span_of(motor_angle), span_of(joint_angle), 0.0, held.out.data());
+    held.robot.impose_friction(span_of(share), held.out.data());
+    return {NEVER_NS, held.state()};
 }
 
-void forget_drums(const HeldRobot& held, const Written& state) {
-    require(state.size() >= Index(held.robot.state_size()), "state is too short");
-    held.robot.forget_drums(state.data());
+HeldState forget_drums(const HeldRobot& held, HeldState state) {
+    held.require_state(state);
+    held.robot.forget_drums(state.numbers.data());
+    return state;
 }
 
 void bind_robot(nb::module_& core) {
@@ -216,6 +225,20 @@ void bind_robot(nb::module_& core) {
     core.def(
         "residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a,
         "What a learned correction depends on, along a motion.");
+    core.attr("NEVER") = NEVER_NS;
+    nb::class_<HeldState>(core, "State", "State of a robot after a sample.")
+        .def(
+            "__init__",
+            [](HeldState* made, Nanoseconds stamp_ns, const Given& values) {
+                new (made) HeldState{stamp_ns, {values.data(), values.data() + values.size()}};
+            },
+            "stamp_ns"_a, "values"_a)
+        .def("__getstate__", [](const HeldState& one) { return nb::make_tuple(one.stamp_ns, one.numbers); })
+        .def("__setstate__", [](HeldState* made, const std::tuple<Nanoseconds, std::vector<double>>& parts) {
+            new (made) HeldState{std::get<0>(parts), std::get<1>(parts)};
+        })
+        .def_ro("stamp_ns", &HeldState::stamp_ns)
+        .def_prop_ro("values", [](const HeldState& state) { return copy_of(state.numbers); });
     nb::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
         .def(
             nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a,
@@ -232,17 +255,16 @@ void bind_robot(nb::module_& core) {
             "numbers"_a)
         .def_prop_ro("state_size", [](const HeldRobot& h) { return h.robot.state_size(); })
         .def_prop_ro("estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
-        .def_prop_ro("out_size", [](const HeldRobot& h) { return h.robot.out_size(); })
         .def(
-            "step", step, "before"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a, "out"_a,
-            "One sample: (state, angles) -> (state, estimate, workspace) in ``out``.\n\n"
-            "Angles in rad, of prismatic joints in m; ``dt``: time since the state [s], 0 for the\n"
-            "first sample. Returns False where the geometry is impossible (the state is kept) or a\n"
-            "cable could not be solved; the elements concerned are ``INVALID``.")
+            "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
+            "One sample: (state, angles) -> (state, estimate, solved).\n\n"
+            "Angles in rad, of prismatic joints in m. Not solved where the geometry is impossible\n"
+            "(the state is kept) or a cable could not be solved; the elements concerned are\n"
+            "``INVALID``.")
         .def(
-            "run", run, "state"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a, "estimates"_a,
+            "run", run, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "estimates"_a,
             "slipping"_a = false,
-            "``step`` for many samples, one a row; ``state`` is replaced by the last one's.\n\n"
+            "``step`` for many samples, one a row; returns the last state.\n\n"
             "``slipping``: the cables slip on their drums.")
         .def(
             "shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a,
@@ -251,8 +273,8 @@ void bind_robot(nb::module_& core) {
             "course", course, "joint_angle"_a, "length"_a, "lever_arm"_a, "wrap"_a, "arc"_a, "track"_a,
             "Geometry along a motion; returns the first impossible pose, or their number.")
         .def(
-            "impose_friction", impose_friction, "share"_a, "out"_a,
-            "Impose shares in [-1, 1] of the friction bounds after the first sample.")
+            "start", start, "motor_angle"_a, "joint_angle"_a, "share"_a,
+            "The state before the first sample, with shares in [-1, 1] of the friction bounds.")
         .def(
             "forget_drums", forget_drums, "state"_a,
             "Give all cable on the drums the present strain, as of a cable that slips on its drum.");

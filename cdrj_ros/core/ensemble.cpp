@@ -85,10 +85,12 @@ Ensemble::Ensemble(
 // A sample
 
 bool Ensemble::step(
-    const double* before, const SampleView& sample, double dt, bool at_once, double* out,
-    std::span<double> stddev) {
-    const bool solved = robot_.advance(before, sample.motor_angle, sample.joint_angle, dt, out);
-    const std::span<const double> estimate(out + robot_.state_size(), robot_.estimate_size());
+    const double* before, const SampleView& sample, double dt, bool at_once,
+    std::span<double> state, std::span<double> estimate, std::span<double> stddev) {
+    const bool solved =
+        robot_.advance(before, sample.motor_angle, sample.joint_angle, dt, out_.data());
+    std::copy_n(out_.begin(), state.size(), state.begin());
+    std::copy_n(out_.begin() + robot_.state_size(), estimate.size(), estimate.begin());
     update(sample, estimate, 1, at_once, stddev);
     return solved;
 }

@@ -121,8 +121,8 @@ public:
 
     /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
     bool step(
-        const double* before, const SampleView& sample, double dt, bool at_once, double* out,
-        std::span<double> stddev);
+        const double* before, const SampleView& sample, double dt, bool at_once,
+        std::span<double> state, std::span<double> estimate, std::span<double> stddev);
 
     /// Write the standard deviations at a sample and its estimate.
     ///
@@ -229,7 +229,8 @@ private:
     // of the member in progress
     std::vector<double> between_;  // deviations on its path between two samples [rad]
     std::vector<double> reading_;  // its readings of all axes [rad]
-    std::vector<double> out_;      // of `Robot::advance`
+
+    std::vector<double> out_;  // of `Robot::advance`, for the estimate and every member
 };
 
 }  // namespace cdrj

@@ -23,6 +23,9 @@ inline constexpr Nanoseconds END_OF_TIME_NS = (Nanoseconds{1} << 31) * 1'000'000
 /// Longer than any interval.
 inline constexpr Nanoseconds EVER_NS = Nanoseconds{1} << 62;
 
+/// Stamp before the first sample.
+inline constexpr Nanoseconds NEVER_NS = -1;
+
 /// Standard deviation of an error, by the greatest one that nothing excludes.
 inline constexpr double DEVIATION = 0.35;
 

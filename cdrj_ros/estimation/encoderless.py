@@ -219,7 +219,7 @@ class LiveEncoderless:
         layout = found.layout
         solved = not any(int(flag) & INVALID for flag in values[layout.status])
         angles = None if self.lacks_efforts else found.angles
-        return Estimate(sample.stamp_ns, values, layout, solved, None, stddev, angles)
+        return Estimate(sample.stamp_ns, values, layout, solved, stddev, angles)
 
     def state_at(self, stamp_ns: int) -> State:
         """The robot's state after the last sample, whose stamp is given [ns]."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
-from cdrj_ros.estimation.estimator import NEVER, Estimate, Estimates, State, run
+from cdrj_ros.estimation.estimator import Estimate, Estimates, State, run
 from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
@@ -222,15 +222,10 @@ class Ensemble:
             ValueError: the angles are not those of this robot.
         """
         stamp, motor_angle, joint_angle, unseen, offset = sample[:5]
-        model, core, before = self.model, self.core, state.stamp_ns
-        dt = (stamp - before) * 1e-9 if before != NEVER else 0.0
-        solved, out, stddev = core.step(
-            state.whole, stamp, motor_angle, joint_angle, unseen, offset, dt, at_once
+        after, values, solved, stddev = self.core.step(
+            state, stamp, motor_angle, joint_angle, unseen, offset, at_once
         )
-        return (
-            State(stamp, out, model.state_part),
-            Estimate(stamp, out, model.layout, solved, model.estimate_part, stddev),
-        )
+        return after, Estimate(stamp, values, self.model.layout, solved, stddev)
 
     def update(self, sample: Sample, estimate: Estimate, at_once: bool = True) -> Vector:
         """Update the ensemble with the sample of a step and the resulting estimate.

@@ -18,25 +18,12 @@ from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Layout, Model, channel_columns
 
-NEVER: Final = -1
+NEVER: Final = _core.NEVER
 """Stamp of a state before its first sample."""
 
 
-@dataclass(slots=True)
-class State:
-    """History-dependent state of the cables; opaque, never changed in place."""
-
-    stamp_ns: Final[int]
-    whole: Final[Vector]
-    """The state, contiguous; from a step also all else that the core wrote, since two views of
-    it would take a tenth of the time of a step."""
-    part: Final[slice | None] = None
-    """Of the state in ``whole``; None: all of it."""
-
-    @property
-    def values(self) -> Vector:
-        """The state alone, shape (state_size,)."""
-        return self.whole if self.part is None else self.whole[self.part]
+State = _core.State
+"""History-dependent state of the cables; opaque, never changed in place."""
 
 
 class Angles(NamedTuple):
@@ -129,22 +116,15 @@ class Estimate(Quantities):
     """All estimated quantities at one time, as views of one vector."""
 
     stamp_ns: Final[int]
-    whole: Final[Vector]
-    """The estimate; from a step also all else that the core wrote, see ``State.whole``."""
+    values: Final[Vector]
+    """All quantities in the order of ``layout``, shape (layout.size,)."""
     layout: Final[Layout]
     solved: Final[bool]
     """False where some element is ``INVALID``."""
-    part: Final[slice | None] = None
-    """Of the estimate in ``whole``; None: all of it."""
     stddev: Vector | None = None
     """Standard deviations in the order of ``stddev_columns``; None if none are estimated."""
     angles: Angles | None = None
     """Of the joints without encoder, one row; None where all have one or there is no effort."""
-
-    @property
-    def values(self) -> Vector:
-        """All quantities in the order of ``layout``, shape (layout.size,)."""
-        return self.whole if self.part is None else self.whole[self.part]
 
     @property
     def tensions(self) -> dict[str, float]:
@@ -236,13 +216,10 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Raises:
         ValueError: the angles are not those of this robot.
     """
-    dt = (sample.stamp_ns - state.stamp_ns) * 1e-9 if state.stamp_ns != NEVER else 0.0
-    out = np.empty(model.out_size)
-    solved = model.core.step(state.whole, sample.motor_angle, sample.joint_angle, dt, out)
-    return (
-        State(sample.stamp_ns, out, model.state_part),
-        Estimate(sample.stamp_ns, out, model.layout, solved, model.estimate_part),
+    after, values, solved = model.core.step(
+        state, sample.stamp_ns, sample.motor_angle, sample.joint_angle
     )
+    return after, Estimate(sample.stamp_ns, values, model.layout, solved)
 
 
 def run(
@@ -265,13 +242,10 @@ def run(
     """
     stamps = samples.stamp_ns
     estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
-    if stamps.size == 0:
-        return state, Estimates(stamps, estimates, model.layout)
-    first = state.stamp_ns if state.stamp_ns != NEVER else int(stamps[0])
-    dt = np.diff(stamps, prepend=np.int64(first)) * 1e-9
-    values = state.values.copy()
-    model.core.run(values, samples.motor_angle, samples.joint_angle, dt, estimates, slipping)
-    return State(int(stamps[-1]), values), Estimates(stamps, estimates, model.layout)
+    after = model.core.run(
+        state, stamps, samples.motor_angle, samples.joint_angle, estimates, slipping
+    )
+    return after, Estimates(stamps, estimates, model.layout)
 
 
 UNWATCHED_NS: Final = 100_000_000

@@ -373,7 +373,7 @@ class SensorFusion:
         self, what: Quantity, sensor: SensorState, innovation: Innovation, state: State
     ) -> State:
         """Correct the state and the ensemble, and note by how much."""
-        values = state.values.copy()
+        values = state.values
         gain = self._preloads.update(what, sensor, innovation, self._lasting(), values)
         for c in what.cables:
             index = self._preloads.indices[c]

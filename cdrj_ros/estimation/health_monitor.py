@@ -81,7 +81,6 @@ class HealthMonitor:
         columns = [*range(layout.motor_effort.start, layout.motor_effort.stop)]
         columns += range(layout.tension.start, layout.tension.stop)
         self._columns = np.array(columns)
-        self._out = np.empty(model.out_size)
         self._index = {name: k for k, name in enumerate((*layout.motors, *layout.elements))}
         """Index of every sensor in ``_columns``."""
         motors = len(layout.elements) + len(layout.pulleys)
@@ -230,15 +229,15 @@ class HealthMonitor:
         """Step the next robot; True once the sample has passed through all of them."""
         if self._robots is None:
             self._robots = _core.Population(self.model.core, np.stack(self._constants))
-        k, model = len(tick.expected), self.model
+        k = len(tick.expected)
         angles = tick.sample.joint_angle
         if k and (shift := self._changes[k - 1].joint_shift):
             angles = angles + np.array(shift)
         dt = 0.0
         if self._before is not None:
             dt = (tick.sample.stamp_ns - self._before[0]) * 1e-9
-        solved = self._robots.advance(k, tick.sample.motor_angle, angles, dt, self._out)
-        tick.expected.append(self._out[model.estimate_part][self._columns])
+        solved, values = self._robots.advance(k, tick.sample.motor_angle, angles, dt)
+        tick.expected.append(values[self._columns])
         if not solved and k == 0:
             self._tick = None
             self._begin()

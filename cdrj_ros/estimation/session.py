@@ -149,6 +149,8 @@ class LiveEstimator:
         self.state: State = initial_state(self.model)
         self.uncorrected: State = self.state
         """The state without corrections by other sensors."""
+        self._uncorrected_values: Vector = np.empty(0)
+        """Its estimate, see ``Estimate.values``."""
         self._predicted = None
         self.corrected_by: set[str] = self.corrected_by if known else set()
         """Sensors whose corrections distinguish ``state`` from ``uncorrected``."""
@@ -300,9 +302,10 @@ class LiveEstimator:
             self.state, estimate = step(model, self.state, sample)
             estimate.stddev = ensemble.update(sample, estimate)
         if is_corrected or model is not self.model:
-            self.uncorrected = step(self.model, self.uncorrected, sample)[0]
+            self.uncorrected, other = step(self.model, self.uncorrected, sample)
+            self._uncorrected_values = other.values
         else:
-            self.uncorrected = self.state
+            self.uncorrected, self._uncorrected_values = self.state, estimate.values
         return estimate
 
     def _note(self, sample: Sample, estimate: Estimate) -> None:
@@ -317,9 +320,8 @@ class LiveEstimator:
 
         The uncorrected state then replaces the state, and the ensemble starts anew.
         """
-        uncorrected = self.uncorrected.whole[self.model.estimate_part]  # the last step wrote it
         self.state, wrong = fusion.correct(
-            sample, estimate, uncorrected, self.state, self.corrected_by
+            sample, estimate, self._uncorrected_values, self.state, self.corrected_by
         )
         if wrong:
             self.state = self.uncorrected

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.inspection.ranges import following_motors
@@ -148,7 +149,8 @@ def _deviating(model: Model, cause: Mapping[str, float]) -> Model | None:
 
 def _tensions(model: Model, motors: Table, joints: Table) -> Table:
     """Tensions along the motion [N], shape (samples, elements)."""
+    step_ns = round(1e9 * DURATION_S / len(joints))
     estimates = np.empty((len(joints), model.layout.size))
-    dt = np.full(len(joints), DURATION_S / len(joints))
-    model.core.run(np.zeros(model.state_size), motors, joints, dt, estimates)
+    unstarted = _core.State(_core.NEVER, np.zeros(model.state_size))
+    model.core.run(unstarted, step_ns * np.arange(len(joints)), motors, joints, estimates)
     return estimates[:, model.layout.tension]

@@ -164,7 +164,7 @@ def marked_stale(estimate: Estimate) -> Estimate:
     values = estimate.values.copy()
     status = values[estimate.layout.status]
     status[:] = status.astype(np.uint8) | STALE
-    return replace(estimate, whole=values, part=None)
+    return replace(estimate, values=values)
 
 
 class Encoded(NamedTuple):

@@ -114,11 +114,6 @@ class Model:
     """Numbers of its parts."""
     layout: Layout
     state_size: int
-    out_size: int
-    """Floats of state, estimate and the core's workspace together."""
-    state_part: slice
-    estimate_part: slice
-    """This slice and ``state_part`` locate estimate and state in what the core writes."""
     core: _core.Robot = field(init=False, compare=False, repr=False)
     """The robot as the compiled core reads it, from ``topology`` and ``constants``."""
 
@@ -249,17 +244,13 @@ def _model(robot: Robot) -> Model:
     topology.flags.writeable = False
     parts = topology_views(topology)
     sizes = Sizes(*map(int, parts.sizes))
-    size, estimate = state_size(sizes), estimate_size(sizes)
     return Model(
         robot=robot,
         topology=topology,
         constants=constants,
         sizes=sizes,
         layout=_layout(robot, parts.pulleys, sizes),
-        state_size=size,
-        out_size=size + estimate + scratch_size(sizes),
-        state_part=slice(0, size),
-        estimate_part=slice(size, size + estimate),
+        state_size=state_size(sizes),
     )
 
 

@@ -35,8 +35,7 @@ def _differences(
     errors, shares = ensemble.core.reading_error, ensemble.core.friction_share
     angle = np.concatenate([samples.motor_angle, samples.joint_angle], axis=1)
     motors = samples.motor_angle.shape[1]
-    out = np.zeros((MEMBERS, model.out_size))
-    last = np.zeros(MEMBERS, dtype=np.int64)
+    states = [initial_state(model)] * MEMBERS
     found, updates = np.zeros((COUNT, MEMBERS, ensemble.columns.size)), 0
     for k in range(COUNT):
         found[k] = found[k - 1]
@@ -44,18 +43,15 @@ def _differences(
             member = updates % MEMBERS
             reading = angle[k] + errors[updates % len(errors)]
             updates += 1
-            read, own, dt = (reading[:motors], reading[motors:]), robots[member], 0.0
+            read, own = (reading[:motors], reading[motors:]), robots[member]
             if k == 0:
-                own.step(out[member, : model.state_size].copy(), *read, 0.0, out[member])
-                own.impose_friction(shares[member], out[member])
-            else:
-                dt = (k - last[member]) * APART_NS * 1e-9
-            assert own.step(out[member, : model.state_size].copy(), *read, dt, out[member])
-            last[member] = k
-            estimate = out[member, model.estimate_part]
+                states[member] = own.start(*read, shares[member])
+            after, estimate, solved = own.step(states[member], k * APART_NS, *read)
+            assert solved
             found[k, member] = estimate[ensemble.columns] - values[k, ensemble.columns]
             if unsure and member // 2 % 2:  # every other pair has cables that slip on their drums
-                own.forget_drums(out[member])
+                after = own.forget_drums(after)
+            states[member] = after
     return found
 
 

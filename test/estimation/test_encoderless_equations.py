@@ -52,14 +52,11 @@ class Sample:
         joint = model.robot.joints[0]
         self.span, self.drift = joint.upper - joint.lower, joint.load_drift
         self.step = 1e-4 * self.span
-        self._robot, self._out = (
-            _core.Robot(model.topology, model.constants),
-            np.zeros(model.out_size),
-        )
+        self._robot = _core.Robot(model.topology, model.constants)
 
     def _estimate(self, angle: float) -> np.ndarray:
-        self._robot.step(self.state, self.motor, np.array([angle]), DT, self._out)
-        return self._out[self.model.state_size : self.model.state_size + self.model.layout.size]
+        before = _core.State(0, self.state)
+        return self._robot.step(before, round(DT * 1e9), self.motor, np.array([angle]))[1]
 
     def effort(self, angle: float) -> float:
         return float(self._estimate(angle)[self.model.layout.motor_effort][0])

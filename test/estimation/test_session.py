@@ -12,7 +12,7 @@ import pytest
 from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation.ensemble import preload_of_elements
-from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.estimator import State, initial_state, run
 from cdrj_ros.estimation.measurements import Measurement
 from cdrj_ros.estimation.preloads import START_SHARE
 from cdrj_ros.estimation.samples import Sample, Samples
@@ -290,7 +290,9 @@ def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
     for k in range(10):
         live.take(_sample(readings, k))
     if damage == "nan":
-        live.state.values[5] = np.nan
+        values = live.state.values
+        values[5] = np.nan
+        live.state = State(live.state.stamp_ns, values)
     write_state(live, path)
     data = path.read_bytes()
     if damage == "cut":

@@ -163,7 +163,7 @@ def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
 def test_a_pass_that_differs_is_noted(model: Model) -> None:
     outcome = _played(model, range(5))
     again = Bench(model)
-    again._estimate = replace(again._estimate, whole=again._estimate.whole + 0.25)
+    again._estimate = replace(again._estimate, values=again._estimate.values + 0.25)
     again.send(*range(5))
     again.answer(*range(5))
     outcome.add(again.run.finish(), whole=True)

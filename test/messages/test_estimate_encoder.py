@@ -92,7 +92,7 @@ def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: boo
 def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
     certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 0), np.zeros(stddev_columns(layout).size)
-    short = replace(estimate, whole=estimate.values[:-1])
+    short = replace(estimate, values=estimate.values[:-1])
     for encoder, wrong in (
         (certain, replace(estimate, stddev=stddev)),
         (uncertain, estimate),

@@ -38,17 +38,18 @@ cables:
 """
 
 
-def written(model: Model, filler: float) -> np.ndarray:
-    """State and estimate after two samples whose memory was full of a number."""
+def results(model: Model, odd: float | None) -> np.ndarray:
+    """State and estimate after two samples; before each, others of this angle, if it is given."""
     robot = model.robot
-    motor = robot.reference_motors
-    joint = robot.reference_pose
-    before = initial_state(model).values
+    motor, joint = robot.reference_motors, robot.reference_pose
+    state = initial_state(model)
     for k in range(2):
-        out = np.full(model.out_size, filler)
-        assert model.core.step(before, motor + 1e-3 * k, joint, 1e-3 * k, out)
-        before = out
-    return before[: model.estimate_part.stop]
+        if odd is not None:
+            model.core.step(state, 10**9, 0.0 * motor + odd, 0.0 * joint + odd)
+        stamp_ns = 10**6 * k
+        state, estimate, solved = model.core.step(state, stamp_ns, motor + 1e-3 * k, joint)
+        assert solved
+    return np.concatenate([state.values, estimate])
 
 
 @pytest.mark.parametrize(
@@ -56,6 +57,7 @@ def written(model: Model, filler: float) -> np.ndarray:
 )
 def test_what_memory_held_before_does_not_count(robot: Robot) -> None:
     model = prepare(robot, check_range=False)
-    first = written(model, np.nan)
+    first = results(model, None)
     assert np.isfinite(first).all()
-    np.testing.assert_array_equal(first, written(model, 7.0))
+    np.testing.assert_array_equal(first, results(model, np.nan))
+    np.testing.assert_array_equal(first, results(model, 0.07))

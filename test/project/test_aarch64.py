@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 
@@ -66,8 +68,8 @@ def test_aarch64_gives_the_numbers_of_this_processor(program: Path, path: Path) 
     rest = robot.reference_motors
     motor = np.ascontiguousarray(rest + 0.02 * np.sin(30.0 * time + np.arange(len(rest))))
     dt = np.append(0.0, np.full(SAMPLES - 1, 1e-3))
-    expected = np.empty((SAMPLES, model.layout.size))
-    model.core.run(np.zeros(model.state_size), motor, joint, dt, expected)
+    stamp_ns = 10**6 * np.arange(SAMPLES)
+    expected = run(model, initial_state(model), Samples(stamp_ns, motor, joint))[1].values
 
     sizes = np.array([model.topology.size, model.constants.size, SAMPLES])
     given = b"".join(

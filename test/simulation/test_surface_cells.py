@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import state_views
@@ -155,12 +156,11 @@ def test_cable_keeps_the_tension_with_which_it_was_laid_on() -> None:
 
 def walk(model: Model, joints: Table, motor: Table) -> Table:
     """States along a motion."""
-    out, states = np.zeros(model.out_size), np.zeros((len(joints), model.state_size))
-    state = np.zeros(model.state_size)
+    state, states = initial_state(model), np.zeros((len(joints), model.state_size))
     for k, (m, q) in enumerate(zip(motor, joints, strict=True)):
-        assert model.core.step(state, m, q, 1e-3 if k else 0.0, out)
-        state = out[model.state_part].copy()
-        states[k] = state
+        state, _, solved = model.core.step(state, 10**6 * k, m, q)
+        assert solved
+        states[k] = state.values
     return states
 
 
