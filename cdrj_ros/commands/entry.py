@@ -9,6 +9,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final, NoReturn
 
 from cdrj_ros.foundation.errors import CdrjError
@@ -56,36 +57,12 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
         return BAD_INPUT
 
 
-def check_robot() -> NoReturn:
-    """Run ``check_robot``."""
-    run_module("check_robot", "cdrj_ros.commands.check_robot")
-
-
-def commission() -> NoReturn:
-    """Run ``commission``."""
-    run_module("commission", "cdrj_ros.commands.commission")
-
-
-def identify() -> NoReturn:
-    """Run ``identify``."""
-    run_module("identify", "cdrj_ros.commands.identify")
-
-
-def import_robot() -> NoReturn:
-    """Run ``import_robot``."""
-    run_module("import_robot", "cdrj_ros.commands.import_robot")
-
-
-def simulate() -> NoReturn:
-    """Run ``simulate``."""
-    run_module("simulate", "cdrj_ros.commands.simulate")
-
-
-def validate() -> NoReturn:
-    """Run ``validate``."""
-    run_module("validate", "cdrj_ros.commands.validate")
-
-
-def view() -> NoReturn:
-    """Run ``view`` for a bag."""
-    run_module("view", "cdrj_ros.commands.view")
+_PACKAGE: Final = "cdrj_ros.commands"
+check_robot = partial(run_module, "check_robot", f"{_PACKAGE}.check_robot")
+commission = partial(run_module, "commission", f"{_PACKAGE}.commission")
+identify = partial(run_module, "identify", f"{_PACKAGE}.identify")
+import_robot = partial(run_module, "import_robot", f"{_PACKAGE}.import_robot")
+simulate = partial(run_module, "simulate", f"{_PACKAGE}.simulate")
+validate = partial(run_module, "validate", f"{_PACKAGE}.validate")
+view = partial(run_module, "view", f"{_PACKAGE}.view")
+"""Each runs the command of its name; ``view`` shows a bag."""

@@ -158,9 +158,6 @@ OUTPUTS: Final = (
 )
 """Topics of the estimates, as the node publishes them by default."""
 
-LOGS_AT_ONCE: Final = 65_536
-"""Log times computed at a time; it does not affect them."""
-
 
 def write_estimates(
     out: str,
@@ -246,48 +243,23 @@ def _write_piece(
 def log_times(recording: Recording, conditioned: Conditioned) -> NDArray[np.int64]:
     """Log time of each estimate [ns], shape (n,); never before that of the estimate before it.
 
-    The delay from header stamp to log time is that of the first motor's (or joint's) messages.
+    The delay from header stamp to log time is that of the first motor's (or joint's) messages,
+    between which it is interpolated.
 
     Args:
         recording: the recorded series.
         conditioned: its samples, at whose stamps the estimates are.
     """
-    first = next(iter({**recording.joints, **recording.motors}))
-    (series,) = in_order(
-        {first: {**recording.joints, **recording.motors}[first]}, conditioned
-    ).values()
+    readings = {**recording.motors, **recording.joints}
+    first = next(iter(readings))
+    series = in_order({first: readings[first]}, conditioned)[first]
     stamps = conditioned.segments[0].stamp_ns
-    readings, log_ns = series.stamp_ns, series.log_ns
-    if np.any(readings[1:] < readings[:-1]):
-        order = np.argsort(readings, kind="stable")
-        readings, log_ns = readings[order], log_ns[order]
-    logs = np.empty_like(stamps)
-    for begin in range(0, stamps.size, LOGS_AT_ONCE):
-        piece = slice(begin, begin + LOGS_AT_ONCE)
-        delay = _delay_at(stamps[piece], readings, log_ns, int(stamps[0]))
-        logs[piece] = stamps[piece] + np.rint(delay).astype(np.int64)
-    np.maximum.accumulate(logs, out=logs)
+    order = np.argsort(series.stamp_ns, kind="stable")
+    at, log_ns = series.stamp_ns[order], series.log_ns[order]
+    begin_ns = stamps[0]  # subtracted from stamps, so that a float holds them exactly
+    delay = np.interp(
+        (stamps - begin_ns).astype(np.float64), (at - begin_ns).astype(np.float64),
+        (log_ns - at).astype(np.float64),
+    )  # fmt: skip
+    logs: NDArray[np.int64] = np.maximum.accumulate(stamps + np.rint(delay).astype(np.int64))
     return logs
-
-
-def _delay_at(
-    stamps: NDArray[np.int64],
-    readings: NDArray[np.int64],
-    log_ns: NDArray[np.int64],
-    begin_ns: int,
-) -> NDArray[np.float64]:
-    """Delay from stamp to log time [ns], between the neighbouring readings, shape of ``stamps``.
-
-    Args:
-        stamps: increasing [ns], at least one.
-        readings, log_ns: stamps, in order, and log times of all readings [ns].
-        begin_ns: time that is subtracted from stamps, so that a float holds them exactly.
-    """
-    first = max(int(np.searchsorted(readings, stamps[0], side="right")) - 1, 0)
-    near = slice(first, int(np.searchsorted(readings, stamps[-1])) + 1)
-    delay: NDArray[np.float64] = np.interp(
-        (stamps - begin_ns).astype(np.float64),
-        (readings[near] - begin_ns).astype(np.float64),
-        (log_ns[near] - readings[near]).astype(np.float64),
-    )
-    return delay

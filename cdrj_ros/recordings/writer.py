@@ -6,8 +6,8 @@ import os
 import shutil
 import struct
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from heapq import merge
+from operator import itemgetter
 from pathlib import Path
 from textwrap import indent
 from types import TracebackType
@@ -43,63 +43,6 @@ Queued = tuple[int, str, bytes]
 """Log time [ns], topic and payload of a message to be written."""
 
 
-@dataclass(frozen=True)
-class _Encoded:
-    """Messages of one topic, encoded when the file is written."""
-
-    topic: str
-    log_ns: Int64s
-    """Shape (n,), never decreasing."""
-    stamp_ns: Int64s
-    template: Template
-    arrays: Mapping[str, npt.NDArray[Any]]
-
-    def messages(self) -> Iterator[Queued]:
-        size = len(self.template.payload)
-        for first in range(0, len(self.log_ns), _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            arrays = {name: values[part] for name, values in self.arrays.items()}
-            data = self.template.encode_many(self.stamp_ns[part], arrays).tobytes()
-            for k, log_ns in enumerate(self.log_ns[part].tolist()):
-                yield log_ns, self.topic, data[k * size : (k + 1) * size]
-
-
-@dataclass(frozen=True)
-class _Copied:
-    """Messages of another bag, read when the file is written."""
-
-    path: Path | str
-    topics: Collection[str]
-
-    def messages(self) -> Iterator[Queued]:
-        for message in read_messages(self.path, self.topics):
-            yield message.log_ns, message.topic, message.data
-
-
-@dataclass(frozen=True)
-class _Given:
-    """Messages of one topic that are encoded already."""
-
-    topic: str
-    given: Sequence[tuple[int, bytes]]
-
-    def messages(self) -> Iterator[Queued]:
-        for log_ns, data in self.given:
-            yield log_ns, self.topic, data
-
-
-@dataclass(frozen=True)
-class _InPieces:
-    """Messages of which a part at a time is made when the file is written."""
-
-    parts: Iterator[list[_Encoded]]
-    """Log times of a part are not before those of the part before it."""
-
-    def messages(self) -> Iterator[Queued]:
-        for part in self.parts:
-            yield from merge(*(one.messages() for one in part), key=lambda message: message[0])
-
-
 class BagWriter:
     """Collects messages and writes them, in order of log time, when closed.
 
@@ -118,7 +61,8 @@ class BagWriter:
                 f"{self.path} is not a name for a bag: metadata.yaml takes printable text"
             )
         self._channels: dict[str, Channel] = {}
-        self._queue: list[_Encoded | _Copied | _Given | _InPieces] = []
+        self._queue: list[Iterator[Queued]] = []
+        """Sources of messages, each in order of time, that are asked when the file is written."""
         self._closed = False
 
     def __enter__(self) -> BagWriter:
@@ -222,7 +166,8 @@ class BagWriter:
             require_cdr(source.path, channel)
             self._declare(channel)
         if chosen:
-            self._queue.append(_Copied(path, tuple(chosen)))
+            messages = read_messages(source, tuple(chosen))
+            self._queue.append((one.log_ns, one.topic, one.data) for one in messages)
 
     def write_messages(
         self, topic: str, msgtype: str, messages: Sequence[tuple[int, bytes]]
@@ -235,7 +180,7 @@ class BagWriter:
             messages: log times [ns], never decreasing, and payloads in CDR.
         """
         self._declare(Channel(topic, msgtype, "cdr", "ros2msg", own_definition(msgtype).text))
-        self._queue.append(_Given(topic, messages))
+        self._queue.append((log_ns, topic, data) for log_ns, data in messages)
 
     def write_pieces(
         self,
@@ -257,13 +202,13 @@ class BagWriter:
             definition = own_definition(msgtype).text
             self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
 
-        def parts() -> Iterator[list[_Encoded]]:
+        def parts() -> Iterator[Queued]:
             for piece in pieces:
                 part = BagWriter(self.path)
                 write(part, piece)
-                yield [one for one in part._queue if isinstance(one, _Encoded)]
+                yield from merge(*part._queue, key=itemgetter(0))
 
-        self._queue.append(_InPieces(parts()))
+        self._queue.append(parts())
 
     def close(self) -> None:
         """Write the folder; called by the context manager."""
@@ -298,8 +243,7 @@ class BagWriter:
         first_ns: int | None = None
         last_ns = 0
         try:
-            queues = [queued.messages() for queued in self._queue]
-            for log_ns, topic, data in merge(*queues, key=lambda message: message[0]):
+            for log_ns, topic, data in merge(*self._queue, key=itemgetter(0)):
                 first_ns, last_ns = log_ns if first_ns is None else first_ns, log_ns
                 counts[topic] += 1
                 writer.add_message(numbers[topic], log_ns, data, log_ns)
@@ -351,7 +295,7 @@ class BagWriter:
             given = {name: values[order] for name, values in given.items()}
         message = parse_definition(msgtype, definition)
         template = Template(message, names, list(given), frame_id=frame_id)
-        self._queue.append(_Encoded(topic, times, stamps, template, given))
+        self._queue.append(_encoded(topic, times, stamps, template, given))
 
     def _declare(self, wanted: Channel) -> None:
         """Declare a topic; a known topic must keep its type and fields (comments may differ)."""
@@ -367,6 +311,20 @@ class BagWriter:
             raise BagError(
                 f"{self.path}: topic {known.topic} is {known.msgtype} with other fields than before"
             )
+
+
+def _encoded(
+    topic: str, log_ns: Int64s, stamp_ns: Int64s, template: Template,
+    arrays: Mapping[str, npt.NDArray[Any]],
+) -> Iterator[Queued]:  # fmt: skip
+    """Messages of one topic, some of which are encoded at a time; log times never decrease."""
+    size = len(template.payload)
+    for first in range(0, len(log_ns), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        given = {name: values[part] for name, values in arrays.items()}
+        data = template.encode_many(stamp_ns[part], given).tobytes()
+        for k, at in enumerate(log_ns[part].tolist()):
+            yield at, topic, data[k * size : (k + 1) * size]
 
 
 def _fields(channel: Channel) -> object:
