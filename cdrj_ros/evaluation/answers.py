@@ -12,10 +12,10 @@ from time import perf_counter
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
+from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.foundation.arrays import Floats
@@ -30,7 +30,9 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     read_layout,
 )
-from cdrj_ros.model.prepared import Layout, Model, channel_columns
+from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.recordings.batch import BEFORE, Batch
+from cdrj_ros.recordings.decoding import BulkDecoder
 
 STALLED_S: Final = 10.0
 """Time without an answer after which estimates in flight are given up [s].
@@ -45,11 +47,6 @@ NEVER: Final = -1
 
 class AnotherRobotError(CdrjError):
     """The estimator's names differ from those of the robot file."""
-
-
-def channels_of(layout: Layout) -> list[str]:
-    """The compared channels, in the order of the columns of ``Answers.value``."""
-    return list(channel_columns(layout))
 
 
 @dataclass(frozen=True)
@@ -92,20 +89,11 @@ class Answers:
     tally: Tally
     conditioned: Conditioned
     """The samples whose estimates have been received, in one segment, and what was refused."""
-    value: Floats
-    """Estimates of ``channels_of`` the robot, shape (n, channels)."""
-    force: Floats
-    """Components x, y and z of the nodal forces [N], shape (n, 3, pulleys)."""
-    stddev: Floats
-    """Standard deviation of ``value``; NaN where the estimator gives none."""
+    estimates: Estimates
+    """As received, in order of increasing stamps; NaN where a message does not say."""
     latency_s: Floats
     """Time from sending the last input needed to receiving the last of three messages [s],
     shape (n,)."""
-
-    @property
-    def stamp_ns(self) -> NDArray[np.int64]:
-        """Stamps [ns], increasing, shape (n,)."""
-        return self.conditioned.segments[0].stamp_ns
 
 
 class AnswerTopic(NamedTuple):
@@ -114,21 +102,29 @@ class AnswerTopic(NamedTuple):
     name: str
     message: MessageType
     arrays: tuple[str, ...]
-    """Names of the arrays that are compared; the standard deviations are those of the first."""
+    """Names of the arrays that are compared, of which the first one has standard deviations."""
+
+    def names(self, layout: Layout) -> tuple[str, ...]:
+        """Names in its messages."""
+        return {
+            topics.TENSIONS: layout.elements, topics.NODAL_FORCES: layout.pulleys,
+        }.get(self.name, layout.motors + layout.joints)  # fmt: skip
+
+    def columns(self, layout: Layout, array: str) -> slice:
+        """Place of an array in ``Estimates.values``."""
+        if array == "effort":
+            return slice(layout.motor_effort.start, layout.joint_effort.stop)
+        place: slice = getattr(layout, array)
+        return place
 
 
 ANSWER_TOPICS: Final = (
-    AnswerTopic(topics.TENSIONS, CABLE_TENSIONS, ("tension",)),
-    AnswerTopic(topics.NODAL_FORCES, NODAL_FORCES, ("magnitude", *FORCE_COMPONENTS)),
+    AnswerTopic(topics.TENSIONS, CABLE_TENSIONS, ("tension", "stddev")),
+    AnswerTopic(
+        topics.NODAL_FORCES, NODAL_FORCES, ("magnitude", "stddev", *FORCE_COMPONENTS, "friction")
+    ),
     AnswerTopic(topics.EFFORTS, JOINT_STATE, ("effort",)),
 )
-FORCES: Final = 1
-"""Index of the nodal forces in ``ANSWER_TOPICS``."""
-
-
-def names_of(layout: Layout) -> tuple[tuple[str, ...], ...]:
-    """Names in the messages of each topic, in the order of ``ANSWER_TOPICS``."""
-    return layout.elements, layout.pulleys, layout.motors + layout.joints
 
 
 class Run:
@@ -213,7 +209,8 @@ class Run:
         return hear
 
     def _check_names(self, number: int, payload: bytes) -> None:
-        topic, expected = ANSWER_TOPICS[number], names_of(self._layout)[number]
+        topic = ANSWER_TOPICS[number]
+        expected = topic.names(self._layout)
         try:
             names = read_layout(payload, topic.message.fields).texts["name"]
         except MessageError as error:
@@ -250,58 +247,50 @@ class Run:
 
     def finish(self) -> Answers:
         """Return the whole run as arrays; incomplete estimates count as lost."""
-        gate, motors = self.conditioner, len(self._layout.motors)
+        gate, layout = self.conditioner, self._layout
         stamps = sorted(self._complete)
-        blocks = [
-            _decoded([payloads[stamp] for stamp in stamps], topic, names)
-            for payloads, topic, names in zip(
-                self._payloads, ANSWER_TOPICS, names_of(self._layout), strict=True
-            )
-        ]
-        value, stddev = (
-            np.concatenate([block[row] for block in blocks], axis=1) for row in (0, -1)
-        )
+        count, motors = len(stamps), len(layout.motors)
+        values = np.full((count, layout.size), np.nan)
+        deviations: list[Floats] = []
+        for payloads, topic in zip(self._payloads, ANSWER_TOPICS, strict=True):
+            names = topic.names(layout)
+            block = _decoded([payloads[stamp] for stamp in stamps], topic, names)
+            unknown = np.full((count, len(names)), np.nan)
+            deviations.append(block.get("stddev", unknown))
+            for array in block.keys() - {"stddev"}:
+                values[:, topic.columns(layout, array)] = block[array]
         asked_s = [self._asked[stamp][0] for stamp in stamps]
         angle = np.array([self._asked[stamp][1] for stamp in stamps])
-        angle = angle.reshape(len(stamps), motors + len(self._layout.joints))
-        samples = Samples(np.array(stamps, np.int64), angle[:, :motors], angle[:, motors:])
+        angle = angle.reshape(count, motors + len(layout.joints))
+        at = np.array(stamps, np.int64)
+        lost = len(self._asked) - count
         return Answers(
-            Tally(
-                self.sent, len(self._asked), len(stamps), len(self._asked) - len(stamps),
-                self._strange,
-            ),
+            Tally(self.sent, len(self._asked), count, lost, self._strange),
             Conditioned(
-                (samples,), dict(gate.refused), gate.accepted, gate.clock_jumps, gate.gaps,
-                gate.steps,
+                (Samples(at, angle[:, :motors], angle[:, motors:]),), dict(gate.refused),
+                gate.accepted, gate.clock_jumps, gate.gaps, gate.steps,
             ),
-            value,
-            np.moveaxis(blocks[FORCES][1:-1], 0, 1),
-            stddev,
+            Estimates(at, values, layout, np.hstack(deviations)),
             np.array([self._complete[stamp] for stamp in stamps]) - np.array(asked_s),
         )  # fmt: skip
 
 
-def _decoded(payloads: Sequence[bytes], topic: AnswerTopic, names: tuple[str, ...]) -> Floats:
-    """All arrays and the standard deviations of messages, shape (arrays + 1, n, names).
-
-    NaN for a message with other names than the expected ones.
-    """
-    rows = (*topic.arrays, "stddev")
-    block = np.full((len(rows), len(payloads), len(names)), np.nan)
-    lengths = np.fromiter(map(len, payloads), np.int64, len(payloads))
-    for length in np.unique(lengths).tolist():
-        same = np.flatnonzero(lengths == length)
-        layout = read_layout(payloads[int(same[0])], topic.message.fields)
-        if layout.texts["name"] != names:
-            continue
-        octets = np.frombuffer(b"".join(payloads[k] for k in same.tolist()), np.uint8)
-        octets = octets.reshape(len(same), -1)
-        for row, name in enumerate(rows):
-            span = layout.numbers.get(name)
-            if span is not None and span.count == len(names):
-                wanted = np.ascontiguousarray(octets[:, span.offset : span.offset + 8 * span.count])
-                block[row, same] = wanted.view(span.dtype)
-    return block
+def _decoded(
+    payloads: Sequence[bytes], topic: AnswerTopic, names: tuple[str, ...]
+) -> dict[str, Floats]:
+    """The arrays of messages, shape (n, names) each; NaN for messages with other names."""
+    decoder = BulkDecoder(topic.message, *topic.arrays)
+    length = np.array([len(payload) for payload in payloads], np.int64)
+    nothing = np.zeros(len(payloads), np.int64)
+    start = BEFORE + np.cumsum(length) - length
+    raw = bytes(BEFORE) + b"".join(payloads)
+    batch = Batch(raw, nothing.astype(np.uint16), nothing, start, length)
+    decoder.add(batch, np.arange(len(payloads)), 0)
+    block = np.full((len(topic.arrays), len(payloads), len(names)), np.nan)
+    if (table := decoder.tables.get(names)) is not None:
+        value = np.concatenate(table.value).reshape(-1, len(names), len(topic.arrays))
+        block[:, np.concatenate(table.arrival)] = np.moveaxis(value, 2, 0)
+    return dict(zip(topic.arrays, block, strict=True))
 
 
 def _nothing() -> None:

@@ -46,10 +46,7 @@ class FrictionSums:
 
     def __init__(self, layout: Layout) -> None:
         """Start with empty sums for the pulleys of a robot."""
-        index = {name: k for k, name in enumerate(layout.elements)}
         self._layout = layout
-        self._after = [index[name] for name in layout.pulleys]
-        self._before = [k - 1 for k in self._after]
         self._sum, self._largest, self._share_sum, self._largest_share, self._taut = np.zeros(
             (5, len(layout.pulleys))
         )
@@ -59,7 +56,8 @@ class FrictionSums:
         """Add the next estimates, at least one, shape (n, layout.size)."""
         tension = values[:, self._layout.tension]
         friction = np.abs(values[:, self._layout.friction])
-        larger = np.maximum(tension[:, self._before], tension[:, self._after])
+        before = self._layout.element_before
+        larger = np.maximum(tension[:, before], tension[:, before + 1])
         taut = larger > 0.0
         share = np.divide(friction, larger, out=np.zeros_like(friction), where=taut)
         self._sum += friction.sum(axis=0)

@@ -7,8 +7,7 @@ which there is no estimate are left out and counted.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -17,9 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdrj_ros.evaluation.channels import (
     Angle,
-    BagComparison,
     Channel,
-    PulleyFriction,
     quantity_of,
     unit_of,
 )
@@ -327,45 +324,3 @@ def _fill(
 def _known(given: Floats) -> Floats:
     """Standard deviations, with NaN in place of values that are negative or not finite."""
     return np.where(np.isfinite(given) & (given >= 0.0), given, np.nan)
-
-
-def unknown_references(estimates: Collection[str], references: Collection[str]) -> tuple[str, ...]:
-    """Names of the references without an estimate, in their order."""
-    return tuple(name for name in references if name not in estimates)
-
-
-def summed_up(
-    path: str,
-    duration_s: float,
-    channels: Sequence[Channel],
-    unknown: Sequence[str] = (),
-    counters: Mapping[str, int] | None = None,
-    notes: Sequence[str] = (),
-    facts: Mapping[str, str] | None = None,
-    friction: Sequence[PulleyFriction] = (),
-) -> BagComparison:
-    """The comparison of one recording; adds counters and notes for samples and channels left out.
-
-    Args:
-        path: the recording, as the user named it.
-        duration_s: its length [s].
-        channels: the compared channels.
-        unknown: references without an estimate, see ``unknown_references``.
-        counters: number of samples refused before the comparison, by cause.
-        notes: remarks for the reader.
-        facts: further facts for the reader, by label.
-        friction: of the pulleys.
-    """
-    counted: Counter[str] = Counter(counters or {})
-    for channel in channels:
-        counted.update(channel.dropped)
-    remarks = list(notes)
-    if unknown:
-        remarks.append(f"Recorded but not estimated, so not compared: {', '.join(unknown)}.")
-    silent = [channel.name for channel in channels if len(channel.stamp_ns) == 0]
-    if silent:
-        remarks.append(f"No reference sample has an estimate beside it: {', '.join(silent)}.")
-    return BagComparison(
-        path, duration_s, tuple(channels), dict(counted), tuple(remarks), facts or {},
-        tuple(friction),
-    )  # fmt: skip

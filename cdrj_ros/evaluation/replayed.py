@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.estimation.conditioner import MODES, Mode
-from cdrj_ros.evaluation.answers import Answers, Tally, channels_of
-from cdrj_ros.evaluation.channels import FORCE_VECTOR, BagComparison
+from cdrj_ros.evaluation.answers import Answers, Tally
+from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.inputs import counters_of
-from cdrj_ros.evaluation.validation import compare_with_references
+from cdrj_ros.evaluation.validation import Validation
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -108,15 +108,10 @@ class Outcome:
         self.tally += answers.tally
         self.latency_s = np.concatenate((self.latency_s, answers.latency_s))[-KEPT:]
         if whole and self.whole_passes and self.answers:
-            _, mine, new = np.intersect1d(
-                self.answers.stamp_ns, answers.stamp_ns, return_indices=True
-            )
-            for before, after in (
-                (self.answers.value, answers.value),
-                (self.answers.force, answers.force),
-            ):
-                gap = np.abs(before[mine] - after[new])
-                self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
+            before, after = self.answers.estimates, answers.estimates
+            _, mine, new = np.intersect1d(before.stamp_ns, after.stamp_ns, return_indices=True)
+            gap = np.nan_to_num(np.abs(before.values[mine] - after.values[new]), nan=0.0)
+            self.difference = max(self.difference, float(np.max(gap, initial=0.0)))
         if whole or not self.whole_passes:
             self.answers = answers
         self.whole_passes += whole
@@ -177,17 +172,11 @@ class Outcome:
         """Compare with the references in the bag; the result has no channels if there are none."""
         duration_s = (recording.end_ns - recording.start_ns) * 1e-9
         facts, answers = self.facts(duration_s), self.answers
-        if answers is None or not recording.references or not answers.stamp_ns.size:
+        if answers is None or not recording.references or not answers.estimates.stamp_ns.size:
             counters = counters_of(recording, answers.conditioned) if answers else {}
             notes = (*recording.notes, *self.notes())
             return BagComparison(path, duration_s, (), counters, notes, facts)
-        layout = self.model.layout
-        names = channels_of(layout)
-        known = np.atleast_1d(np.isfinite(answers.stddev).any(axis=0))
-        values = dict(zip(names, answers.value.T, strict=True))
-        for k, name in enumerate(layout.pulleys):
-            values[f"{FORCE_VECTOR}/{name}"] = answers.force[:, :, k]
-        stddev = {name: answers.stddev[:, k] for k, name in enumerate(names) if known[k]}
-        return compare_with_references(
-            self.model, path, recording, answers.conditioned, values, stddev, facts, self.notes()
-        )
+        validation = Validation(self.model, path, recording, answers.conditioned)
+        for _ in validation.compare([answers.estimates]):
+            pass
+        return validation.result(facts, self.notes())

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Angles, Estimates
 from cdrj_ros.estimation.recorded_health import RecordedHealth
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.channels import (
     ANGLE,
@@ -24,7 +23,7 @@ from cdrj_ros.evaluation.channels import (
     plot_angles,
     stddev_channels,
 )
-from cdrj_ros.evaluation.comparison import Comparing, summed_up, unknown_references
+from cdrj_ros.evaluation.comparison import Comparing
 from cdrj_ros.evaluation.estimating import (
     OUTPUTS,
     log_times,
@@ -59,6 +58,9 @@ PRELOAD_DIFFERS: Final = 0.1
 """Relative difference of all mean tensions of a cable beyond which its preload is questioned."""
 
 
+Progress = Callable[[float], None]
+
+
 class Sensors(NamedTuple):
     """Readings of the sensors that the health monitor compares with the robot file."""
 
@@ -69,7 +71,7 @@ class Sensors(NamedTuple):
 
 
 class Validation:
-    """A recording that is estimated and compared with its references, piece by piece."""
+    """Estimates of a recording, in pieces, that are compared with its references."""
 
     def __init__(
         self,
@@ -78,9 +80,7 @@ class Validation:
         recording: Recording,
         conditioned: Conditioned,
         *,
-        uncertainty: bool = False,
         window: Window = WHOLE,
-        progress: Callable[[float], None] | None = None,
         sensors: Sensors | None = None,
     ) -> None:
         """Choose the references.
@@ -89,10 +89,8 @@ class Validation:
             model: the prepared robot.
             path: the recording, as the user named it.
             recording: the recorded series.
-            conditioned: its samples.
-            uncertainty: whether to estimate standard deviations.
+            conditioned: its samples, at whose stamps the estimates are; one segment.
             window: time interval of the references that are compared.
-            progress: called with the completed fraction, from 0 to 1.
             sensors: readings for the health monitor; None or none at all: it does not run.
 
         Raises:
@@ -102,60 +100,72 @@ class Validation:
         named = [name for readings in self._sensors for name in readings]
         self._health = RecordedHealth(model, named) if named else None
         recording = in_frames_of(model.robot, recording)
-        self._references = references_in(path, recording, conditioned, window)
+        references = references_in(path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
-        self._conditioned, self._window, self._progress = conditioned, window, progress
-        self._uncertainty = uncertainty
+        self._conditioned, self._window = conditioned, window
         self._friction = FrictionSums(model.layout)
-        self._names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
-        unmeasured = [model.layout.joints[j] for j in model.robot.unmeasured]
-        self._names += [f"{ANGLE}/{name}" for name in unmeasured]
-        self._channels: tuple[Channel, ...] = ()
+        names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
+        names += [f"{ANGLE}/{model.layout.joints[j]}" for j in model.robot.unmeasured]
+        self._unknown = [name for name in references if name not in names]
+        (self._segment,) = conditioned.segments
+        given = {name: (series.stamp_ns, series.value) for name, series in references.items()}
+        self._comparing = Comparing(names, self._segment.stamp_ns, given, MAX_GAP_NS)
+        self._angles: list[Angles] = []
 
-    def pieces(self) -> Iterator[Estimates]:
-        """Estimate and compare; exhaust it once, before ``result``.
+    def compare(
+        self, pieces: Iterable[Estimates], progress: Progress | None = None
+    ) -> Iterator[Estimates]:
+        """Compare; exhaust it once, before ``result``.
+
+        Args:
+            pieces: consecutive estimates, which are not stored otherwise.
+            progress: called with the completed fraction, from 0 to 1.
 
         Yields:
-            Consecutive estimates, which are not stored otherwise.
+            The same pieces.
         """
-        (segment,) = self._conditioned.segments
+        segment, done = self._segment, 0
         if self._health:
             self._health.begin_pass(*(in_order(one, self._conditioned) for one in self._sensors))
-        comparing = _comparing(segment.stamp_ns, self._names, self._references)
-        found: list[Angles] = []
-        done = 0
-        efforts = in_order(self._recording.motor_efforts, self._conditioned)
-        for piece in pieces_of(self._model, segment, efforts, uncertainty=self._uncertainty):
+        for piece in pieces:
             if piece.angles is not None:
-                found.append(piece.angles)
+                self._angles.append(piece.angles)
             self._friction.add(piece.values)
-            comparing.add(*_by_channel(piece), piece.stamp_ns.size)
+            self._comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size
             if self._health:
                 self._health.follow(segment.part(slice(done, end)), piece.stddev)
             yield piece
             done = end
-            if self._progress:
-                self._progress(done / segment.stamp_ns.size)
-        whole = with_estimated_joints(self._model.robot, segment, found) if found else segment
-        self._channels = _channels(self._model, whole, comparing)
+            if progress:
+                progress(done / segment.stamp_ns.size)
 
-    def result(self) -> BagComparison:
-        """The comparison of all pieces, for which ``pieces`` must have been exhausted."""
-        compared = summed_up(
-            self._path,
-            duration_s(self._recording, self._window),
-            self._channels,
-            unknown_references(self._names, self._references),
-            counters_of(self._recording, self._conditioned),
-            (
-                *self._recording.notes,
-                *_jump_notes(self._conditioned),
-                *_preload_notes(self._model, self._channels),
-            ),
-            friction=self._friction.result(),
-        )
-        return replace(compared, health=self._health.verdict() if self._health else None)
+    def result(self, facts: Mapping[str, str], notes: Sequence[str] = ()) -> BagComparison:
+        """The comparison of all pieces, for which ``compare`` must have been exhausted.
+
+        Args:
+            facts: further facts for the reader, by label.
+            notes: remarks for the reader.
+        """
+        model, segment, recording = self._model, self._segment, self._recording
+        if self._angles:
+            segment = with_estimated_joints(model.robot, segment, self._angles)
+        zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
+        channels = self._comparing.channels(plot_angles(model, segment), zones)
+        counters = Counter(counters_of(recording, self._conditioned))
+        for channel in channels:
+            counters.update(channel.dropped)
+        remarks = [*recording.notes, *notes, *_preload_notes(model, channels)]
+        if self._unknown:
+            names = ", ".join(self._unknown)
+            remarks.append(f"Recorded but not estimated, so not compared: {names}.")
+        if silent := [channel.name for channel in channels if len(channel.stamp_ns) == 0]:
+            remarks.append(f"No reference sample has an estimate beside it: {', '.join(silent)}.")
+        return BagComparison(
+            self._path, duration_s(recording, self._window), channels, dict(counters),
+            tuple(remarks), facts, self._friction.result(),
+            self._health.verdict() if self._health else None,
+        )  # fmt: skip
 
 
 def _by_channel(piece: Estimates) -> tuple[dict[str, Floats], dict[str, Floats]]:
@@ -167,69 +177,6 @@ def _by_channel(piece: Estimates) -> tuple[dict[str, Floats], dict[str, Floats]]
             estimates[f"{ANGLE}/{name}"] = piece.angles.value[:, k]
             stddev[f"{ANGLE}/{name}"] = piece.angles.stddev[:, k]
     return estimates, stddev
-
-
-def _jump_notes(conditioned: Conditioned) -> list[str]:
-    jumps = conditioned.clock_jumps
-    if not jumps:
-        return []
-    return [f"The clock went back {jumps} times; the longest part between was compared."]
-
-
-def compare_with_references(
-    model: Model,
-    path: str,
-    recording: Recording,
-    conditioned: Conditioned,
-    estimates: Mapping[str, Floats],
-    stddev: Mapping[str, Floats],
-    facts: Mapping[str, str],
-    notes: tuple[str, ...],
-) -> BagComparison:
-    """Compare estimates of one pass, from any source, with the recorded references.
-
-    Args:
-        model: the prepared robot.
-        path: the recording, as the user named it.
-        recording: the recorded series.
-        conditioned: counters and the samples, at whose stamps the estimates are; one segment.
-        estimates: by channel name [unit of the channel], shape (n,) each, of vectors (n, 3).
-        stddev: standard deviations where they are known, by channel name, shape (n,) each.
-        facts: further facts for the reader, by label.
-        notes: remarks for the reader.
-
-    Raises:
-        BagError: there is nothing to compare.
-    """
-    recording = in_frames_of(model.robot, recording)
-    references = references_in(path, recording, conditioned, WHOLE)
-    (segment,) = conditioned.segments
-    comparing = _comparing(segment.stamp_ns, list(estimates), references)
-    comparing.add(estimates, stddev, segment.stamp_ns.size)
-    compared = _channels(model, segment, comparing)
-    return summed_up(
-        path,
-        duration_s(recording, WHOLE),
-        compared,
-        unknown_references(estimates, references),
-        counters_of(recording, conditioned),
-        (*recording.notes, *notes, *_preload_notes(model, compared)),
-        facts,
-    )
-
-
-def _comparing(
-    stamps: NDArray[np.int64], names: list[str], references: Mapping[str, Series]
-) -> Comparing:
-    """The comparison of one pass, to which its estimates are to be added."""
-    given = {name: (series.stamp_ns, series.value) for name, series in references.items()}
-    return Comparing(names, stamps, given, MAX_GAP_NS)
-
-
-def _channels(model: Model, segment: Samples, comparing: Comparing) -> tuple[Channel, ...]:
-    """The channels of one pass; ``segment`` has the angles."""
-    zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
-    return comparing.channels(plot_angles(model, segment), zones)
 
 
 def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
@@ -256,8 +203,6 @@ LOAD_CELLS: Final = in_namespace(TENSION_SENSORS)
 
 READING_SHARE: Final = 0.3
 """Share of the processing time of a bag that reading takes, for the progress display."""
-
-Progress = Callable[[float], None]
 
 Health = Literal["auto", "references", "off"]
 HEALTH: Final[tuple[Health, ...]] = get_args(Health)
@@ -315,16 +260,7 @@ def compare_bag(
     """
     model = model or prepared_model(task.robot, task.preload)
     begin = perf_counter()
-    sensors = None  # a robot with joints without encoder has no health monitor, as in the node
-    if model.robot.unmeasured:
-        recording = read_encoderless(task.path, task.topics, model.robot)
-        require_axes(task.path, recording, model.robot.as_read)
-    else:
-        efforts = task.health != "off"
-        recording = read_inputs(
-            task.path, task.topics, model, motor_efforts=efforts, force_vectors=True
-        )
-        sensors = _sensors(task, model, recording) if efforts else None
+    recording, sensors = _read(task, model)
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
     recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
@@ -338,23 +274,41 @@ def compare_bag(
 
     begin = perf_counter()
     validation = Validation(
-        model, task.path, recording, conditioned, uncertainty=task.uncertainty, window=task.window,
-        progress=on, sensors=sensors,
-    )  # fmt: skip
+        model, task.path, recording, conditioned, window=task.window, sensors=sensors
+    )
+    motor_efforts = in_order(recording.motor_efforts, conditioned)
+    (segment,) = conditioned.segments
+    estimated = pieces_of(model, segment, motor_efforts, uncertainty=task.uncertainty)
+    pieces = validation.compare(estimated, on)
     if log_ns is not None:
-        write_estimates(task.written, task.path, log_ns, validation.pieces(), task.outputs)
+        write_estimates(task.written, task.path, log_ns, pieces, task.outputs)
     else:
-        for _ in validation.pieces():
+        for _ in pieces:
             pass
-    comparison = validation.result()
     facts = {
-        "samples": f"{sum(segment.stamp_ns.size for segment in conditioned.segments)}",
+        "samples": f"{segment.stamp_ns.size}",
         "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
         "path": "offline, in lock-step",
     }
     if task.preload is not None:
         facts["preload"] = f"{task.preload} N"
-    return replace(comparison, facts=facts)
+    notes = []
+    if jumps := conditioned.clock_jumps:
+        notes.append(f"The clock went back {jumps} times; the longest part between was compared.")
+    return validation.result(facts, notes)
+
+
+def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
+    """The recording, and the readings for the health monitor, if it runs."""
+    if model.robot.unmeasured:  # has no health monitor, as in the node
+        recording = read_encoderless(task.path, task.topics, model.robot)
+        require_axes(task.path, recording, model.robot.as_read)
+        return recording, None
+    efforts = task.health != "off"
+    recording = read_inputs(
+        task.path, task.topics, model, motor_efforts=efforts, force_vectors=True
+    )
+    return recording, _sensors(task, model, recording) if efforts else None
 
 
 def _sensors(task: BagTask, model: Model, recording: Recording) -> Sensors:

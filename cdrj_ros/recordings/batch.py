@@ -69,6 +69,9 @@ class BoundedReader(BufferedReader):
         return data
 
 
+BEFORE: Final = 8
+"""Bytes that precede every payload, for rows that are padded to words."""
+
 Int64s = npt.NDArray[np.int64]
 Octets = npt.NDArray[np.uint8]
 
@@ -111,7 +114,7 @@ class Batch:
     channel: npt.NDArray[np.uint16]
     log_ns: Int64s
     start: Int64s
-    """Offset of each payload; its record's head precedes it, for rows that are padded to words."""
+    """Offset of each payload; at least `BEFORE` bytes, of its record, precede it."""
     length: Int64s
     """Bytes of each payload."""
 

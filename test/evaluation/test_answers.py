@@ -10,10 +10,11 @@ import pytest
 from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.conditioner import Mode
+from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
-from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally, channels_of
+from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.replayed import (
@@ -117,25 +118,26 @@ def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
 
 
 def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
-    count = 50
+    count, said = 50, stddev_columns(bench.model.layout).size
+    bench._estimate = replace(bench._estimate, stddev=1.0 + np.arange(said))
+    bench._encoder = EstimateEncoder(bench.model.layout, uncertain=True)
     for k in range(count):
         bench.send(k)
         bench.answer(k)
     answers = bench.run.finish()
-    layout, values = bench.model.layout, bench._estimate.values
-    expected = np.concatenate(
-        [
-            values[layout.tension],
-            values[layout.magnitude],
-            values[layout.motor_effort],
-            values[layout.joint_effort],
-        ]
-    )
-    assert answers.value.shape == (count, len(channels_of(layout)))
-    np.testing.assert_array_equal(answers.value, np.broadcast_to(expected, answers.value.shape))
-    forces = np.stack([values[getattr(layout, f"force_{axis}")] for axis in "xyz"])
-    assert np.all(np.linalg.norm(forces, axis=0) > 1.0)
-    np.testing.assert_array_equal(answers.force, np.broadcast_to(forces, (count, *forces.shape)))
+    layout, sent = bench.model.layout, bench._estimate.values
+    answered = ("tension", "force_x", "force_y", "force_z", "magnitude", "friction",
+                "motor_effort", "joint_effort")  # fmt: skip
+    places = np.concatenate([np.arange(layout.size)[getattr(layout, name)] for name in answered])
+    expected = np.full(layout.size, np.nan)
+    expected[places] = sent[places]
+    np.testing.assert_array_equal(answers.estimates.values, np.tile(expected, (count, 1)))
+    assert np.ptp(expected[layout.magnitude]) > 1.0
+    stddev = answers.estimates.stddev
+    assert stddev is not None
+    told = len(layout.elements) + len(layout.pulleys)  # efforts are published without
+    assert np.array_equal(stddev[:, :told], np.tile(1.0 + np.arange(told), (count, 1)))
+    assert np.isnan(stddev[:, told:]).all()
     assert np.all(answers.latency_s >= 0)
 
 
@@ -155,7 +157,7 @@ def test_equal_passes_do_not_differ_and_are_counted(model: Model) -> None:
     outcome.add(again.run.finish(), whole=True)
     assert (outcome.passes, outcome.whole_passes, outcome.difference) == (2, 2, 0.0)
     assert outcome.answers is not None
-    assert outcome.answers.stamp_ns.size == 5
+    assert outcome.answers.estimates.stamp_ns.size == 5
     assert outcome.tally.received == 10
     assert outcome.notes() == ()
 
@@ -185,18 +187,14 @@ def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
 ) -> None:
     """As from a node that runs without them."""
     samples, layout = recorded(model, 100), model.layout
-    values = run(model, initial_state(model), samples)[1].values
-    columns = (layout.tension, layout.magnitude, layout.motor_effort, layout.joint_effort)
-    value = np.hstack([values[:, one] for one in columns])
+    estimates = run(model, initial_state(model), samples)[1]
     count = samples.stamp_ns.size
-    stddev = np.full(value.shape, 0.05)
+    stddev = np.full((count, stddev_columns(layout).size), 0.05)
     stddev[: count // 2, :16] = np.inf
     stddev[:, -1] = np.nan
     conditioned = Conditioned((samples,), {}, 0, 0, 0)
-    force = np.zeros((count, 3, len(layout.pulleys)))
-    outcome = Outcome(
-        model, answers=Answers(Tally(), conditioned, value, force, stddev, np.empty(0))
-    )
+    answers = Answers(Tally(), conditioned, replace(estimates, stddev=stddev), np.empty(0))
+    outcome = Outcome(model, answers=answers)
     recording = read_inputs(str(SAMPLE), Topics(), model)
     errors = errors_of([outcome.comparison("bag", recording)]).pooled
     half, whole = errors["tension/upper/8"].coverage, errors["nodal_force/upper/8"].coverage

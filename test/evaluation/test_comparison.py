@@ -7,12 +7,7 @@ import pytest
 from support.compared import compare
 
 from cdrj_ros.evaluation.channels import QUANTITIES, Angle, Channel, unit_of
-from cdrj_ros.evaluation.comparison import (
-    DROP_CAUSES,
-    Comparing,
-    summed_up,
-    unknown_references,
-)
+from cdrj_ros.evaluation.comparison import DROP_CAUSES, Comparing
 
 EPOCH_NS = 1_722_000_000_123_456_789
 NAME = "tension/upper/8"
@@ -83,15 +78,6 @@ def test_every_reference_sample_is_compared_or_counted() -> None:
     assert np.isfinite(channel.reference).all()
 
 
-def test_a_reference_without_estimate_is_reported_by_name() -> None:
-    references = {NAME: ([0], [1.0]), "tension/third/1": ([0], [1.0])}
-    assert unknown_references({NAME: [0.0]}, references) == ("tension/third/1",)
-    channels = compare([0], {NAME: [0.0]}, references, max_gap_ns=1)
-    bag = summed_up("a.mcap", 1.0, channels, ("tension/third/1",))
-    assert [channel.name for channel in bag.channels] == [NAME]
-    assert any("tension/third/1" in note for note in bag.notes)
-
-
 def test_the_angle_is_added_where_it_is_known() -> None:
     stamps = np.array([0, 10, 20, 30, 100])
     rolling = Angle("rolling", np.array([10, 20, 90]), np.array([1.0, 2.0, 9.0]))
@@ -144,16 +130,3 @@ def test_names_need_a_known_prefix() -> None:
     for name in ("tension", "tension/", "torque/a", ""):
         with pytest.raises(ValueError, match="channel name must be one of tension/"):
             unit_of(name)
-
-
-def test_a_bag_counts_what_was_refused_and_what_was_left_out() -> None:
-    channels = compare(
-        [0, 10],
-        {NAME: [0.0, 0.0], "effort/spindle": [0.0, 0.0]},
-        {NAME: ([0, 50], [1.0, 1.0]), "effort/spindle": ([60], [1.0])},
-        max_gap_ns=10,
-    )
-    bag = summed_up("a.mcap", 1.0, channels, counters={"late": 4})
-    assert bag.counters["late"] == 4
-    assert bag.counters["outside_estimates"] == 2
-    assert any("effort/spindle" in note for note in bag.notes)

@@ -17,7 +17,7 @@ from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation import estimating
 from cdrj_ros.evaluation.channels import estimate_channels
-from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, write_estimates
+from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_of, write_estimates
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.evaluation.validation import (
     MAX_GAP_NS,
@@ -38,15 +38,16 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
     references = {n: (s.stamp_ns, s.value) for n, s in recording.references.items()}
     named = estimate_channels(model.layout, whole.values)
     expected = compare(whole.stamp_ns, named, references, max_gap_ns=MAX_GAP_NS)
-    pieces: list[Estimates] = list(Validation(model, BAG, recording, conditioned).pieces())
+    (segment,) = conditioned.segments
+    pieces = list(pieces_of(model, segment))
     assert len(pieces) > 3
     assert np.concatenate([piece.values for piece in pieces]).tobytes() == whole.values.tobytes()
     pieces.clear()
     tracemalloc.start()
     validation = Validation(model, BAG, recording, conditioned)
-    for _ in validation.pieces():
+    for _ in validation.compare(pieces_of(model, segment)):
         pass
-    got = validation.result()
+    got = validation.result({})
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 0.5 * whole.values.nbytes
@@ -78,7 +79,8 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
 
     def watched() -> Iterator[Estimates]:
         nonlocal most
-        for piece in Validation(model, BAG, recording, conditioned).pieces():
+        validation = Validation(model, BAG, recording, conditioned)
+        for piece in validation.compare(pieces_of(model, conditioned.segments[0])):
             alive.append(weakref.ref(piece))
             most = max(most, sum(one() is not None for one in alive))
             yield piece
@@ -133,3 +135,25 @@ def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
     assert np.all(unsure[after] == 1.0)
     assert after.sum() > 3000
     assert 0.0 < unsure[~after].mean() < 0.5
+
+
+def test_what_was_not_compared_is_counted_and_named() -> None:
+    model = load_model(ROBOT)
+    read = read_inputs(BAG, Topics(), model)
+    conditioned = condition_recording(model, read)
+    tension = read.references["tension/upper/8"]
+    late = replace(tension, stamp_ns=tension.stamp_ns + 10**12)
+    references = {"tension/upper/8": tension, "tension/third/1": tension, "effort/elbow": late}
+    recording = replace(read, references=references, malformed={"/cdrj/motor_states": 4})
+    validation = Validation(model, BAG, recording, conditioned)
+    for _ in validation.compare(pieces_of(model, conditioned.segments[0])):
+        pass
+    found = validation.result({}, ("A remark.",))
+    assert [channel.name for channel in found.channels] == ["tension/upper/8", "effort/elbow"]
+    assert found.counters["malformed"] == 4
+    assert found.counters["outside_estimates"] >= late.stamp_ns.size
+    assert found.notes[-3:] == (
+        "A remark.",
+        "Recorded but not estimated, so not compared: tension/third/1.",
+        "No reference sample has an estimate beside it: effort/elbow.",
+    )
