@@ -108,6 +108,15 @@ def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[s
             one._asdict() | {"unsure": one.unsure if isfinite(one.unsure) else None}
             for one in slips(inspection.model)
         ],
+        "residual": [
+            {
+                "output": one.output,
+                "bound": one.bound,
+                "stddev": one.stddev,
+                "inputs": {name: list(ends) for name, ends in one.inputs.items()},
+            }
+            for one in robot.residuals
+        ],
         "cables": [
             _cable_document(names, cable, check)
             for cable, check in zip(robot.cables, inspection.cables, strict=True)

@@ -12,7 +12,7 @@ from cdrj_ros.estimation.reading_limits import slips
 from cdrj_ros.foundation.output import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.shares import Cause, Shares
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import EFFORT, TENSION, Model
 from cdrj_ros.report.table import UNLIMITED
 from cdrj_ros.robot.description import Cable, Robot
 
@@ -48,7 +48,7 @@ def print_inspection(
     for motor in inspection.motors:
         turns = motor.angle.width / (2.0 * pi)
         console.print(Text(f"motor {motor.name}: {turns:.2f} turns to follow the joints"))
-    for sentence in (*mapping(robot), *_slips(inspection.model)):
+    for sentence in (*mapping(robot), *_slips(inspection.model), *_corrections(robot)):
         console.print(Text(sentence))
     for cable, table in zip(cables, tables, strict=True):
         console.print()
@@ -120,6 +120,22 @@ def _slips(model: Model) -> Iterator[str]:
             parts.append(f"beyond {one.unsure:.2g} {unit}, if seen, makes all elements UNSURE")
         if parts:
             yield f"{one.axis}: a slip of its encoder {', '.join(parts)}"
+
+
+def _corrections(robot: Robot) -> Iterator[str]:
+    """Learned corrections, and where they are not extrapolated."""
+    newtons = {f"{EFFORT}/{name}" for name in robot.prismatic_joints}
+    for one in robot.residuals:
+        unit = "N" if one.output.startswith(TENSION) or one.output in newtons else "N m"
+        ranges = []
+        for name, (low, high) in one.inputs.items():
+            angle = "m" if name in robot.prismatic_joints else "rad"
+            of = unit if name == one.output else angle
+            ranges.append(f"{name} {low:.4g} … {high:.4g} {of}")
+        yield (
+            f"{one.output}: learned correction of at most {one.bound:.2g} {unit}, standard "
+            f"deviation {one.stddev:.2g} {unit}; trusted within {', '.join(ranges)}"
+        )
 
 
 def _table(robot: Robot, cable: Cable, check: CableCheck) -> Table:

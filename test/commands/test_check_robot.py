@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from support.places import ROBOTS
 
 from cdrj_ros.commands import check_robot
@@ -250,6 +251,28 @@ def test_an_implausible_modulus_is_reported(
     printed = capsys.readouterr().out
     assert "a: youngs_modulus is 2e+03 GPa" in printed
     assert "b: youngs_modulus" not in printed
+
+
+def test_learned_corrections_are_named_with_their_bounds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, out = tmp_path / "robot.yaml", tmp_path / "robot.json"
+    numbers = {"bound": 0.25, "stddev": 0.07}
+    entries = [
+        {"output": name, **numbers, "inputs": {name: [-1.0, 2.5], "q": [-0.3, 0.4]}}
+        for name in ("effort/m", "tension/a/2")
+    ]
+    weights = [[0.0] * 3] * 10
+    whole = [{**one, "weights": weights} for one in entries]
+    robot.write_text(PLAIN + yaml.safe_dump({"residual": whole}, sort_keys=False), encoding="utf-8")
+    assert check_robot.main([str(robot), "--json", str(out)]) == 0
+    lines = [one for one in capsys.readouterr().out.splitlines() if "learned correction" in one]
+    assert lines == [
+        f"{name}: learned correction of at most 0.25 {unit}, standard deviation 0.07 {unit}; "
+        f"trusted within {name} -1 … 2.5 {unit}, q -0.3 … 0.4 rad"
+        for name, unit in (("effort/m", "N m"), ("tension/a/2", "N"))
+    ]
+    assert written(out)["residual"] == entries
 
 
 def test_json_alone_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
