@@ -50,9 +50,6 @@ from cdrj_ros.recordings.playback import MAX_RATE, MIN_RATE, Playback, checked_r
 INCOMPLETE: Final = 1
 """Exit code: the bag was played, but estimates were lost or the estimator disappeared."""
 
-REPORT_S: Final = 1.5
-"""Time for the last answers and the report after Ctrl-C [s]."""
-
 CLOCK_HZ: Final = 40.0
 
 
@@ -82,7 +79,7 @@ def replay_parser() -> argparse.ArgumentParser:
         "answers, compare them with the recorded references and report.",
         epilog="Exit code: 0 done; 1 estimates were lost or the estimator disappeared; 2 bad "
         "usage or input, or no estimator; 130 ended by Ctrl-C, after the report of what was "
-        "played if it takes less than two seconds.",
+        "played; a second Ctrl-C ends at once.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser)
@@ -261,14 +258,14 @@ def _play_and_report(
         outcomes, ending = _play_all(arguments, player, bags, stop)
     if stop.interrupted and not any(outcome.tally.sent for outcome in outcomes):
         return exit_code("replay", stop, supervised=False)
-    code = _report(arguments, player.model, bags, outcomes, ending, hurried=stop.interrupted)
+    code = _report(arguments, player.model, bags, outcomes, ending)
     sys.stdout.flush()
     return exit_code("replay", stop, supervised=False) or code
 
 
 def _report(
     arguments: argparse.Namespace, model: Model, bags: Sequence[Bag],
-    outcomes: Sequence[Outcome], ending: Ending, *, hurried: bool,
+    outcomes: Sequence[Outcome], ending: Ending,
 ) -> int:  # fmt: skip
     """Print what was played and the comparison with the references; returns the exit code."""
     comparisons = []
@@ -287,13 +284,8 @@ def _report(
     if any(comparison.channels for comparison in comparisons):
         errors = errors_of(comparisons)
         title = f"{model.robot.name}: estimator node against reference"
-        first = argparse.Namespace(json=arguments.json, html=None) if hurried else arguments
-        write_files(first, model, errors, title)
-        print_results(first, model, errors, title)
-        if hurried and arguments.html:  # it may take longer than the time left after Ctrl-C
-            sys.stdout.flush()
-            write_files(argparse.Namespace(json=None, html=arguments.html), model, errors, title)
-            say(f"report: {arguments.html}")
+        write_files(arguments, model, errors, title)
+        print_results(arguments, model, errors, title)
     else:
         print("no references in the bag: nothing to compare with; name topics with --reference")
     if ending is Ending.GONE:
@@ -304,20 +296,17 @@ def _report(
 
 @contextmanager
 def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
-    """The first Ctrl-C ends the playback and leaves ``REPORT_S``; a second one exits at once."""
+    """The first Ctrl-C ends the playback, a second one the command."""
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         if stop:
             raise KeyboardInterrupt
         stop.ask(number, frame)
-        signal.setitimer(signal.ITIMER_REAL, REPORT_S)
 
     before = signal.signal(signal.SIGINT, on_signal)
-    signal.signal(signal.SIGALRM, on_signal)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGINT, before)
 
 
