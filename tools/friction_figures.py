@@ -16,7 +16,7 @@ import numpy as np
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.output import progress_bar
+from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot, Sensor
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -77,7 +77,7 @@ def on_the_rig(law: str, duration: float) -> tuple[np.ndarray, np.ndarray, np.nd
     angle = np.radians(38.0) * share**2 * (3.0 - 2.0 * share) * np.sin(0.2 * pi * moving)
     speed = np.gradient(angle, time)
     torque = make_load("rolling").torque(angle, speed, np.gradient(speed, time))
-    with progress_bar(f"simulating, {law}", time.size) as report:
+    with ProgressBar(f"simulating, {law}", time.size) as report:
         truth = simulate(robot, time, angle, torque, progress=report)
     motor = np.reshape(truth.motor_angle, (time.size, -1))[:, 0]
     joint = np.reshape(truth.joint_angle, (time.size, -1))[:, 0]

@@ -195,7 +195,7 @@ class Feeder:
 def _run(feeder: Feeder, process: subprocess.Popen[bytes], minutes: float, rate: float) -> Soak:
     import psutil
 
-    from cdrj_ros.foundation.output import progress_bar
+    from cdrj_ros.foundation.output import ProgressBar
 
     soak = Soak()
     resident = psutil.Process(process.pid)
@@ -205,7 +205,7 @@ def _run(feeder: Feeder, process: subprocess.Popen[bytes], minutes: float, rate:
     begin = monotonic()
     shift = 0.0
     control_us: list[float] = []
-    with progress_bar("soak", float(total)) as show:
+    with ProgressBar("soak", float(total)) as show:
         while feeder.sent < total and process.poll() is None:
             due = begin + shift + feeder.sent / rate
             ahead = due - monotonic()

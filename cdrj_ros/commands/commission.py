@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -30,7 +31,7 @@ from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
-from cdrj_ros.foundation.output import progress_text, say
+from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.identification.fit import lacking
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.loading import robot_path
@@ -185,8 +186,8 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
         return drums_measured(now, {name: 1e-3 * size for name, size in given.items()})
 
     def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
-        with progress_text(lambda text: "samples" in text) as progress:
-            return fitted(now, [_read(now, bag, topics) for bag in bags], progress)
+        with ProgressBar("fitting") as progress:
+            return fitted(now, [_read(now, bag, topics) for bag in bags], partial(progress, 0.0))
 
     return [
         ("rest", rest), ("preload", preload), ("drum", drum),

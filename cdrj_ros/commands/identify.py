@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
@@ -28,7 +29,7 @@ from cdrj_ros.evaluation.inputs import TAKEN, read_inputs, require_references
 from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.output import printable, progress_bar, progress_text, say
+from cdrj_ros.foundation.output import ProgressBar, printable, say
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
@@ -281,9 +282,9 @@ def fit(
     recordings: Sequence[Recorded],
     settings: Settings,
 ) -> Identification:
-    """``identify``, with a line for each round on standard error."""
-    with progress_text(lambda text: "samples" in text) as progress:
-        return identify(document, source, unknowns, recordings, settings, progress)
+    """``identify``, with its progress on standard error."""
+    with ProgressBar("fitting") as progress:
+        return identify(document, source, unknowns, recordings, settings, partial(progress, 0.0))
 
 
 def cross_validated(
@@ -338,7 +339,7 @@ def recorded(recording: Recording, name: str) -> Recorded:
 
 def _read(bags: Sequence[str], topics: Topics, model: Model) -> list[Recorded]:
     recordings, notes = [], list[str]()
-    with progress_bar("reading", len(bags)) as report:
+    with ProgressBar("reading", len(bags)) as report:
         for bag in bags:
             read = read_inputs(bag, topics, model)
             require_references(bag, topics, read)

@@ -24,7 +24,7 @@ from cdrj_ros.commands.simulate_motion import (
     swing_text,
 )
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.output import progress_bar, say
+from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
@@ -186,7 +186,7 @@ def _run(model: Model, plan: Plan, cells: int) -> Truth:
         # speed of the motion as sampled by the simulation, corners included
         course = motion.differences(plan.time, plan.joints[:, plan.moved])
         given = {"joint_torque": plan.load.torque(*course), "motor_speed": plan.motor_speed}
-    with progress_bar("simulating", plan.time.size) as report:
+    with ProgressBar("simulating", plan.time.size) as report:
         return simulate(
             model.robot, plan.time, plan.joints, cells=cells, progress=report, joint=plan.moved,
             faults=plan.faults, allow_slack=plan.allow_slack, **given,

@@ -36,7 +36,7 @@ from cdrj_ros.evaluation.parallel import (
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
-from cdrj_ros.foundation.output import progress_bar, say
+from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.recordings import open_source
 from cdrj_ros.robot.description import Robot
 
@@ -186,7 +186,7 @@ def _body(argv: Sequence[str]) -> int:
         prepared_model(task.robot, task.preload)
     unreadable = _unreadable(tasks)
     readable = [task for task in tasks if task.path not in unreadable]
-    with progress_bar("validating", sum(size_of(task.path) for task in readable)) as report:
+    with ProgressBar("validating", sum(size_of(task.path) for task in readable)) as report:
         results = _compared(arguments, readable, report) if readable else []
     bags = [result for result in results if not isinstance(result, Failed)]
     failed = [*unreadable.values(), *(one for one in results if isinstance(one, Failed))]

@@ -11,7 +11,7 @@ from cdrj_ros.commands.entry import CommandParser, run_command
 from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.output import progress_bar, say
+from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.model.loading import load_model
 
 
@@ -58,7 +58,7 @@ def body(argv: Sequence[str]) -> int:
     model = load_model(arguments.robot, arguments.preload)
     recording = read_inputs(arguments.bag, topics_of(arguments), model)
     conditioned = condition_recording(model, recording)
-    with progress_bar("estimating", 1.0) as report:
+    with ProgressBar("estimating", 1.0) as report:
         estimates = recorded_estimates(model, recording, conditioned, report)
     axis = TimeAxis("time [s]", 0.0, max(estimates.duration_s, 1e-3))
     at = (arguments.host, arguments.port)

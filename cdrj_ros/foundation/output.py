@@ -7,8 +7,7 @@ import errno
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from time import monotonic
 from typing import Any, Final, TextIO, cast
 
@@ -191,140 +190,82 @@ LINE_S: Final = 5.0
 """Time between two lines of progress without a terminal [s]."""
 
 REFRESH_S: Final = 0.1
-"""Time between two updates of a ``LabelledBar`` in a terminal [s]."""
+"""Time between two updates of a bar in a terminal [s]."""
 
 
-def _lines(description: str, total: float) -> Callable[[float], None]:
-    """Progress without a terminal: one line every LINE_S."""
-    begin = last = monotonic()
+class ProgressBar:
+    """Progress on standard error: a bar in a terminal, otherwise a line now and then.
 
-    def report(done: float) -> None:
-        nonlocal last
-        if monotonic() - last > LINE_S:
-            last = monotonic()
-            share = done / max(total, 1e-9)
-            left = (last - begin) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
-            remaining = f", {left:.0f} s left" if left >= 0.5 else ""
-            text = f"{description}: {100.0 * share:.0f} %{remaining}"
-            print(text, file=sys.stderr, flush=True)
-
-    return report
-
-
-@contextmanager
-def progress_bar(description: str, total: float) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar on standard error; yields a function that takes the amount done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(file=sys.stderr)
-    if not console.is_terminal:
-        yield _lines(description, total)
-        return
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(), console=console, transient=True,
-    ) as progress:  # fmt: skip
-        task = progress.add_task(description, total=total)
-        yield lambda done: progress.update(task, completed=done)
-
-
-@contextmanager
-def progress_text(lasts: Callable[[str], bool]) -> Iterator[Callable[[str], None]]:
-    """Show the current activity on standard error; yields a function that takes a line of text.
-
-    Args:
-        lasts: whether a line stays on the screen; other lines replace each other in a terminal, and
-            without a terminal are printed at most every ``LINE_S``.
-    """
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(file=sys.stderr, highlight=False)
-    if not console.is_terminal:
-        last = monotonic()
-
-        def occasionally(text: str) -> None:
-            nonlocal last
-            if lasts(text) or monotonic() - last > LINE_S:
-                last = monotonic()
-                print(text, file=sys.stderr, flush=True)
-
-        yield occasionally
-        return
-    with console.status("") as status:
-
-        def show(text: str) -> None:
-            if lasts(text):
-                console.print(Text(text))
-            else:
-                status.update(Text(text))
-
-        yield show
-
-
-class LabelledBar:
-    """A bar between two texts, without a thread: only ``show`` redraws it, at most as often as due.
-
-    Outside ``drawn`` and without a terminal it is a line of text instead.
+    It has no thread: it is drawn within its block when it is called, at most as often as due.
     """
 
-    def __init__(self) -> None:
-        self._progress: Any = None
+    def __init__(self, description: str = "", total: float | None = None) -> None:
+        """Begin with nothing done, as ``begin`` does."""
+        self._shown: Any = None
         self._task: Any = None
-        self._next_s = 0.0
+        self.begin(description, total)
 
-    def is_due(self, now_s: float) -> bool:
-        """Whether ``show`` would draw."""
-        return now_s >= self._next_s
+    def begin(self, description: str, total: float | None = None) -> None:
+        """Begin something new, of which ``total`` is to be done; None if that is not known."""
+        self._description, self._total = description, total
+        self._begin_s = monotonic()
+        self._next_s = self._begin_s + (LINE_S if self._shown is None else 0.0)
+        if self._shown is not None:
+            self._shown.reset(self._task, total=total, description=description, text="")
 
-    def show(self, now_s: float, label: str, done: float, total: float, text: str) -> None:
-        """Draw, unless it has been drawn only ``REFRESH_S`` or ``LINE_S`` ago.
-
-        Args:
-            now_s: time of any clock, always the same one [s].
-            label: text before the bar.
-            done, total: length of the bar, in any unit.
-            text: text after the bar.
-        """
-        if not self.is_due(now_s):
-            return
-        if self._progress is None:
-            self._next_s = now_s + LINE_S
-            print(f"{label}: {text}", file=sys.stderr, flush=True)
-            return
-        self._next_s = now_s + REFRESH_S
-        self._progress.update(
-            self._task, description=label, total=max(total, 1e-9), completed=done, text=text
+    def __enter__(self) -> ProgressBar:
+        """Draw the bar from here on if standard error is a terminal."""
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TaskProgressColumn,
+            TextColumn,
+            TimeRemainingColumn,
         )
-        self._progress.refresh()
+
+        console = Console(file=sys.stderr, highlight=False)
+        if console.is_terminal:
+            self._shown = Progress(
+                TextColumn("{task.description}"), BarColumn(16),
+                TaskProgressColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn(),
+                TextColumn("{task.fields[text]}", markup=False), console=console, transient=True,
+                auto_refresh=False,
+            )  # fmt: skip
+            self._task = self._shown.add_task(self._description, total=self._total, text="")
+            self._next_s = 0.0
+            self._shown.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Remove the bar."""
+        if self._shown is not None:
+            self._shown.stop()
+            self._shown = None
+
+    def is_due(self) -> bool:
+        """Whether a call would draw."""
+        return monotonic() >= self._next_s
+
+    def __call__(self, done: float, text: str = "") -> None:
+        """Show what has been done, in the unit of the total, and a text beside it."""
+        now, due = monotonic(), self.is_due()
+        if self._shown is not None:
+            self._next_s = now + REFRESH_S if due else self._next_s
+            self._shown.update(self._task, completed=done, text=text, refresh=due)
+        elif due:
+            self._next_s = now + LINE_S
+            words = [text] if text else []
+            if self._total is not None:
+                share = done / max(self._total, 1e-9)
+                left = (now - self._begin_s) * (1.0 / share - 1.0) if share >= 0.01 else 0.0
+                remaining = [f"{left:.0f} s left"] if left >= 0.5 else []
+                words = [f"{100.0 * share:.0f} %", *remaining, *words]
+            self.say(f"{self._description}: {', '.join(words)}")
 
     def say(self, words: str) -> None:
-        """Print a line above the bar; without a bar, on standard output."""
-        if self._progress is not None:
-            self._progress.console.print(words, markup=False, highlight=False)
+        """Print a line, above the bar if there is one."""
+        if self._shown is not None:
+            self._shown.console.print(words, markup=False)
         else:
-            print(words, flush=True)
-
-    @contextmanager
-    def drawn(self, now_s: float) -> Iterator[None]:
-        """Draw the bar within the block if standard error is a terminal."""
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-
-        console = Console(file=sys.stderr)
-        if not console.is_terminal:
-            self._next_s = now_s + LINE_S
-            yield
-            return
-        self._next_s = now_s
-        with Progress(
-            TextColumn("{task.description}"), BarColumn(bar_width=16),
-            TextColumn("{task.fields[text]}"), console=console, transient=True, auto_refresh=False,
-        ) as progress:  # fmt: skip
-            self._progress = progress
-            self._task = progress.add_task("waiting", total=1.0, text="")
-            try:
-                yield
-            finally:
-                self._progress = None
+            print(words, file=sys.stderr, flush=True)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from cdrj_ros.commands.commission import body
 from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.foundation.output import progress_bar
+from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
 from cdrj_ros.messages.topics import NAMESPACE, TENSION_SENSORS, in_namespace
 from cdrj_ros.nodes.qos import DEPTH, remapping
@@ -54,7 +54,7 @@ def record(path: Path, topics: Topics, duration_s: float) -> None:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         asked_s, begin_s = monotonic(), float("inf")
-        with progress_bar(f"recording {', '.join(angles)}", duration_s) as report:
+        with ProgressBar(f"recording {', '.join(angles)}", duration_s) as report:
             while monotonic() - begin_s < duration_s:
                 executor.spin_once(timeout_sec=0.1)
                 if silent := [topic for topic in angles if not heard[topic]]:

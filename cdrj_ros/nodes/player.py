@@ -15,7 +15,7 @@ from rclpy.task import Future
 from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.evaluation.answers import Answers, Run, Tally
 from cdrj_ros.evaluation.replayed import NodeSettings, require_every_sample
-from cdrj_ros.foundation.output import LabelledBar
+from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
@@ -86,7 +86,7 @@ class Player:
         self.model = model
         self.node = node
         self.executor = executor
-        self.bar = LabelledBar()
+        self.bar = ProgressBar()
         self.estimator = NodeSettings()
         """Settings of the estimator; valid after ``wait_for_estimator``."""
         self._stop = stop
@@ -145,6 +145,8 @@ class Player:
         run = Run(self.model, self.estimator.conditioning)
         self.node.listen(run)
         begin_s = perf_counter()
+        total_s = (playback.end_ns - playback.begin_ns) * 1e-9
+        self.bar.begin(f"playing {rate_in_words(playback.rate)}", total_s)
         playback.start(begin_s)
         try:
             ending = self._loop(playback, run)
@@ -258,7 +260,7 @@ class Player:
                 self.node.publish_clock(playback.position_ns(now))
                 self._clock_s = max(self._clock_s + 1.0 / hertz, now)
             self._chores_s = min(self._chores_s, self._clock_s)
-        if self.bar.is_due(now):
+        if self.bar.is_due():
             self._show(now, playback, run)
         lost = run.give_up_stalled(now)
         if lost:
@@ -275,14 +277,11 @@ class Player:
                 self._gone = True
 
     def _show(self, now: float, playback: Playback, run: Run) -> None:
-        """Draw the bar: the position, the time left and the counters of all passes."""
+        """Draw the bar: the position, and the counters of all passes."""
         done = (playback.position_ns(now) - playback.begin_ns) * 1e-9
         total = (playback.end_ns - playback.begin_ns) * 1e-9
-        left_s = playback.left_s(now)
-        left = "" if left_s is None else f", {left_s:.0f} s left"
         counters = (self._before + run.tally()).words
-        label = f"playing {rate_in_words(playback.rate)}"
-        self.bar.show(now, label, done, total, f"{done:.1f}/{total:.1f} s{left}, {counters}")
+        self.bar(done, f"{done:.1f}/{total:.1f} s, {counters}")
 
     def _refuse_silence(self, tally: Tally) -> None:
         raise NoEstimatorError(

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from time import perf_counter
 from types import FrameType
 from typing import Final
 
@@ -254,7 +253,7 @@ def _play_and_report(
         return INTERRUPTED
     if words := preload_difference(player.model, player.estimator):
         player.bar.say(f"warning: {words}")
-    with player.bar.drawn(perf_counter()):
+    with player.bar:
         outcomes, ending = _play_all(arguments, player, bags, stop)
     if stop.interrupted and not any(outcome.tally.sent for outcome in outcomes):
         return exit_code("replay", stop, supervised=False)

@@ -13,9 +13,6 @@ from cdrj_ros.recordings import RawMessage
 MIN_RATE: Final = 1e-3
 MAX_RATE: Final = 1e6
 
-PACE_S: Final = 1.0
-"""Wall time after which the pace is known [s]."""
-
 
 def checked_rate(rate: float) -> float:
     """Return the rate if it is valid.
@@ -112,14 +109,6 @@ class Playback:
             return self._taken_ns
         limit = self.end_ns if self._next is None else self._next.log_ns
         return max(min(self._time_ns(now_s, self.rate), limit), self._taken_ns)
-
-    def left_s(self, now_s: float) -> float | None:
-        """Wall time left at the mean pace so far [s]; None before ``PACE_S``."""
-        elapsed_s = now_s - self._start_s
-        played_ns = self.position_ns(now_s) - self.begin_ns
-        if elapsed_s < PACE_S or not played_ns:
-            return None
-        return (self.end_ns - self.begin_ns - played_ns) * elapsed_s / played_ns
 
     def _time_ns(self, now_s: float, rate: float) -> int:
         return self.begin_ns + int((now_s - self._start_s) * rate * 1e9)

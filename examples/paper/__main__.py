@@ -18,7 +18,7 @@ from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.interruption import run_interruptibly
-from cdrj_ros.foundation.output import progress_bar, say
+from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.model.loading import load_model
 from examples.paper.runs import Motion
 from examples.paper.study import Study, numbers, work
@@ -67,7 +67,7 @@ def _body(argv: Sequence[str]) -> int:
     begin = monotonic()
     robot = load_model("prototype").robot
     motion, cells = QUICK if arguments.quick else WHOLE
-    with progress_bar("running the rig", 1.0) as report:
+    with ProgressBar("running the rig", 1.0) as report:
         study = work(robot, motion, cells=cells, progress=report)
     drawn = _draw(study, folder, quick=arguments.quick)
     all_tables = tables(study)
@@ -88,7 +88,7 @@ def _draw(study: Study, folder: Path, *, quick: bool) -> list[tuple[Path, ...]]:
     from examples.paper.figures import FIGURES, FORMATS, figure_files
 
     drawn = []
-    with progress_bar("drawing", float(FIGURES)) as report:
+    with ProgressBar("drawing", float(FIGURES)) as report:
         for paths in figure_files(study, folder, ("png",) if quick else FORMATS):
             drawn.append(paths)
             report(float(len(drawn)))

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from cdrj_ros.foundation import output as progress
-from cdrj_ros.foundation.output import progress_bar
+from cdrj_ros.foundation.output import ProgressBar
 
 
 def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
@@ -21,7 +21,7 @@ def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
 ) -> None:
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr(progress, "monotonic", lambda: clock.now)
-    with progress_bar("validating", 200.0) as report:
+    with ProgressBar("validating", 200.0) as report:
         for now, done in ((101.0, 10.0), (106.0, 50.0), (108.0, 80.0), (120.0, 150.0)):
             clock.now = now
             report(done)
@@ -29,6 +29,17 @@ def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
         "validating: 25 %, 18 s left",
         "validating: 75 %, 7 s left",
     ]
+    bar = ProgressBar("fitting")
+    clock.now += 6.0
+    bar(0.0, "step 3")
+    bar(0.0, "step 4")
+    bar.begin("playing", 10.0)
+    clock.now += 6.0
+    bar(5.0, "half")
+    bar.say("a line")
+    assert capsys.readouterr().err.splitlines() == [
+        "fitting: step 3", "playing: 50 %, 6 s left, half", "a line",
+    ]  # fmt: skip
 
 
 def shown_on(master: int, pattern: bytes, patience_s: float = 60.0) -> str:
@@ -49,9 +60,11 @@ def test_in_a_terminal_progress_is_a_bar_with_the_time_left(
     monkeypatch.setenv("TERM", "xterm")
     with os.fdopen(slave, "w") as terminal:
         monkeypatch.setattr(sys, "stderr", terminal)
-        with progress_bar("validating", 4.0) as report:
+        with ProgressBar("validating", 4.0) as report:
             for done in range(5):
-                report(float(done))
-        shown = shown_on(master, rb"100 %.*\d:\d\d:\d\d")
+                report(float(done), "a text")
+            report.say("[a] line")
+        shown = shown_on(master, rb"100 %.*\d:\d\d:\d\d.*a text")
     os.close(master)
     assert "validating" in shown
+    assert "[a] line" in shown

@@ -130,9 +130,9 @@ def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
     values, nothing = np.zeros((4_000_000, 2)), np.empty((0, 0))
     preload, doubtful = np.ones(1), np.ones(len(values), dtype=np.bool_)
     before = signal.signal(signal.SIGALRM, ask)
-    signal.setitimer(signal.ITIMER_REAL, 1e-3)
     try:
         with pytest.raises(InterruptedError):
+            signal.setitimer(signal.ITIMER_REAL, 1e-3)
             mark_unsure(values, preload, nothing, 0.5, doubtful)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -76,11 +76,3 @@ def test_nothing_is_due_before_the_start(rate: float | None) -> None:
     playback = _playback([0, S], rate)
     assert not playback.take(1e9, 10)
     assert playback.wait_s(1e9) == inf
-
-
-def test_the_time_left_is_that_of_the_mean_pace() -> None:
-    playback = _playing([0, 20 * S, 60 * S], rate=None)
-    assert playback.left_s(10.0) is None
-    playback.take(10.0, 2)
-    assert playback.left_s(0.5) is None
-    assert playback.left_s(10.0) == pytest.approx(20.0)
