@@ -29,7 +29,7 @@ from support.campaign import (
 from support.campaign_draws import course as random_course
 from support.campaign_draws import single
 
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
@@ -61,15 +61,12 @@ def all_courses(model: Model) -> list[Course]:
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
-        ("gaps of 0.03 to 2 s", 3),
         ("50 to 90 % of readings lost", 4),
         ("topic late by 1 ms to 3 s", 5),
         ("restart", 1),
         ("clock set by 5 s or an hour", 2),
         ("cell freezes", 0),
         ("effort stuck at 1 to 200 mN m", 6),
-        ("joint slips by half a count to 0.5 rad", 0),
-        ("motor slips by half a count to a turn", 3),
         ("0.1 to 1 % of readings wrong", 1),
     ],
 )
@@ -178,19 +175,6 @@ def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth
     assert share > 0.9 if in_stddev else share < 0.001
 
 
-def test_wrong_readings_are_refused_before_they_are_used(model: Model, course: Course) -> None:
-    refused: list[int] = []
-    outputs = run(
-        model, course, Faults(wrong={"elbow": (0.005, 0.01)}),
-        watch=lambda live: refused.append(live.conditioner.refused["implausible"]),
-    )  # fmt: skip
-    verdict = judge(course, outputs, 0, course.duration_ns)
-    clean = judge(course, run(model, course, Faults()), 0, course.duration_ns)
-    assert refused[0] > 10
-    assert verdict.beyond(5.0) <= BEYOND_FIVE
-    assert verdict.ratio.size > 0.99 * clean.ratio.size
-
-
 @pytest.mark.parametrize(
     ("axis", "apart"), [("winch", 0.015), ("elbow", 0.015), ("winch", 0.3), ("elbow", 0.1)]
 )
@@ -232,27 +216,6 @@ def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_s
     assert found[1] == {}
 
 
-@pytest.mark.parametrize(
-    ("hertz", "seconds", "faults"),
-    [
-        (2.0, 0.4, Faults(clocks={"elbow": (10_690_853, 0.0)})),
-        (3.0, 0.4, Faults(clocks={"elbow": (5_868_616, 0.0)})),
-        (0.08, 0.1, Faults(second={"winch": -0.0612})),
-        (0.75, 4.0, Faults(clocks={"elbow": (-10 * MS, 0.0)}, lost={"winch": 0.85, "elbow": 0.75})),
-        (0.75, 12.0, Faults(period_ns={"winch": 880_337_331, "elbow": 2 * MS}, phase_ns=791 * MS)),
-    ],
-    ids=["clock", "faster", "publishers", "gaps", "slow"],
-)
-def test_what_readings_have_not_shown_yet_is_in_the_standard_deviation(
-    hertz: float, seconds: float, faults: Faults, model: Model
-) -> None:
-    """A speed, a second publisher, a clock beside gaps, a turn between two readings."""
-    motion = course_of(model, seconds, sine(hertz), load=0.3 if hertz < 0.4 else 0.0, seed=8)
-    verdict = judge(motion, run(model, motion, faults), 0, motion.duration_ns)
-    assert verdict.ratio.size > 0
-    assert verdict.beyond(5.0) <= BEYOND_FIVE
-
-
 @pytest.mark.parametrize("axis", ["winch", "elbow"])
 @pytest.mark.parametrize("late", [5 * MS, 100 * MS, SECOND])
 def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_late(
@@ -274,22 +237,6 @@ def test_a_missing_period_is_found_at_any_rate(hertz: int, model: Model, course:
 
 
 HOUR = 3600 * SECOND
-
-
-@pytest.mark.parametrize("by", [-HOUR, -5 * SECOND])
-def test_a_clock_that_is_set_back_leaves_known_how_fast_an_axis_moves(
-    by: int, model: Model, all_courses: list[Course]
-) -> None:
-    """A slow topic says nothing of its speed with its first readings after it."""
-    motion = all_courses[1]
-    slow = Faults(period_ns={"winch": 624_805_671, "elbow": MS}, mode="predict")
-    for clock in (8.0, 8.2, 8.4):
-        at = int(clock * SECOND)
-        outputs = run(model, motion, replace(slow, clock_ns=(at, by)))
-        verdict = judge(motion, outputs, at, motion.duration_ns)
-        assert verdict.ratio.size > 0
-        assert verdict.beyond(2.0) <= BEYOND_TWO
-        assert verdict.beyond(5.0) <= BEYOND_FIVE
 
 
 @pytest.mark.parametrize(
@@ -339,41 +286,6 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
     verdict = judge(course, outputs, BEGIN, course.duration_ns)
     assert verdict.judged > 16 * 500
     assert verdict.beyond(5.0) <= BEYOND_FIVE
-
-
-def test_a_turn_while_the_process_is_down_is_part_of_the_standard_deviation(
-    model: Model, all_courses: list[Course], tmp_path: Path
-) -> None:
-    """Where the axes stand again where they stood, their way between is unknown all the same."""
-    motion = all_courses[1]
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(motion.elbow)))) * MS
-    for turn in turns[(turns > 5 * SECOND) & (turns < motion.duration_ns - SECOND)][:2].tolist():
-        stop = Faults(restart_ns=turn - 72 * MS, stop_ns=145 * MS)
-        outputs = run(model, motion, stop, scratch=tmp_path)
-        verdict = judge(motion, outputs, turn, turn + SECOND)
-        assert verdict.judged > 16 * 900
-        assert verdict.beyond(2.0) <= BEYOND_TWO
-        assert verdict.beyond(5.0) <= BEYOND_FIVE
-
-
-def test_nothing_is_predicted_from_a_single_reading(model: Model, course: Course) -> None:
-    """It says nothing of the velocity, and a few readings far apart little of the motion."""
-    given: list[int] = []
-    live = LiveEstimator(model, Options(conditioning="predict"))
-    for k in range(1300):
-        stamp = START + k * MS
-        made = []
-        if k % 300 == 0:
-            made += live.feed("joints", stamp, ("elbow",), (course.elbow[k],))[1]
-        made += live.feed("motors", stamp, ("winch",), (course.winch[k],))[1]
-        given += [(output.stamp_ns - START) // MS for output in made]
-        if k == 299:
-            assert live.sample is not None
-            assert live.last_ns == START, "of the one time that has a reading of both"
-            assert given == [0]
-    assert given[:4] == [0, 300, 600, 900], "between them nothing is known"
-    assert given[4:] == list(range(901, 1221)), "20 ms beyond the fifth reading"
-    assert live.last_ns == START + 1200 * MS, "what was predicted is not continued"
 
 
 @pytest.mark.parametrize(
@@ -434,20 +346,3 @@ def test_a_long_gap_beside_a_sensor_on_trial_leaves_no_standard_deviation_too_sm
         assert len(after) == (end - begin) // MS
         smallest = [o.stddev[: part.tension.shape[1]].min() for o in after if o.stddev is not None]
         assert min(smallest) > 1.0
-
-
-def test_a_regular_rate_from_one_in_an_hour_to_10_khz_is_accepted(model: Model) -> None:
-    live = LiveEstimator(model)
-    generator = np.random.default_rng(0)
-    for interval in (MS // 10, MS, SECOND, 2 * SECOND, 3600 * SECOND):
-        live.reset()
-        jitter = min(interval // 3, MS)
-        before, stamp, count = live.conditioner.accepted, 10**18 + interval, 0
-        for k in range(60):
-            stamp += interval + int(generator.integers(-jitter, jitter))
-            angle = 0.05 * np.sin(min(0.3, interval / SECOND) * k)
-            live.feed("joints", stamp, ("elbow",), (angle,))
-            count += len(live.feed("motors", stamp, ("winch",), (8.0 * angle,))[1])
-        assert live.conditioner.accepted - before == 120
-        assert count == 60
-    assert live.conditioner.refused == dict.fromkeys(live.conditioner.refused, 0)

@@ -64,21 +64,6 @@ def test_efforts_give_the_angle_of_a_joint_without_encoder(
     assert np.sqrt((effort[settled] ** 2).mean()) < 5.0 * NOISE
 
 
-def test_one_sample_at_a_time_gives_the_same_bits(prototype: Model) -> None:
-    samples = motion(prototype, 60)
-    _, efforts = truth_of(prototype, samples)
-    read = only_measured(prototype, samples)
-    whole = EncoderlessEstimator(prototype, members=8).run(read, efforts)
-    single = EncoderlessEstimator(prototype, members=8)
-    for k in range(60):
-        one = single.run(read.part(slice(k, k + 1)), efforts[k : k + 1])
-        assert one.values.tobytes() == whole.values[k : k + 1].tobytes()
-        assert one.angles is not None
-        assert whole.angles is not None
-        assert one.angles.value[0] == whole.angles.value[k]
-        assert one.angles.stddev[0] == whole.angles.stddev[k]
-
-
 def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
     prototype: Model,
 ) -> None:

@@ -142,29 +142,6 @@ def test_in_one_call_estimate_and_spread_are_the_same(
     assert one.memory()["members"].tobytes() == two.memory()["members"].tobytes()
 
 
-def test_angles_of_any_layout_give_the_same_and_those_of_another_robot_are_refused() -> None:
-    model = load_model("cdpr")
-    motors, joints = (
-        np.array([axis.reference_angle for axis in axes])
-        for axes in (model.robot.motors, model.robot.joints)
-    )
-    sample, state = Sample(1, motors, joints), initial_state(model)
-    apart = sample._replace(motor_angle=np.stack([motors] * 2, axis=1)[:, 0])
-    single = sample._replace(joint_angle=joints.astype(np.float32))
-    double = sample._replace(joint_angle=single.joint_angle.astype(np.float64))
-    assert apart.motor_angle.strides == (16,)
-    for given, plain in ((apart, sample), (single, double)):
-        expected, found = (Ensemble(model).step(state, one)[1] for one in (plain, given))
-        assert step(model, state, given)[1].values.tobytes() == expected.values.tobytes()
-        assert found.values.tobytes() == expected.values.tobytes()
-        assert found.stddev.tobytes() == expected.stddev.tobytes()
-    more = sample._replace(joint_angle=np.zeros(joints.size + 1))
-    with pytest.raises(ValueError, match="not those of this robot"):
-        step(model, state, more)
-    with pytest.raises(ValueError, match="not those of this robot"):
-        Ensemble(model).step(state, more)
-
-
 ONE_STRAND = """
 name: strand
 motors: [{{name: m, noise: {noise}}}]

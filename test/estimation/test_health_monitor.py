@@ -181,15 +181,6 @@ def test_a_sudden_loss_of_preload_is_told_from_an_old_one(model: Model, motion: 
     assert "at once" not in watch(model, motion, less).report().message
 
 
-def test_readings_of_another_robot_are_not_explained(model: Model, motion: Samples) -> None:
-    readings = true_readings(model, same, motion)
-    readings[:, 0] = 3.0 * np.cos(7.0 * motion.joint_angle[:, 0])
-    monitor = watch(model, motion, readings, ("effort",))
-    report = monitor.report()
-    assert report.level == "warn"
-    assert "wrong robot file" in report.message
-
-
 def test_angles_alone_are_said_to_show_nothing(model: Model, motion: Samples) -> None:
     monitor = HealthMonitor(model)
     for k, stamp in enumerate(motion.stamp_ns[:200].tolist()):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from support.campaign import (
     CELL,
@@ -42,11 +40,6 @@ def fast(model: Model) -> Course:
     return course_of(model, 12.0, motions.random(0.5, 0.4, 3))
 
 
-@pytest.fixture(scope="module")
-def fastest(model: Model) -> list[Course]:
-    return [course_of(model, 8.0, moves, seed=1) for moves in (sine(1.0), motions.ramps(0.5, 1.0))]
-
-
 def _everything(live: LiveEstimator) -> dict[str, object]:
     """All memory of an estimator that later estimates depend on."""
     found: dict[str, object] = {
@@ -66,14 +59,14 @@ def _everything(live: LiveEstimator) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("period_ns", "late_ns"), [(SLOW, 0), (SLOW, 30 * MS), ({"winch": MS, "elbow": 2 * MS}, 3 * MS)]
 )
-@pytest.mark.parametrize("sensors", [(), (CELL, EFFORT)])
 def test_prediction_leaves_the_memory_as_it_is_without(
-    period_ns: dict[str, int], late_ns: int, sensors: tuple[str, ...], model: Model, fast: Course
+    period_ns: dict[str, int], late_ns: int, model: Model, fast: Course
 ) -> None:
     found: dict[Mode, dict[str, object]] = {}
     outputs: dict[Mode, list[Estimate]] = {}
     course = fast.until(4001 * MS)
     for mode in ("wait", "predict"):
+        sensors = CELL, EFFORT
         faults = Faults(period_ns, late_ns={"elbow": late_ns}, sensors=sensors, mode=mode)
         outputs[mode] = run(
             model, course, faults,
@@ -85,12 +78,11 @@ def test_prediction_leaves_the_memory_as_it_is_without(
     assert stamps[-1] >= outputs["wait"][-1].stamp_ns
 
 
-@pytest.mark.parametrize("sensors", [(), (CELL,), (EFFORT,), (CELL, EFFORT)])
-def test_a_good_sensor_beside_a_slow_topic_that_is_predicted_keeps_to_the_law(
-    sensors: tuple[str, ...], model: Model, fast: Course
+def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(
+    model: Model, fast: Course
 ) -> None:
     """A cell does not correct the error of a predicted angle, which the next reading removes."""
-    faults = Faults(SLOW, sensors=sensors, mode="predict")
+    faults = Faults(SLOW, sensors=(CELL, EFFORT), mode="predict")
     dropped: list[dict[str, str]] = []
 
     def watch(live: LiveEstimator) -> None:
@@ -105,27 +97,25 @@ def test_a_good_sensor_beside_a_slow_topic_that_is_predicted_keeps_to_the_law(
 
 
 @pytest.mark.parametrize(
-    "faults",
+    ("moves", "faults"),
     [
-        Faults(lost={"winch": 0.7, "elbow": 0.9}),
-        Faults(late_ns={"elbow": 20 * MS}),
-        Faults({"winch": 17 * MS, "elbow": 2 * MS}),
+        (sine(1.0), Faults(lost={"winch": 0.7, "elbow": 0.9}, mode="predict")),
+        (motions.ramps(0.5, 1.0), Faults(late_ns={"elbow": 20 * MS}, mode="predict")),
     ],
+    ids=["lost", "late"],
 )
 def test_fast_motions_that_are_predicted_keep_to_the_law(
-    faults: Faults, model: Model, fastest: list[Course]
+    moves: motions.Motion, faults: Faults, model: Model
 ) -> None:
     """At 150 degrees per second an angle of 20 ms ago is 3 degrees behind."""
-    for course in fastest:
-        outputs = run(model, course, replace(faults, mode="predict"))
-        verdict = judge(course, outputs, 0, course.duration_ns)
-        assert verdict.judged > 16 * 300 * 7
-        assert verdict.beyond(5.0) <= 0.001
+    course = course_of(model, 8.0, moves, seed=1)
+    verdict = judge(course, run(model, course, faults), 0, course.duration_ns)
+    assert verdict.judged > 16 * 300 * 7
+    assert verdict.beyond(5.0) <= 0.001
 
 
-@pytest.mark.parametrize("unmeasured", ["pip", "mcp"])
-def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders(unmeasured: str) -> None:
-    model = without_encoder("finger", unmeasured)
+def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders() -> None:
+    model = without_encoder("finger", "pip")
     samples = motion(model, 300)
     _, efforts = truth_of(model, samples)
     read = only_measured(model, samples)

@@ -20,7 +20,6 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
 
 SECONDS = 28.0
-CELLS = ("upper/8", "lower/8")
 HEARD = """
 motor_efforts: {noise: 0.01}
 load_cells: {elements: [upper/8, lower/8], noise: 0.1}
@@ -39,11 +38,6 @@ def simulated(folder: Path, preload: str, heard: str = HEARD) -> str:
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return simulated(tmp_path_factory.mktemp("sound"), WHOLE)
-
-
-@pytest.fixture(scope="module")
 def loose(tmp_path_factory: pytest.TempPathFactory) -> str:
     return simulated(tmp_path_factory.mktemp("loose"), LOOSE)
 
@@ -52,15 +46,6 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> str:
 def unheard(tmp_path_factory: pytest.TempPathFactory) -> str:
     """As ``loose``, without efforts and load cells."""
     return simulated(tmp_path_factory.mktemp("unheard"), LOOSE, heard="{}")
-
-
-def test_a_sound_robot_raises_no_alarm(sound: str) -> None:
-    found = compare_bag(BagTask(sound, Topics(), ROBOT, health="auto"))
-    assert found.health is not None
-    assert found.health.level == "ok"
-    assert not found.health.alarms
-    assert found.health.cycles >= 4
-    assert found.health.sensors == ("winch", *CELLS)
 
 
 @pytest.mark.usefixtures("few_pictures")

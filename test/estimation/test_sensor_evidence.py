@@ -85,24 +85,6 @@ def test_a_trusted_cell_that_drifts_or_is_off_keeps_to_the_law(
 
 
 @pytest.mark.parametrize(
-    ("rate", "sensors", "seconds"),
-    [
-        (-1.0, (CELL,), 14),
-        (-0.3, (CELL,), 10),
-        (-1.0, (CELL, EFFORT), 14),
-        (-0.3, (CELL, EFFORT), 14),
-    ],
-)
-def test_a_cell_that_drifts_during_a_slow_motion_keeps_to_the_law(
-    rate: float, sensors: tuple[str, ...], seconds: int, model: Model, slow: Course
-) -> None:
-    """A single cell cannot tell its drift from a preload that creeps: both are left open."""
-    lies = {CELL: Lie("drifts", seconds * SECOND, rate)}
-    faults = Faults(quarter_rate(), sensors=sensors, lies=lies, cell_ns=SELDOM)
-    _assert_law(model, slow, faults)
-
-
-@pytest.mark.parametrize(
     ("since_ns", "effort", "beside"),
     [(7 * SECOND, -0.0136, {}), (5 * SECOND, 0.003, {CELL: Lie("is off", 3 * SECOND, 9.7)})],
     ids=["alone", "beside a cell"],
@@ -149,23 +131,9 @@ def test_a_sensor_whose_bias_or_gain_is_wrong_keeps_to_the_law(
     assert verdict.beyond(5.0) <= 0.001
 
 
-@pytest.mark.parametrize("sensors", [(CELL,), (CELL, EFFORT)])
-def test_a_cell_that_says_otherwise_than_the_file_does_not_decide_alone(
-    sensors: tuple[str, ...], model: Model
-) -> None:
-    """Its level and its hysteresis are those of a lower preload, which an effort allows as well."""
-    fast = course_of(model, 12.0, sine(1.9), seed=8)
-    lies = {CELL: Lie("scales", 0, -0.25)}
-    outputs = run(model, fast, Faults(quarter_rate(), sensors=sensors, lies=lies))
-    assert judge(fast, outputs, 0, fast.duration_ns).beyond(5.0) <= 0.001
-
-
-@pytest.mark.parametrize("ratio", [0.8, 1.1])
-def test_a_good_cell_beside_a_wrong_preload_leaves_its_cable_with_status_0(
-    ratio: float, model: Model
-) -> None:
+def test_a_good_cell_beside_a_wrong_preload_leaves_its_cable_with_status_0(model: Model) -> None:
     preload = number_at(dict(model.robot.document), "cables.upper.preload")
-    other = with_other_numbers(model, {"cables.upper.preload": preload / ratio})
+    other = with_other_numbers(model, {"cables.upper.preload": preload / 0.8})
     true = course_of(other, 12.0, sine(0.3, 0.45))
     outputs = run(model, true, Faults(quarter_rate(), sensors=(CELL,), cell_ns=SELDOM))
     upper = np.array([one.status[:8] for one in outputs if one.stamp_ns > START + 6 * SECOND])
@@ -180,15 +148,6 @@ def test_good_sensors_leave_the_same_share_with_status_0(model: Model, longer: C
         verdict = judge(longer, outputs, 0, longer.duration_ns)
         assert verdict.ratio.size >= least * verdict.judged
         assert verdict.beyond(2.0) <= 0.08
-
-
-def test_a_cell_that_says_the_same_leaves_nothing_open() -> None:
-    evidence = PreloadEvidence()
-    generator = np.random.default_rng(0)
-    assert evidence.contradicted(0.3, 0.5) == 0.0
-    assert not any(
-        evidence.contradicted(0.3 + 0.2 * x, 0.6) for x in generator.uniform(-2, 2, 1000)
-    )
 
 
 @pytest.mark.parametrize("steps", [1, 7, 100])
@@ -221,21 +180,6 @@ def _sensor() -> SensorState:
     for k in range(100):
         assert sensor.gate(k * 10_000_000, 0.1, 0.2, 0.01) == "agrees"
     return sensor
-
-
-def test_one_reading_that_contradicts_the_estimate_changes_nothing() -> None:
-    sensor = _sensor()
-    assert sensor.gate(SECOND, 4.0, 0.2, 0.01) == "contradicts"
-    assert sensor.contradicts
-    assert sensor.gate(SECOND + 1, 0.1, 0.2, 0.01) == "agrees"
-    assert not sensor.contradicts
-
-
-def test_readings_that_contradict_the_estimate_on_both_sides_are_no_change() -> None:
-    sensor = _sensor()
-    for k in range(20):
-        value = 4.0 if k % 2 else -4.0
-        assert sensor.gate(SECOND + k, value, 0.2, 0.01) == "contradicts"
 
 
 def test_readings_that_stay_away_are_a_change() -> None:
@@ -279,11 +223,11 @@ def test_draws_are_not_correlated_with_what_they_are_kept_apart_from() -> None:
 
 
 def _run(
-    model: Model, samples: Samples, calm: int, changed: tuple[str, ...], trusted: int = 2
+    model: Model, samples: Samples, calm: int, changed: tuple[str, ...]
 ) -> tuple[LiveEstimator, float]:
     """Both cells of the upper cable, of which some read ``CHANGE`` more after ``calm`` samples.
 
-    Until then one or both have been trusted.
+    Until then both have been trusted.
 
     Returns:
         The estimator, and how far the tension at one of them is from the uncorrected estimate [N].
@@ -306,7 +250,7 @@ def _run(
             assert np.all(output.status.astype(int) & UNSURE), "until it is decided"
             assert live.fusion is not None
             health = live.fusion.health
-            assert sum(one.used > 100 for one in health.values()) == trusted
+            assert sum(one.used > 100 for one in health.values()) == 2
             assert all(one.refused == (3 if n in changed else 0) for n, one in health.items())
     assert output.stddev is not None
     assert output.stddev[7] < 2.0
@@ -324,10 +268,8 @@ def test_two_cells_that_change_together_show_a_change_of_preload(
     assert not live.ensemble.core.least_variance.any(), "each confirms the other"
 
 
-@pytest.mark.parametrize(("step", "calm", "trusted"), [(60, 500, 2), (15, 900, 1)])
 def test_a_cell_that_changes_alone_is_not_believed(
-    step: int, calm: int, trusted: int, model: Model, recorded: Callable[[Model, int], Samples]
+    model: Model, recorded: Callable[[Model, int], Samples]
 ) -> None:
-    """Whether the other cell is trusted by then or still on trial."""
-    _, off = _run(model, recorded(model, step), calm, ("upper/3",), trusted)
+    _, off = _run(model, recorded(model, 60), 500, ("upper/3",))
     assert abs(off) < 1.0

@@ -21,6 +21,7 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.state import INVALID
 
 LOST = "25.8,26.26"
 """Preloads after the upper cable has lost 30 %."""
@@ -107,34 +108,8 @@ def test_a_tare_leaves_preloads_that_are_tracked_no_less_certain_than_their_drif
         assert np.all(one <= 1.5 * np.hypot(known, drift))
 
 
-def test_load_cells_at_the_ends_find_a_lost_preload_in_every_element(
-    model: Model, readings: Samples
-) -> None:
-    true, values = _truth(LOST, readings)
-    tension = values[:, true.layout.tension]
-    generator = np.random.default_rng(0)
-    cells = ["upper/8", "lower/8"]
-    columns = [true.layout.elements.index(name) for name in cells]
-
-    def measure(live: LiveEstimator, k: int) -> None:
-        if k % 4:
-            return
-        noisy = tension[k, columns] + generator.normal(0.0, 0.05, 2)
-        live.feed_tensions(int(readings.stamp_ns[k]), cells, noisy.tolist(), [0.05, 0.05])
-
-    course = _run_beside(model, readings, tension, Options(tension_sensors=True), measure)
-    half, last = len(course.error) // 2, 3 * len(course.error) // 4
-    assert np.abs(course.error[0]).max() > 10.0
-    # cell and file contradict each other at first, and either may be wrong
-    assert np.abs(course.error[half:]).mean(axis=0).max() < 0.5
-    assert np.abs(course.error[last:]).mean(axis=0).max() < 0.3
-    assert (np.abs(course.error[half:]) < 2.0 * course.stddev[half:]).mean() > 0.9
-
-
-@pytest.mark.parametrize("late", [1, 5, 15])
-def test_late_load_cell_readings_are_not_applied_twice(
-    late: int, model: Model, readings: Samples
-) -> None:
+def test_late_load_cell_readings_are_not_applied_twice(model: Model, readings: Samples) -> None:
+    late = 5
     true, values = _truth("35,26.26", readings)  # 5 % less: the file does not contradict the cell
     tension = values[:, true.layout.tension]
     column = true.layout.elements.index("upper/8")
@@ -229,37 +204,22 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
     assert live.fusion.health["upper/8"].used == 0
 
 
-def _true_from_the_start(model: Model, readings: Samples) -> np.ndarray:
-    _, estimates = run(model, initial_state(model), readings)
-    return estimates.values[:, model.layout.tension]
-
-
-def test_started_in_mid_motion_the_truth_is_within_two_sigma_and_soon_within_three_percent(
+@pytest.mark.usefixtures("few_members")
+def test_whatever_load_cells_say_every_tension_that_is_solved_is_a_number(
     model: Model, readings: Samples
 ) -> None:
-    truth = _true_from_the_start(model, readings)
-    joint = readings.joint_angle[:, 0]
-    for begin in (900, 1300, 1700, 2100, 2500):
-        live = LiveEstimator(model)
-        errors, stddevs = [], []
-        for k in range(begin, begin + 1500):
-            estimate = live.take(_sample(readings, k))
-            errors.append(estimate.tension - truth[k])
-            stddevs.append(estimate.tension_stddev)
-        error, spread = np.array(errors), np.array(stddevs)
-        assert (np.abs(error) <= 2.0 * spread + 0.02)[:20].mean() > 0.9
-        # after one reversal; the tension of a cable end that never slips remains unknown
-        part = joint[begin : begin + 1500]
-        reversal = _first_reversal_after_travel(part)
-        relative = np.abs(error[reversal + 200 :]) / truth[begin + reversal + 200 : begin + 1500]
-        assert relative.mean() < 0.03
-
-
-def _first_reversal_after_travel(angle: np.ndarray) -> int:
-    """Index after the first reversal of the joint at which it has returned by half its stroke."""
-    turn = int(np.argmax(np.abs(angle[:600] - angle[0])))
-    back = np.abs(angle[turn:] - angle[turn])
-    return turn + int(np.argmax(back > 0.35))
+    live, generator = LiveEstimator(model, Options(tension_sensors=True)), np.random.default_rng(2)
+    said = np.array([30.0, np.nan, np.inf, 1e308, -1e308, 5e-324, 0.0, -5.0])
+    noises = np.array([0.5, np.nan, 1e-300, 1e300, -1.0, 0.0])
+    times = np.array([-(10**9), -(10**7), 0, 10**9 // 3, 10**13])
+    for k in range(1500):
+        names = [str(generator.choice(["upper/8", "lower/3", "upper/99", ""]))] * (k % 3)
+        stamp = int(readings.stamp_ns[k]) + int(generator.choice(times))
+        tension = generator.choice(said, len(names))
+        live.feed_tensions(stamp, names, tension, generator.choice(noises, len(names)))
+        estimate = live.take(_sample(readings, k))
+        assert (estimate.tension[estimate.status.astype(int) & INVALID == 0] >= 0.0).all()
+    assert estimate.solved
 
 
 def test_a_restart_with_a_state_file_continues_without_a_difference(
@@ -281,7 +241,7 @@ def test_a_restart_with_a_state_file_continues_without_a_difference(
     assert [p.name for p in tmp_path.iterdir()] == ["state"]  # no temporary file is left
 
 
-@pytest.mark.parametrize("damage", ["cut", "garbage", "empty", "other robot", "nan"])
+@pytest.mark.parametrize("damage", ["other robot", "nan"])
 def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
     model: Model, readings: Samples, tmp_path: Path, damage: str
 ) -> None:
@@ -294,13 +254,6 @@ def test_a_state_file_that_cannot_be_used_is_refused_in_a_line(
         values[5] = np.nan
         live.state = State(live.state.stamp_ns, values)
     write_state(live, path)
-    data = path.read_bytes()
-    if damage == "cut":
-        path.write_bytes(data[: len(data) // 2])
-    elif damage == "garbage":
-        path.write_bytes(b"not a state" * 100)
-    elif damage == "empty":
-        path.write_bytes(b"")
     other = LiveEstimator(load_model(ROBOT, "30,20") if damage == "other robot" else model)
     with pytest.raises(StateFileError) as caught:
         read_state(other, path)
@@ -324,21 +277,6 @@ def test_a_pipe_is_neither_read_nor_written_as_a_state_file(
 def test_without_a_state_file_nothing_is_restored(model: Model, tmp_path: Path) -> None:
     assert read_state(LiveEstimator(model), tmp_path / "none") == ""
     assert not write_state(LiveEstimator(model), tmp_path / "none")
-
-
-def test_tare_makes_the_present_pose_the_reference(model: Model, readings: Samples) -> None:
-    live = LiveEstimator(model)
-    with pytest.raises(UsageError, match="no angles yet"):
-        live.tare()
-    sample = _sample(readings, 1200)
-    for k in range(32):
-        live.take(sample._replace(stamp_ns=sample.stamp_ns + k * 10_000_000))
-    words = live.tare()
-    sample = sample._replace(stamp_ns=sample.stamp_ns + 320_000_000)
-    assert f"{sample.motor_angle[0]:.6g} rad" in words
-    tension = live.take(sample).tension
-    assert np.allclose(tension[:8], 36.85)
-    assert np.allclose(tension[8:], 26.26)
 
 
 def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: Samples) -> None:

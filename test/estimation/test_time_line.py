@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.reading_streams import Message
 from support.wound import robot_of
 
-from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS
+from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.whole_recording import angles_of
@@ -142,29 +142,6 @@ def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
     assert not any(conditioner.refused.values())
 
 
-def looped(seed: int) -> tuple[list[Message], list[Message]]:
-    """A recording of one topic with all channels, and the same a minute earlier."""
-    once = [
-        Message("both", m.stamp_ns, NAMES, tuple(course(k, m.stamp_ns) for k in range(4)))
-        for m in stream(seed, "both", 100)
-    ]
-    earlier = [Message(m.topic, m.stamp_ns - 60 * SECOND, m.names, m.positions) for m in once]
-    return once, earlier
-
-
-def test_a_clock_that_jumps_back_is_followed_after_enough_confirmations() -> None:
-    once, earlier = looped(1)
-    listener = listen(once)
-    before = len(listener.samples)
-    for k, message in enumerate(earlier):
-        samples = listener.feed(message)
-        assert listener.conditioner.clock_jumps == (1 if k >= CONFIRMATIONS - 1 else 0)
-        assert (samples == []) == (k < CONFIRMATIONS - 1)
-    assert len(listener.segments) == 2
-    assert len(listener.segments[0]) == before
-    assert listener.samples[-1].stamp_ns == earlier[-1].stamp_ns
-
-
 def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading() -> None:
     streams = two_topics(2, 200)
     once = by_stamp(streams)
@@ -228,15 +205,6 @@ def _events(motor, joint):
     ]
 
 
-def _in_order(conditioner, robot, motor, joint):
-    """Feed both channels in order of arrival; all samples."""
-    events = _events(motor, joint)
-    samples = []
-    for _, which, stamp, value in sorted(events):
-        samples += conditioner.take("both", int(stamp), ("mj"[which],), (float(value),))
-    return samples
-
-
 def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
     robot, conditioner = _two_clocks(scale=-2.0, offset=0.5, clock_offset=0.001, period=1.0)
     whole = angles_of(robot, "m", _readings([0, 10, 20, 30], [0.1, 0.4, np.inf, -0.4]))
@@ -295,21 +263,6 @@ def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
             stamps = [s.stamp_ns for s in samples if s.predicted == predicted]
             assert np.all(np.diff(stamps) > 0)
         assert any(s.predicted for s in samples) == (mode == "predict")
-
-
-def test_prediction_ends_at_its_horizon_and_continues_without_a_lost_reading():
-    robot, conditioner = _two_clocks("predict")
-    stamps = 1_000_000 * np.arange(1, 301)
-    motor = _readings(stamps, stamps * 1e-9)
-    silent = (stamps > 150_000_000) & (stamps < 250_000_000)
-    joint = _readings(stamps[~silent], np.zeros(int(np.sum(~silent))))
-    samples = _in_order(conditioner, robot, motor, joint)
-    ahead = [s.stamp_ns for s in samples if s.predicted and silent[s.stamp_ns // 1_000_000 - 1]]
-    assert ahead == list(range(151_000_000, 171_000_000, 1_000_000))
-    seen = [s for s in samples if not s.predicted]
-    stamped = [s.stamp_ns for s in seen]
-    assert np.array_equal(stamped, stamps)  # the joint's silence is filled in once it is over
-    assert np.allclose([s.motor_angle[0] for s in seen], stamps * 1e-9)
 
 
 def test_late_readings_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():

@@ -10,7 +10,7 @@ import pytest
 from support.reading_streams import Message, random_robot, random_stream
 from support.wound import robot_of
 
-from cdrj_ros._core import CONFIRMATIONS, MAX_GAP_NS, RANGE_MARGIN, WAITING
+from cdrj_ros._core import CONFIRMATIONS, RANGE_MARGIN, WAITING
 from cdrj_ros.estimation.conditioner import MODES, Conditioner, Mode
 from cdrj_ros.estimation.reading_limits import WHOLE, axes_of
 from cdrj_ros.estimation.samples import Sample
@@ -160,31 +160,3 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(mode: Mode)
     for sample in found:  # motor b was read at every stamp
         k = (sample.stamp_ns - begin) // MILLISECOND
         assert sample.motor_angle[1] == pytest.approx(0.001 * k, abs=1e-9)
-
-
-def test_a_clock_that_begins_at_zero_may_be_offset() -> None:
-    """A stamp that the offset moves below zero is late and does not disturb the channel."""
-    early = robot_of("""
-name: early
-motors: [{name: a, clock_offset: -0.25}, {name: b, clock_offset: 0.001}]
-joints: [{name: p, range: [-1, 1]}, {name: q, range: [0, 2], clock_offset: -0.002}]
-""")
-    conditioner = Conditioner(early)
-    for k in range(1, 1001):
-        stamp = k * MILLISECOND
-        conditioner.take("motors", stamp, ("a", "b"), (0.0, 0.0))
-        conditioner.take("joints", stamp, ("p", "q"), (0.0, 0.5))
-    assert conditioner.refused["late"] == 250 + 2
-    assert conditioner.lag_ns < 300 * MILLISECOND
-
-
-def test_held_readings_must_be_plausible_too() -> None:
-    """Five readings of another time confirm the clock, but not an impossible motion."""
-    conditioner = Conditioner(ROBOT)
-    conditioner.take("motors", BEGIN, ("a",), (0.0,))
-    for k in range(5):
-        stamp = BEGIN + 2 * MAX_GAP_NS + k * MILLISECOND
-        conditioner.take("motors", stamp, ("a",), (1e6 if k == 2 else 0.01 * k,))
-    assert conditioner.accepted == 5
-    assert conditioner.refused["implausible"] == 1
-    assert conditioner.gaps == 1

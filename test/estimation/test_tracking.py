@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 from support.wound import robot_of
 
 from cdrj_ros._core import TrackingFilter
-from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.reading_limits import axes_of, half_width
-from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Sensor
 
@@ -79,31 +76,6 @@ def test_the_tracked_angle_stays_within_the_band_of_every_reading(
 def test_the_band_is_half_a_count_and_three_deviations_in_angle() -> None:
     assert half_width(Sensor(scale=-2.0, resolution=0.01, noise=0.001)) == pytest.approx(0.016)
     assert half_width(Sensor()) == 0.0
-
-
-@pytest.mark.parametrize("tracking", ["fixed", "adaptive"])
-def test_the_node_path_and_the_bulk_path_agree_bit_for_bit_across_a_silence(
-    tracking: str,
-) -> None:
-    robot = robot_of(ROBOT.replace("12}", f"12, tracking: {tracking}}}"), "winch")
-    time = np.arange(0.0, 4.0, 2e-3)
-    time = time[(time < 1.0) | (time > 1.9)]
-    stamps = SECOND + np.round(time * 1e9).astype(np.int64)
-    joint = np.round(0.1 * np.sin(20.0 * time) / 4e-4) * 4e-4
-    whole = condition(
-        robot,
-        {"winch": Series(stamps, stamps, np.zeros(time.size))},
-        {"elbow": Series(stamps, stamps, joint)},
-    ).segments[0]
-    conditioner = Conditioner(robot)
-    samples = []
-    for stamp, angle in zip(stamps.tolist(), joint.tolist(), strict=True):
-        samples += conditioner.take("motors", stamp, ("winch",), (0.0,))
-        samples += conditioner.take("joints", stamp, ("elbow",), (angle,))
-    live = np.concatenate([sample.joint_angle for sample in samples])
-    assert np.array_equal(live, whole.joint_angle[:, 0])
-    assert not np.array_equal(live, joint)
-    assert live[time > 1.9][0] == joint[time > 1.9][0]  # it restarts after the silence
 
 
 def test_the_bandwidth_that_adapts_is_the_fixed_one_at_rest_and_in_slow_motion() -> None:

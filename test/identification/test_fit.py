@@ -60,25 +60,6 @@ def test_a_model_without_error_is_found_again_within_its_standard_errors(
     assert not [text for text in found.findings if "told apart" in text]
 
 
-def test_the_bedding_of_the_strands_is_found_from_low_and_high_tension(document: Document) -> None:
-    truth = {"bedding_strain": 0.003, "bedding_tension": 15.0, "axial_stiffness": 6283.0}
-    soft = with_numbers(
-        document,
-        {f"cables.{c}.{key}": v for c in ("upper", "lower") for key, v in truth.items()},
-    )
-    start = {
-        f"cables.{c}.{key}": factor * truth[key]
-        for c in ("upper", "lower")
-        for key, factor in (("bedding_strain", 1.3), ("bedding_tension", 0.7))
-    }
-    fit = "cables.*.bedding_strain,cables.*.bedding_tension,cables.*.axial_stiffness"
-    found = found_from(soft, fit, start, [recording(soft, seconds=10.0)])
-    expected = [truth[unknown.paths[0].rsplit(".", 1)[1]] for unknown in found.unknowns]
-    off = (found.values - expected) / found.stddev
-    assert np.all(np.abs(off) < 3.0), off
-    np.testing.assert_allclose(found.values, expected, rtol=0.03)
-
-
 def test_the_creep_of_a_rope_is_found_and_that_of_a_short_recording_only_as_a_rate(
     document: Document,
 ) -> None:

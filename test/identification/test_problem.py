@@ -122,18 +122,6 @@ def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
     assert np.any(found[0][1] != found[0][2])
 
 
-def test_a_problem_forgets_what_would_not_fit_into_memory(
-    document: Document, model: Model, recorded: Recorded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "REMEMBERED_BYTES", 2 * 8 * observed(model, recorded).size)
-    unknowns = parse_unknowns(document, "friction.rho")
-    with ThreadPoolExecutor(1) as pool:
-        problem = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
-        points = [np.array([0.01 * k]) for k in range(4)]
-        problem.residuals_of(points)
-    assert [problem.recall(point) is not None for point in points] == [False, False, True, True]
-
-
 @pytest.mark.parametrize("key", ["rho", "mu_c", "stribeck_speed", "bristle_stiffness"])
 def test_no_cause_of_error_takes_a_number_out_of_its_range(document: Document, key: str) -> None:
     path = f"friction.{key}"

@@ -10,7 +10,7 @@ import pytest
 
 from bench.scaling import chain
 from cdrj_ros._core import acceptable, tolerance
-from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, run, step
+from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.prepared import Model, prepare
@@ -167,25 +167,6 @@ def test_a_cable_that_begins_to_slip_on_hundreds_of_pulleys_at_once_is_solved(la
     assert_solved(model, estimates)
     slipping = np.abs(estimates.values[1, estimates.layout.slip_speed]) > 1e-4
     assert np.count_nonzero(slipping) > 100
-
-
-def angles(motor: float, joint: float) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([motor]), np.array([joint])
-
-
-def walk_to(model: Model, state: State, motor: float, joint: float) -> tuple[State, Estimate]:
-    return step(model, state, Sample(state.stamp_ns + 1_000_000, *angles(motor, joint)))
-
-
-def test_a_cable_wound_in_entirely_is_invalid_and_not_slack(prototype: Robot) -> None:
-    # 70 rad on the drum are 1.05 m of a cable of 0.9 m, e.g. due to a wrong reference angle
-    model = prepare(prototype)
-    _, at_once = walk_to(model, initial_state(model), 70.0, 0.0)
-    state, _ = walk_to(model, initial_state(model), 0.0, 0.0)
-    _, stepped = walk_to(model, state, 70.0, 0.0)
-    for estimate in (at_once, stepped):
-        assert np.all(estimate.status[:8].astype(int) & INVALID)
-        assert not estimate.solved
 
 
 def test_flags_mark_slack_and_overload(prototype: Robot, drive: Drive) -> None:

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.check_robot_text import elasticity_text
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
@@ -69,24 +67,6 @@ def test_a_flowing_rope_loses_its_tension_for_good() -> None:
     np.testing.assert_allclose(found, PRELOAD * np.exp(-0.01 * np.arange(10_001) / FLOW), rtol=1e-9)
 
 
-@pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
-def test_stiffness_and_loss_depend_on_the_frequency_as_those_of_a_standard_solid(
-    ratio: float,
-) -> None:
-    """E*(w) = EA (1 + i w tau) / (1 + c + i w tau): soft where slow, stiff where fast."""
-    omega = ratio / TAU
-    dt = 2.0 * np.pi / omega / 400
-    time = dt * np.arange(400 * 12)
-    angle = 0.01 * np.sin(omega * time)
-    found = tensions(prepare(rope()), angle, dt)[-400:]
-    wave = np.exp(-1j * omega * time[-400:])
-    per_angle = 2.0 * np.mean((found - found.mean()) * wave) / (2.0 * np.mean(angle[-400:] * wave))
-    strain_per_angle = RADIUS / SPAN
-    expected = EA * (1.0 + 1j * ratio) / (1.0 + SHARE + 1j * ratio) * strain_per_angle
-    assert per_angle == pytest.approx(expected, rel=0.02)
-    assert per_angle.imag > 0.0, "every cycle costs work"
-
-
 def test_a_slack_rope_recovers() -> None:
     """Pulled for long, let go for long: it is as long as before."""
     angle = np.concatenate([[0.0], np.full(3000, 1.0), np.full(6000, -1.5), np.zeros(6000)])
@@ -95,12 +75,3 @@ def test_a_slack_rope_recovers() -> None:
     at_once = PRELOAD * (1.0 + SHARE)
     assert found[9001] == pytest.approx(at_once, rel=0.02), "all delayed strain is gone"
     assert found[-1] == pytest.approx(PRELOAD, rel=0.02)
-
-
-def test_what_a_robot_file_says_of_creep_is_checked_and_reported() -> None:
-    with pytest.raises(RobotFileError, match=r"cables\[0\].creep_time is missing"):
-        rope("creep_share: 0.1")
-    with pytest.raises(RobotFileError, match="flow_time"):
-        rope("flow_time: 0")
-    text = elasticity_text(rope(CREEP + "\n    flow_time: 1e6").cables[0])
-    assert text == "EA 6000 N, creep 0.4 in 5 s, flow in 1e+06 s"

@@ -54,19 +54,6 @@ def test_a_cycle_wound_tight_and_unwound_loose_returns_the_same_material_exactly
     assert abs(rate_form - begin) > 0.04
 
 
-def test_cycles_between_any_turning_points_do_not_drift() -> None:
-    generator = np.random.default_rng(4)
-    for _ in range(10):
-        memory = fresh()
-        low, high = np.sort(generator.uniform(0.3, 6.0, 2)) + np.array([0.0, 0.5])
-        begin = turn(memory, 0.0, low, 40.0)
-        held = []
-        for _ in range(200):
-            turn(memory, low, high, generator.uniform(50, 90), 40)
-            held.append(turn(memory, high, low, generator.uniform(0, 30), 40))
-        assert np.abs(np.array(held) - begin).max() <= FIRST_SPACING * (rate(0.0) - rate(90.0))
-
-
 def test_memory_stays_bounded_and_its_error_tiny_over_two_hundred_turns() -> None:
     memory = fresh()
     top = 200 * 2 * np.pi

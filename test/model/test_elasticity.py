@@ -12,7 +12,6 @@ from scipy.optimize import brentq
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, step
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.elasticity import (
     Elasticity,
     modulus_at,
@@ -138,11 +137,3 @@ def test_a_cycle_returns_the_work_that_it_took() -> None:
     material = 2.0 / (1.0 + strain_of(5.0))
     assert max(tension) > 60.0
     assert work == pytest.approx(material * (stored(max(tension)) - stored(5.0)), rel=1e-5)
-
-
-def test_bedding_strain_needs_its_tension() -> None:
-    with pytest.raises(RobotFileError, match=r"cables\[0\].bedding_tension is missing"):
-        strand("bedding_strain: 0.004")
-    with pytest.raises(RobotFileError, match=r"bedding_strain must be.* got -0.1"):
-        strand("bedding_strain: -0.1\n    bedding_tension: 8")
-    assert strand("bedding_strain: 0").cables[0].bedding_strain == 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log, pi, radians
+from math import log, pi, radians
 
 import numpy as np
 import pytest
@@ -72,25 +72,6 @@ def test_printed_static_friction_never_makes_the_transmission_negative() -> None
         )
         assert 1.0 - kinetic - static > 0.0
         assert static >= 0.0
-
-
-def test_capstan_form_of_static_friction_is_the_capstan_equation_at_rest_and_at_speed() -> None:
-    for beta in (0.3, pi / 2, pi, 2 * pi):
-        kinetic, static = sliding_loss(0.1, 0.4, beta, Stribeck.capstan)
-        assert 1.0 - kinetic == pytest.approx(exp(-0.1 * beta), abs=1e-15)
-        assert 1.0 - kinetic - static == pytest.approx(exp(-0.4 * beta), abs=1e-15)
-
-
-@pytest.mark.parametrize("form", [Stribeck.printed, Stribeck.capstan])
-@pytest.mark.parametrize("cells", [2.0, 8.0, 100.0])
-def test_cells_transmit_together_what_the_whole_pulley_does(form: Stribeck, cells: float) -> None:
-    for beta, ratio in TABLE:
-        whole_kinetic, whole_static = blended_loss(0.2, MU_C, MU_S, beta, ratio, form)
-        kinetic, static = cell_loss(whole_kinetic, whole_static, 1.0 / cells)
-        at_speed = (1.0 - kinetic) ** cells
-        at_rest = (1.0 - kinetic - static) ** cells
-        assert at_speed == pytest.approx(1.0 - whole_kinetic, rel=1e-12)
-        assert at_rest == pytest.approx(1.0 - whole_kinetic - whole_static, rel=1e-12)
 
 
 def test_lugre_pre_sliding_closed_form() -> None:
@@ -177,14 +158,3 @@ def test_minor_loops_close_exactly_where_lugre_creeps() -> None:
     assert end == pytest.approx(begin, abs=1e-11), "below break-away"
     begin, end = _minor_loops(LAW["lugre"], 1.0, 1000)
     assert end < 0.1 * begin, "the source's law loses its force under ripple"
-
-
-@pytest.mark.parametrize("form", [Stribeck.printed, Stribeck.capstan])
-def test_rho_of_zero_is_the_bearing_alone_and_rho_of_one_sliding_alone(form: Stribeck) -> None:
-    for beta, ratio in TABLE:
-        kinetic, static = blended_loss(0.0, MU_C, MU_S, beta, ratio, form)
-        assert static == 0.0, "a bearing has no Stribeck effect"
-        assert 1.0 - kinetic == pytest.approx(bearing_transmission(beta, ratio), abs=1e-15)
-        assert blended_loss(1.0, MU_C, MU_S, beta, ratio, form) == pytest.approx(
-            sliding_loss(MU_C, MU_S, beta, form), abs=1e-15
-        )

@@ -112,27 +112,6 @@ def refusal(make: Any, *arguments: Any) -> str:
     return message
 
 
-@pytest.mark.parametrize(
-    "second",
-    [
-        "{type: pulley, radius: 3, position: [1, 0], turn: ccw}",  # one inside the other
-        "{type: pulley, radius: 1, position: [1.5, 0], turn: cw}",  # overlapping, crossed
-        "{type: pulley, radius: 1, position: [0, 0], turn: ccw}",  # the same place
-    ],
-)
-def test_an_impossible_tangent_is_refused_and_named(second: str) -> None:
-    message = refusal(
-        routed,
-        f"""
-        {{type: anchor, position: [-9, 0]}}
-        {{type: pulley, radius: 1, position: [0, 0], turn: ccw}}
-        {second}
-        {{type: anchor, position: [9, 9]}}
-        """,
-    )
-    assert message.startswith("cables[0].nodes[1] and nodes[2] (c) have no common tangent")
-
-
 def test_a_tangent_that_becomes_impossible_within_the_range_is_refused_with_the_angle() -> None:
     message = refusal(
         routed,

@@ -119,27 +119,6 @@ def test_without_friction_every_cable_has_one_tension(
     assert np.ptp(tension[:, 0]) > 5.0
 
 
-def work_put_in(samples: Samples, estimates: Estimates) -> np.ndarray:
-    """Work of motor and joint on the cables from the first sample on [J], shape (n,)."""
-    layout = estimates.layout
-    work = np.zeros(samples.stamp_ns.size)
-    for angle, effort in (
-        (samples.motor_angle[:, 0], estimates.values[:, layout.motor_effort][:, 0]),
-        (samples.joint_angle[:, 0], estimates.values[:, layout.joint_effort][:, 0]),
-    ):
-        work[1:] -= np.cumsum(0.5 * (effort[1:] + effort[:-1]) * np.diff(angle))
-    return work
-
-
-@pytest.mark.parametrize("law", WITH_FRICTION)
-def test_a_closed_cycle_costs_work(law: str, variant: Variant, drive: Drive) -> None:
-    samples = cyclic(drive)
-    work = work_put_in(samples, estimated(prepare(variant(law)), samples))
-    second, third = work[8000] - work[4000], work[12_000] - work[8000]
-    assert third > 0.05
-    assert third == pytest.approx(second, rel=5e-3), "the cycle is steady"
-
-
 @pytest.mark.parametrize("law", WITH_FRICTION)
 @pytest.mark.parametrize("seed", range(3))
 def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(
@@ -226,33 +205,3 @@ def test_static_friction_does_not_chatter(
     assert np.abs(estimates.values[:, model.layout.slip_speed]).max() > 0.04, "through v_s"
     tension = estimates.values[:, model.layout.tension]
     assert roughness(tension) < 0.4
-
-
-def _rest_under_dither(law: str, variant: Variant, drive: Drive) -> tuple[np.ndarray, np.ndarray]:
-    """Difference of the tensions of first and last elements at the start and end of a rest."""
-    model = prepare(variant(law))
-    ramp = np.linspace(0.0, 1.0, 2000)
-    rest = np.ones(20_000)
-    joint = 0.3 * np.concatenate([ramp, rest])
-    motor = follow(joint) + 0.05 * np.concatenate([ramp, rest])
-    counts = np.random.default_rng(9).integers(-1, 2, (2, joint.size))
-    counts[:, : ramp.size] = 0
-    samples = drive(
-        np.arange(joint.size) * 1e-3,
-        motor + counts[0] * ENCODERS[0],
-        joint + counts[1] * ENCODERS[1],
-    )
-    estimates = estimated(model, samples)
-    tension = estimates.values[:, model.layout.tension]
-    difference = tension[:, [0, 8]] - tension[:, [7, 15]]
-    return difference[3000:4000].mean(axis=0), difference[-1000:].mean(axis=0)
-
-
-def test_encoder_dither_relaxes_friction_with_lugre_and_not_with_elastoplastic(
-    variant: Variant, drive: Drive
-) -> None:
-    early, late = _rest_under_dither("elastoplastic", variant, drive)
-    assert np.abs(early).min() > 2.0
-    np.testing.assert_allclose(late, early, atol=0.05)
-    _, late_lugre = _rest_under_dither("lugre", variant, drive)
-    assert np.abs(late_lugre).max() < 0.5 * np.abs(early).max()

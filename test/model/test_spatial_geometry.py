@@ -6,7 +6,6 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 import pytest
-from model.reference_in_space import geometry
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
@@ -43,104 +42,6 @@ def anchor(x: float, y: float, z: float, frame: str = "base") -> str:
 
 REST = np.zeros(2)
 
-CONTACTS = {
-    "points": ["type: eyelet, position: [0.1, 0.02, 0.01]"],
-    "pulleys": [
-        "type: pulley, radius: 0.012, position: [0.1, 0.05, 0.0], axis: [0.1, 0.1, 1], turn: cw",
-        "type: pulley, radius: 0.02, position: [0.2, -0.02, 0.03], axis: [0.3, 0.1, 1], turn: ccw",
-        (
-
-            "type: pulley, radius: 0.01, position: [0.1, 0.03, 0], frame: arm, "
-            "axis: [0, 0, 1], "
-            "turn: cw"
-        ),
-    ],
-    "swivel": [
-        "type: swivel, radius: 0.02, position: [0.1, 0.1, 0.2], axis: [0, 0, 1]",
-    ],
-    "cylinder": [
-        "type: cylinder, radius: 0.03, position: [0.15, 0, 0], axis: [0.2, 0, 1]",
-    ],
-    "sphere": ["type: sphere, radius: 0.03, position: [0.15, 0.01, 0.01]"],
-    "bodies in a row": [
-        "type: sphere, radius: 0.03, position: [0.1, -0.01, 0.005]",
-        "type: cylinder, radius: 0.03, position: [0.2, 0.04, 0], axis: [0.2, 0, 1]",
-        "type: sphere, radius: 0.03, position: [0.0, -0.002, 0.01], frame: arm",
-        (
-
-            "type: pulley, radius: 0.01, position: [0.1, 0.03, 0], frame: arm, "
-            "axis: [0, 0, 1], "
-            "turn: cw"
-        ),
-    ],
-    "ring": [
-        "type: cylinder, radius: 0.03, position: [0.1, 0.06, 0.01], axis: [0, 0, 1], inside: true",
-        "type: eyelet, position: [0.15, 0.01, 0.02]",
-        "type: sphere, radius: 0.03, position: [0.2, -0.05, 0.0], inside: true",
-    ],
-    "side of another frame": [
-        ("type: sphere, radius: 0.03, position: [0.1, 0.01, 0], side: [0.02, 0.1, 0], "
-        "side_frame: arm"),
-    ],
-    "three turns": [
-        (
-
-            "type: cylinder, radius: 0.03, position: [0.15, 0, 0], axis: [0.2, 0, 1], "
-            "turn: ccw, "
-            "turns: 3"
-        ),
-    ],
-    "sheath": [
-        (
-
-            "type: sheath, position: [0.1, 0, 0], exit: [0.02, 0.01, 0], "
-            "exit_frame: arm, length: 0.4, "
-            "bend: {joint: q, offset: 1.2, slope: 0.3}"
-        ),
-    ],
-}  # fmt: skip
-ENDS = {
-    "anchors": (anchor(0, 0, 0), anchor(0.15, 0.03, 0.02, "hand")),
-    "drums": (
-        (
-            "type: winch, motor: m, winding: 1, radius: 0.01, position: [0, 0, 0], "
-            "axis: [0, 0, 1], "
-            "turn: cw"
-        ),
-        (
-            "type: anchor, radius: 0.015, position: [0.1, 0.05, 0.0], "
-            "frame: finger, axis: [0, 0, 1], "
-            "turn: cw"
-        ),
-    ),
-    "rolling": (anchor(0, 0, 0.03), anchor(0.2, 0.02, 0.02, "knee")),
-}
-
-
-def possible_poses(model: Model) -> list[np.ndarray]:
-    """Random poses in which the cable does not leave a pulley."""
-    angles = np.random.default_rng(0).uniform([-0.6, -0.1], [0.6, 0.1], (20, 2))
-    poses = [angle for angle in angles if shape_at(model, angle).possible]
-    assert len(poses) > 3
-    return poses
-
-
-@pytest.mark.parametrize("ends", ENDS)
-@pytest.mark.parametrize("contacts", CONTACTS)
-def test_every_pose_is_that_of_the_reference(contacts: str, ends: str) -> None:
-    first, last = ENDS[ends]
-    model = model_of(first, *CONTACTS[contacts], last)
-    largest = 0.0
-    for angle in possible_poses(model):
-        found, own = shape_at(model, angle), geometry(model.robot, angle)
-        for one, other in (
-            (found.length, own.length), (found.lever_arm, own.arm), (found.wrap, own.wrap),
-            (found.direction, own.direction),
-        ):  # fmt: skip
-            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
-        largest = max(largest, float(np.abs(own.arm.sum(axis=0)).max()))
-    assert largest > 0.05
-
 
 def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
     head = HEAD.replace("[-0.5, 0.5]", "[-0.1, 0.1]")
@@ -174,35 +75,6 @@ def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
         step = heights[1] - heights[0]
         assert np.abs(np.diff(length) - step * (arm[1:] + arm[:-1]) / 2.0).max() < 1e-8
         assert np.abs(np.diff(wrap)).max() < 5e-4
-
-
-def test_what_is_described_in_the_plane_is_the_same_in_space() -> None:
-    plane = """
-name: plane
-motors: [{name: m}]
-joints: [{name: q, range: [-0.8, 0.8]}]
-frames: [{name: arm, motion: revolute, joint: q, origin: [0.3, 0.0]}]
-cables:
-  - name: c
-    axial_stiffness: 1e4
-    preload: 10
-    nodes:
-      - {type: winch, motor: m, winding: 1, radius: 0.015, position: [0, 0], turn: cw}
-      - {type: pulley, radius: 0.01, position: [0.15, 0.06], turn: cw}
-      - {type: pulley, radius: 0.012, position: [0.20, 0.02], turn: ccw}
-      - {type: anchor, frame: arm, radius: 0.04, position: [0, 0], turn: cw}
-"""
-    space = plane
-    for x, y in (("0.3", "0.0"), ("0", "0"), ("0.15", "0.06"), ("0.20", "0.02")):
-        space = space.replace(f"[{x}, {y}]", f"[{x}, {y}, 0.0]")
-    space = space.replace("turn: c", "axis: [0, 0, 1], turn: c")
-    models = [prepare(parse_robot(text)) for text in (plane, space)]
-    for angle in np.linspace(-0.8, 0.8, 33):
-        flat, deep = (shape_at(model, np.array([angle])) for model in models)
-        assert deep.length == pytest.approx(flat.length, abs=1e-15)
-        assert deep.lever_arm == pytest.approx(flat.lever_arm, abs=1e-14)
-        assert deep.wrap == pytest.approx(flat.wrap, abs=1e-13)
-        assert deep.direction[:, :2] == pytest.approx(flat.direction[:, :2], abs=1e-14)
 
 
 MISTAKES = {
@@ -318,22 +190,6 @@ def test_the_effort_of_a_helical_drum_is_the_moment_of_its_cable_about_the_axis(
     expected = estimate.tension[0] * RADIUS * level / hypot(level, z)
     assert estimate.tension[0] > 40.0
     assert estimate.motor_effort[0] == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_cable_through_a_ring_takes_the_shortest_path_over_its_near_side() -> None:
-    a, b, radius = np.array([-0.2, 0.05]), np.array([0.15, 0.12]), 0.03
-    ring = f"type: cylinder, radius: {radius}, position: [0, 0, 0], axis: [0, 0, 1], inside: true"
-    angles = np.linspace(0.0, pi, 100_001)
-    rim = radius * np.stack([np.cos(angles), np.sin(angles)])
-    ways = np.hypot(*(rim - a[:, None])) + np.hypot(*(rim - b[:, None]))
-    best = rim[:, np.argmin(ways)]
-    found = shape_at(model_of(anchor(*a, 0.0), ring, anchor(*b, 0.0)), REST)
-    assert found.length.sum() == pytest.approx(ways.min(), abs=1e-9)
-    comes, goes = best - a, b - best
-    bend = atan2(abs(comes[0] * goes[1] - comes[1] * goes[0]), float(comes @ goes))
-    assert found.wrap[0] == pytest.approx(bend, abs=1e-3)
-    through = model_of(anchor(-0.2, 0.01, 0.0), ring, anchor(0.2, 0.0, 0.0))
-    assert shape_at(through, REST).wrap[0] == 0.0
 
 
 def test_a_body_may_be_ignored_while_a_neighbouring_point_lies_inside() -> None:

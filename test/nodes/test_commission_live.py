@@ -6,46 +6,39 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 from support.places import ROBOTS
 
-from cdrj_ros.recordings import read_messages
+from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.nodes import commission
+from cdrj_ros.recordings import Topics, read_messages
 
 ANGLES = ("/cdrj/motor_states", "/cdrj/joint_states")
 PATIENCE_S = 120.0
 
 
-def commissioned(start_executable: Any, folder: Path, *given: str) -> tuple[int, str, str]:
-    process = start_executable(
-        "commission", "--robot", str(ROBOTS / "prototype.yaml"), "--out", str(folder / "new.yaml"),
-        "--force", "--rest", "live", "--yes", *given,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    output, errors = process.communicate(timeout=PATIENCE_S)
-    return process.returncode, output.decode(), errors.decode()
-
-
-def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag_each_time(
-    start_executable: Any, start_node: Any, tmp_path: Path
+def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag(
+    start_executable: Any, start_node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     start_node("rig", "--ros-args", "-p", "robot:=prototype")
-    for name in ("new_rest", "new_rest_2"):
-        code, said, errors = commissioned(start_executable, tmp_path)
-        assert code == 0, errors
-        assert f"recorded: {tmp_path / name}\n" in said
-        heard = {one.topic for one in read_messages(tmp_path / name, ANGLES)}
-        assert heard == set(ANGLES)
+    (tmp_path / "new_rest").mkdir()
+    process = start_executable(
+        "commission", "--robot", str(ROBOTS / "prototype.yaml"), "--out",
+        str(tmp_path / "new.yaml"), "--rest", "live", "--yes",
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    said, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, errors
+    assert f"recorded: {tmp_path / 'new_rest_2'}\n" in said.decode()
+    heard = {one.topic for one in read_messages(tmp_path / "new_rest_2", ANGLES)}
+    assert heard == set(ANGLES)
     written = yaml.safe_load((tmp_path / "new.yaml").read_text(encoding="utf-8"))
     assert written["identified"]["numbers"]["joints.elbow.reference_angle"] == "tare, new_rest_2"
 
-
-def test_a_topic_that_nobody_publishes_is_one_clear_line_and_leaves_no_bag(
-    start_executable: Any, start_node: Any, tmp_path: Path
-) -> None:
-    start_node("rig", "--ros-args", "-p", "robot:=prototype")
-    given = ("--motor-topic", "/wrong/motor_states")
-    code, _, errors = commissioned(start_executable, tmp_path, *given)
-    assert code == 2
-    line = [one for one in errors.splitlines() if one.startswith("commission:")]
-    assert line == ["commission: no message on /wrong/motor_states; there is /cdrj/motor_states"]
-    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(commission, "PATIENCE_S", 1.0)
+    wrong, nobody = tmp_path / "wrong", Topics(motors="/wrong/motor_states")
+    with pytest.raises(BagError) as refused:
+        commission.record(wrong, nobody, 1.0)
+    assert str(refused.value) == "no message on /wrong/motor_states; there is /cdrj/motor_states"
+    assert not wrong.exists()

@@ -1,6 +1,6 @@
 """Hostile messages: the node keeps running, counts all of them, and its estimates stay correct.
 
-`make test` sends 25 000 messages from a fixed seed to the callbacks of a node in this process;
+`make test` sends 12 500 messages from a fixed seed to the callbacks of a node in this process;
 `make soak` sends CDRJ_HOSTILE messages.
 """
 
@@ -34,17 +34,17 @@ from cdrj_ros.messages.cdr import (
 from cdrj_ros.messages.cdr import read_layout as layout_of
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import INVALID, UNSURE
+from cdrj_ros.model.state import UNSURE
 
-MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "25000"))
+MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "12500"))
 SEED = 20_240_607
 BEGIN = 1_700_000_000 * 10**9
 SECOND = 10**9
 MILLISECOND = 1_000_000
 NAMES = {"motors": "winch", "joints": "elbow"}
 GROWTH_MB = 8.0
-"""Most memory that 100 000 messages or more may add [MB]; fewer may add less in proportion."""
-OF_MESSAGES = min(1.0, MESSAGES / 100_000)
+"""Most memory that 50 000 messages or more may add [MB]; fewer may add less in proportion."""
+OF_MESSAGES = min(1.0, MESSAGES / 50_000)
 
 
 @lru_cache(maxsize=64)
@@ -96,11 +96,6 @@ class Heard:
     def assert_same(self, model: Model, wanted: Estimates) -> None:
         assert self._stamps[: self.count].tolist() == wanted.stamp_ns.tolist()
         assert_equal(model, self._values[: self.count].copy(), wanted)
-
-
-def assert_same(model: Model, got: list[Estimate], wanted: Estimates) -> None:
-    assert [one.stamp_ns for one in got] == wanted.stamp_ns.tolist()
-    assert_equal(model, np.array([one.values for one in got]), wanted)
 
 
 def assert_equal(model: Model, values: np.ndarray, wanted: Estimates) -> None:
@@ -250,14 +245,13 @@ def _one_position_less(stamp: int, topic: str) -> bytes:
 def test_hostile_messages_do_not_change_the_estimates(estimator: Any) -> None:
     rng = np.random.default_rng(SEED)
     model = estimator.live.model
-    estimator.answers = Heard(model, MESSAGES // 4)
+    estimator.answers = Heard(model, MESSAGES // 2)
     traffic = Traffic(estimator)
     expected: Counter[str] = Counter()
     stamps = {"motors": array("q"), "joints": array("q")}  # a list would need more memory
-    whole = MESSAGES // 2
     k = 0
     warm = 0.0
-    while traffic.sent < whole:
+    while traffic.sent < MESSAGES:
         stamp = BEGIN + k * MILLISECOND
         for topic in ("joints", "motors") if k % 2 == 0 else ("motors",):
             traffic.send(topic, valid(topic, stamp))
@@ -269,7 +263,11 @@ def test_hostile_messages_do_not_change_the_estimates(estimator: Any) -> None:
             traffic.send(topic, payload)
             expected[cause] += count
         k += 1
-        if not warm and traffic.sent > whole // 3:
+        if k % 100 == 0:
+            estimator.on_tensions(bytes(rng.integers(4, 256, 60, dtype=np.uint8)))
+            traffic.whole += 1
+            expected["malformed"] += 1
+        if not warm and traffic.sent > MESSAGES // 3:
             warm = own_mb()
     grown = own_mb() - warm
     for topic in NAMES:  # decides on held readings
@@ -278,7 +276,7 @@ def test_hostile_messages_do_not_change_the_estimates(estimator: Any) -> None:
 
     wanted = offline(model, stamps)
     estimator.answers.assert_same(model, wanted)
-    assert wanted.stamp_ns.size > whole // 10
+    assert wanted.stamp_ns.size > MESSAGES // 10
     conditioner = estimator.live.conditioner
     assert {c: n for c, n in conditioner.refused.items() if n} == dict(expected)
     assert set(expected) == set(conditioner.refused)
@@ -288,88 +286,4 @@ def test_hostile_messages_do_not_change_the_estimates(estimator: Any) -> None:
     print(  # noqa: T201 for make soak
         f"\n{traffic.sent} messages, a good stream among them: {wanted.stamp_ns.size} estimates as "
         f"without them; refused {refused}; memory {grown:+.1f} MB"
-    )
-
-
-def wild(rng: Any, now: int) -> Iterator[tuple[str, bytes]]:
-    """One message, or a burst that a channel may interpret as a clock jump."""
-    topic = "motors" if rng.integers(2) else "joints"
-    chance = rng.integers(10)
-    name = ("winch", "elbow", "stranger", "")[rng.integers(4)]
-    names = (name,) * int(rng.choice((0, 1, 1, 1, 1, 2, 5)))
-    special = (0.0, np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 1e11, -1e12, 1e9)
-    value = float(rng.normal()) if rng.integers(2) else special[rng.integers(len(special))]
-    far = (0, 1, 10**6, SECOND, 3 * SECOND, 3600 * SECOND, 4 * 10**8 * SECOND)[rng.integers(7)]
-    stamp = now + int(rng.choice((-1, 1))) * far + int(rng.integers(5))
-    if chance < 5:
-        yield topic, valid(topic, now)
-    elif chance < 7:
-        yield topic, joint_state(stamp, names, [value] * len(names))
-    elif chance < 8:
-        payload = bytearray(valid(topic, stamp))
-        for _ in range(int(rng.integers(1, 4))):
-            payload[int(rng.integers(len(payload)))] = int(rng.integers(256))
-        yield topic, bytes(payload[: int(rng.integers(len(payload) // 2, len(payload) + 1))])
-    elif chance < 9:
-        yield topic, refusable(int(rng.integers(1000)), topic, stamp, rng)[0]
-    else:
-        step = int(rng.choice((1, MILLISECOND, SECOND // 2)))
-        own = NAMES[topic] if rng.integers(4) else name
-        for k in range(int(rng.integers(2, 12))):
-            yield topic, joint_state(stamp + k * step, (own,), [value if k % 3 else 0.1])
-
-
-def wild_tensions(rng: Any, now: int) -> bytes:
-    values = (30.0, np.nan, np.inf, 1e308, -1e308, 5e-324, 0.0, -5.0)
-    name = ("upper/8", "lower/3", "upper/99", "")[rng.integers(4)]
-    names = (name,) * int(rng.integers(3))
-    payload = Template(CABLE_TENSIONS, names, ("tension", "stddev")).encode(
-        now + int(rng.choice((-SECOND, -10 * MILLISECOND, 0, SECOND // 3, 10**4 * SECOND))),
-        tension=[values[rng.integers(len(values))]] * len(names),
-        stddev=[(0.5, np.nan, 1e-300, 1e300, -1.0, 0.0)[rng.integers(6)]] * len(names),
-    )
-    if rng.integers(5) == 0:
-        return payload[: int(rng.integers(len(payload)))]
-    return payload
-
-
-def is_tensions(payload: bytes) -> bool:
-    try:
-        layout_of(payload, CABLE_TENSIONS.fields)
-    except MessageError:
-        return False
-    return True
-
-
-def test_whatever_arrives_is_counted_and_after_a_reset_the_estimates_are_right(
-    estimator: Any,
-) -> None:
-    rng = np.random.default_rng(SEED + 2)
-    traffic, now, cells, judged = Traffic(estimator), BEGIN, 0, 0
-    while traffic.sent < MESSAGES // 2:
-        now += MILLISECOND
-        for topic, payload in wild(rng, now):
-            traffic.send(topic, payload)
-        tensions = wild_tensions(rng, now)
-        estimator.on_tensions(tensions)
-        traffic.whole += not is_tensions(tensions)
-        cells += 1
-        for one in estimator.answers:
-            known = np.asarray(one.status).astype(int) & INVALID == 0
-            assert (one.tension[known] >= 0.0).all(), "neither negative nor NaN"
-        judged += len(estimator.answers)
-        estimator.answers.clear()
-    traffic.assert_counted()
-    jumps = estimator.live.conditioner.clock_jumps
-    estimator.live.reset()
-    later = now + 10**6 * SECOND
-    stamps: dict[str, list[int]] = {"motors": [], "joints": []}
-    for k in range(300):
-        for topic in ("joints", "motors"):
-            stamps[topic].append(later + k * MILLISECOND)
-            traffic.send(topic, valid(topic, stamps[topic][-1]))
-    assert_same(estimator.live.model, estimator.answers, offline(estimator.live.model, stamps))
-    print(  # noqa: T201 for make soak
-        f"\n{traffic.sent} messages of any kind and {cells} of load cells: {judged} estimates, "
-        f"{jumps} jumps of the clock"
     )

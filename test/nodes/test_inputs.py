@@ -93,19 +93,6 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     assert len(said[-1].status) == 1
 
 
-def test_efforts_are_a_sensor_only_where_preloads_are_tracked(bench: Bench) -> None:
-    both = Template(JOINT_STATE, ("winch",), ("position", "effort"))
-    for tracked in (True, False):
-        estimator = bench.estimator("-r", f"__ns:=/{tracked}", track_preload=tracked)
-        for k in range(50):
-            sample = sample_at(k)
-            estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
-            payload = both.encode(sample.stamp_ns, position=sample.motor_angle, effort=[1.0])
-            estimator.motor(payload)
-        assert any(key.startswith("sensor ") and "winch" in key
-                   for key in values_of(diagnosed(estimator)[0])) == tracked  # fmt: skip
-
-
 # missing and refused ---------------------------------------------------------------------------
 
 

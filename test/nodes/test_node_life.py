@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from support.estimators import (
     values_of,
 )
 
+from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import OVERLOAD, SLACK, STALE, UNSURE
@@ -302,4 +304,20 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
     assert int(values_of(status())["refused: unknown element"]) == 300
 
 
-# several nodes ---------------------------------------------------------------------------------
+# state file ------------------------------------------------------------------------------------
+
+
+def test_the_next_node_continues_from_the_file_that_is_written_with_every_diagnosis(
+    bench: Bench, model: Model, tmp_path: Path
+) -> None:
+    given: Any = {"state_file": tmp_path / "state", "tracking_bandwidth": 0.0}
+    killed = bench.estimator(**given)
+    feed(killed, 0, 300)
+    killed.diagnose()
+    after = bench.estimator("-r", "__ns:=/after", **given)
+    feed(after, 300, 400)
+    state, whole = initial_state(model), []
+    for k in range(400):
+        state, estimate = step(model, state, sample_at(k))
+        whole.append(estimate.tension.copy())
+    assert np.array_equal(tensions(after), whole[300:])

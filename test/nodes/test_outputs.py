@@ -129,38 +129,3 @@ def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench: Bench) -> None:
         assert np.array_equal(one.stddev, same.stddev)
     last = everything.latest
     assert np.array_equal(slow.latest.values, last.values)
-
-
-def published(estimator: Any, interval: int, late: int) -> list[list[int]]:
-    """Stamps published after each of 400 motor readings 1 ms apart [ns].
-
-    Args:
-        estimator: of a node.
-        interval: of the joint's readings [ms].
-        late: how much later than the motor's these arrive [ms].
-    """
-    found: list[list[int]] = []
-    for k in range(400):
-        before = len(estimator.answers)
-        sample = sample_at(k)
-        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
-        if k >= late and (k - late) % interval == 0:
-            then = sample_at(k - late)
-            estimator.joint(JOINT.encode(then.stamp_ns, position=then.joint_angle))
-        found.append([one.stamp_ns for one in estimator.answers[before:]])
-    return found
-
-
-@pytest.mark.parametrize(("interval", "late"), [(2, 3), (1, 1), (10, 0), (50, 5)])
-def test_a_node_that_predicts_publishes_most_stamps_at_once_and_none_twice(
-    interval: int, late: int, bench: Bench
-) -> None:
-    estimator = bench.estimator(conditioning="predict")
-    found = published(estimator, interval, late)
-    stamps = [stamp for one in found for stamp in one]
-    assert stamps == sorted(set(stamps))
-    at_once = [sample_at(k).stamp_ns in found[k] for k in range(400)]
-    assert np.mean(at_once[100:]) == pytest.approx(min(20 - late, interval) / interval, abs=0.05)
-    other = bench.estimator("-r", "__ns:=/other", conditioning="wait")
-    published(other, interval, late)
-    assert np.array_equal(estimator.live.state.values, other.live.state.values)

@@ -1,4 +1,4 @@
-"""``watch`` as a user runs it: in a pipe, in a terminal, once, and without messages."""
+"""``watch`` as a user runs it: in a pipe, in a terminal, once; and what it notes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,20 @@ import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import pytest
+import rclpy
 from cdrj_msgs.msg import CableTensions
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
+from support.estimators import Bench
 from support.forked import Output
+
+from cdrj_ros.model.state import STALE
+from cdrj_ros.nodes import feed
+from cdrj_ros.nodes.watch import WatchNode
 
 PATIENCE_S = 60.0
 
@@ -34,14 +41,13 @@ class Source:
             CableTensions, topic, QoSProfile(depth=10, reliability=kind)
         )
 
-    def publish_until(self, condition: Callable[[], Any], silent: bool = False) -> None:
+    def publish_until(self, condition: Callable[[], Any]) -> None:
         """Publish at most 200 messages per second until a condition holds."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline
-            if not silent:
-                self.message.header.stamp = self.node.get_clock().now().to_msg()
-                self.publisher.publish(self.message)
+            self.message.header.stamp = self.node.get_clock().now().to_msg()
+            self.publisher.publish(self.message)
             time.sleep(0.005)
 
 
@@ -65,7 +71,7 @@ def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_
     assert "\x1b" not in output
 
 
-def test_a_pipe_gets_lines_that_report_silence_and_ctrl_c_ends_it(
+def test_a_pipe_gets_lines_and_ctrl_c_ends_it(
     start_executable: Any, source: Source, tmp_path: Path
 ) -> None:
     reader, writer = os.pipe()
@@ -79,97 +85,84 @@ def test_a_pipe_gets_lines_that_report_silence_and_ctrl_c_ends_it(
         r"1 UNSURE 1 OK$"
     )
     source.publish_until(lambda: re.search(line, output.text, re.MULTILINE))
-    # a message with a missing value is reported instead of shown
-    source.message.name.append("odd/1")
-    source.publish_until(lambda: "3 names, but 2 values, 2 statuses" in output.text)
-    source.message.name.pop()
-    seen = len(output.text)
-    source.publish_until(lambda: re.search(line, output.text[seen:], re.MULTILINE))
-    # the last message is soon shown as stale
-    source.publish_until(lambda: "2 STALE" in output.text, silent=True)
-    assert re.search(r"nothing from /test on /cdrj/tensions for \d+ s", output.text)
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 130
     assert "\x1b" not in output.finish()
     assert errors.read_text() == "watch: interrupted\n"
 
 
-@pytest.mark.parametrize(
-    ("number", "code", "last"),
-    [(signal.SIGINT, 130, "watch: interrupted\r\n"), (signal.SIGTERM, 143, "")],
-)
-def test_a_terminal_gets_a_table_and_its_cursor_back(
-    start_executable: Any, source: Source, number: signal.Signals, code: int, last: str
-) -> None:
+def test_a_terminal_gets_a_table_and_its_cursor_back(start_executable: Any, source: Source) -> None:
     ours, theirs = pty.openpty()
     try:
         process = start_executable("watch", stdout=theirs, stderr=theirs)
         output = Output(ours)
         source.publish_until(lambda: output.text.count("upper/1") > 3)  # drawn repeatedly
-        process.send_signal(number)
-        assert process.wait(PATIENCE_S) == code
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 143
     finally:
         os.close(theirs)
     text = output.finish()
     os.close(ours)
     assert "█" in text
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
-    assert text.endswith(last)
     assert "Traceback" not in text
 
 
-def test_it_ends_when_its_output_is_closed(start_executable: Any, ros: None) -> None:
-    process = start_executable("watch", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout.readline().startswith(b"/cdrj/tensions")
-    process.stdout.close()
-    assert process.wait(PATIENCE_S) == 0
-    with process.stderr as errors:
-        assert errors.read() == b""
+class Looking:
+    """A watch in this process, whose clock may run ahead."""
+
+    def __init__(self, bench: Bench, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+        self.bench, self.ahead_s = bench, 0.0
+        monkeypatch.setattr(feed, "monotonic", lambda: monotonic() + self.ahead_s)
+        self.node = bench.add(WatchNode(False, "*", cli_args=["--ros-args", *arguments]))
+
+    def notes(self, words: str, publish: Callable[[], None] = lambda: None) -> None:
+        def noted() -> bool:
+            publish()
+            return any(words in note for note in self.node.view().notes)
+
+        assert self.bench.until(noted), self.node.view().notes
 
 
-def test_once_without_a_publisher_ends_with_code_2_and_one_line(
-    start_executable: Any, ros: None
+def test_it_notes_why_no_message_arrives(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    reliable = "qos_overrides./cdrj/tensions.subscription.reliability:=reliable"
+    watch = Looking(bench, monkeypatch, "-p", reliable)
+    watch.ahead_s = 60.0
+    watch.notes("no publisher of /cdrj/tensions in ROS domain ")
+    Source(bench.node, "/left/cdrj/tensions")
+    watch.notes("; there is /left/cdrj/tensions: --ros-args -r tensions:=/left/cdrj/tensions")
+    apart = rclpy.Context()  # a participant of DDS has one type for a topic
+    rclpy.init(context=apart)
+    other = rclpy.create_node("other", context=apart)
+    other.create_publisher(String, "/cdrj/tensions", 10)
+    watch.notes(
+        "/cdrj/tensions is published by /other as std_msgs/msg/String, not as "
+        "cdrj_msgs/msg/CableTensions"
+    )
+    other.destroy_node()
+    rclpy.shutdown(context=apart)
+    Source(bench.node, reliable=False)
+    watch.notes(
+        "the QoS of /cdrj/tensions at /bench does not fit this subscription: Best effort "
+        "publisher and reliable subscription"
+    )
+
+
+def test_what_cannot_be_shown_is_noted_and_what_is_old_is_stale(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    process = start_executable(
-        "watch", "--once", "0.5", stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    output, errors = (stream.decode() for stream in process.communicate(timeout=PATIENCE_S))
-    assert (process.returncode, output) == (2, "")
-    assert re.fullmatch(
-        r"watch: no publisher of /cdrj/tensions in ROS domain \d+, "
-        r"ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n",
-        errors,
-    )
+    watch, source = Looking(bench, monkeypatch), Source(bench.node)
 
+    def publish() -> None:
+        source.publisher.publish(source.message)
 
-def test_it_reports_why_no_message_arrives(
-    start_executable: Any, node: Any, tmp_path: Path
-) -> None:
-    elsewhere = Source(node, "/left/cdrj/tensions")
-    reader, writer = os.pipe()
-    with (tmp_path / "errors").open("wb") as stream:
-        process = start_executable(
-            "watch", "--ros-args", "-p",
-            "qos_overrides./cdrj/tensions.subscription.reliability:=reliable",
-            stdout=writer, stderr=stream,
-        )  # fmt: skip
-    os.close(writer)
-    output = Output(reader)
-
-    def says(text: str) -> None:
-        elsewhere.publish_until(lambda: text in output.text, silent=True)
-
-    says("; there is /left/cdrj/tensions: --ros-args -r tensions:=/left/cdrj/tensions\n")
-    other = node.create_publisher(String, "/cdrj/tensions", 10)
-    says(
-        "; /cdrj/tensions is published by /test as std_msgs/msg/String, not as "
-        "cdrj_msgs/msg/CableTensions\n"
-    )
-    node.destroy_publisher(other)
-    Source(node, reliable=False)
-    says(
-        "; the QoS of /cdrj/tensions at /test does not fit this subscription: Best effort "
-        "publisher and reliable subscription\n"
-    )
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 130
+    source.message.name.append("odd/1")  # without a value
+    watch.notes("3 names, but 2 values, 2 statuses", publish)
+    source.message.name.pop()
+    assert bench.until(lambda: publish() or bool(watch.node.view().sections))
+    (section,) = watch.node.view().sections
+    assert [line.status for line in section.lines] == [0, 4]
+    watch.ahead_s = 60.0
+    (section,) = watch.node.view().sections
+    assert [line.status for line in section.lines] == [STALE, STALE | 4]
+    watch.notes("nothing from /bench on /cdrj/tensions for ")
