@@ -51,9 +51,7 @@ def parser() -> argparse.ArgumentParser:
         help="rig file (YAML) with sensors, drives, load and faults, or the name of an installed "
         "one (ideal)",
     )  # fmt: skip
-    made.add_argument(
-        "--duration", type=float, metavar="S", help="duration [s] (60; recorded: the bag's)"
-    )
+    made.add_argument("--duration", type=float, metavar="S", help="duration [s] (60)")
     made.add_argument("--seed", type=int, default=0, help="seed of all random numbers (0)")
     _add_motion_options(made)
     _add_physics_options(made)
@@ -84,7 +82,6 @@ def _add_motion_options(parser: argparse.ArgumentParser) -> None:
         "--frequency", default="0.1", metavar="HZ",
         help="frequency of the motion; for a random motion, the highest one; HZ,HZ,... (0.1)",
     )  # fmt: skip
-    group.add_argument("--recorded", metavar="BAG", help="repeat the joint angles of a bag instead")
 
 
 def _add_physics_options(parser: argparse.ArgumentParser) -> None:

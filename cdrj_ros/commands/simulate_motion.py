@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.recordings import Topics, read_recording
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
-from cdrj_ros.simulation.sensors import angle_of
 
 Mode = Literal["balance", "follow", "forward"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
@@ -74,12 +72,12 @@ class Plan:
     motor_speed: float
     """Largest speed of a motor that balances the joint [rad/s]."""
     swings: tuple[Swing, ...]
-    """Amplitudes and centres; empty for a recorded motion."""
+    """Amplitudes and centres."""
 
 
 def adaptable(arguments: argparse.Namespace) -> bool:
     """Whether the command chose the amplitude."""
-    return arguments.recorded is None and arguments.amplitude is None
+    return arguments.amplitude is None
 
 
 def make_plan(
@@ -110,12 +108,9 @@ def make_plan(
         raise UsageError(f"--mode {mode} moves only one joint; --mode follow moves several")
     moved = names.index(chosen[0])
     indices = [names.index(name) for name in chosen]
-    swings: tuple[Swing, ...] = ()
-    if arguments.recorded is not None:
-        motions, duration = _recorded(robot, indices, arguments)
-    else:
-        swings = _swings(robot, indices, arguments, share)
-        motions, duration = _motions(swings, arguments)
+    swings = _swings(robot, indices, arguments, share)
+    motions = _motions(swings, arguments)
+    duration = 60.0 if arguments.duration is None else arguments.duration
     time = np.arange(round(duration * TRUTH_RATE) + 1) / TRUTH_RATE
     joints = _prescribed(robot, time, motions)
     load = rig.load.made(usual_load(robot, moved), USUAL_PAYLOAD, damping=0.0)
@@ -142,12 +137,10 @@ def _prescribed(
     return joints
 
 
-def _motions(
-    swings: Sequence[Swing], arguments: argparse.Namespace
-) -> tuple[dict[int, motion.Motion], float]:
-    """The motion of every moving joint, and the simulated time [s]."""
+def _motions(swings: Sequence[Swing], arguments: argparse.Namespace) -> dict[int, motion.Motion]:
+    """The motion of every moving joint."""
     frequencies = numbers("frequency", arguments.frequency, len(swings), 1e-4, 50.0)
-    motions = {
+    return {
         swing.joint: motion.named_motion(
             arguments.motion,
             swing.amplitude,
@@ -158,7 +151,6 @@ def _motions(
         )
         for k, (swing, frequency) in enumerate(zip(swings, frequencies, strict=True))
     }
-    return motions, 60.0 if arguments.duration is None else arguments.duration
 
 
 def _swings(
@@ -230,35 +222,6 @@ def swing_text(robot: Robot, swing: Swing) -> str:
         return f"{name} by {swing.amplitude:.4g} m about {swing.centre + 0.0:.4g} m"
     amplitude, centre = np.degrees(swing.amplitude), np.degrees(swing.centre) + 0.0
     return f"{name} by {amplitude:.4g} deg about {centre:.4g} deg"
-
-
-def _recorded(
-    robot: Robot, chosen: list[int], arguments: argparse.Namespace
-) -> tuple[dict[int, motion.Motion], float]:
-    """The recorded motion of every moving joint, and how long to simulate [s]."""
-    names = [robot.joints[index].name for index in chosen]
-    topic = Topics().joints
-    series = read_recording(arguments.recorded, Topics(topic, topic, ()), joint_names=names).joints
-    motions = {}
-    lengths = []
-    start = min(int(one.stamp_ns[0]) for one in series.values() if one.stamp_ns.size)
-    for index, name in zip(chosen, names, strict=True):
-        sensor = robot.joints[index].sensor
-        stamps, first = np.unique(series[name].stamp_ns, return_index=True)
-        readings = series[name].value[first]
-        stamps, readings = stamps[np.isfinite(readings)], readings[np.isfinite(readings)]
-        if np.isfinite(sensor.period):
-            readings = np.unwrap(readings, period=sensor.period)
-        time = np.asarray((stamps - start) * 1e-9, dtype=np.float64)
-        motions[index] = motion.recorded(time, angle_of(sensor, readings), DWELL_S)
-        lengths.append(DWELL_S + motion.recorded_duration(time))
-    longest = min(lengths)
-    if arguments.duration is not None and arguments.duration > longest:
-        raise UsageError(
-            f"--duration {arguments.duration:g} is longer than the recorded motion allows: "
-            f"{longest:.4g} s"
-        )
-    return motions, longest if arguments.duration is None else arguments.duration
 
 
 def check_ranges(arguments: argparse.Namespace) -> None:

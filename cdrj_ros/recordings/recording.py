@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -91,18 +91,16 @@ def read_recording(
     path: Path | str | Source,
     topics: Topics = Topics(),
     *,
-    motor_names: Collection[str] | None = None,
-    joint_names: Collection[str] | None = None,
     motor_efforts: bool = False,
     force_vectors: bool = False,
     effort_scale: Mapping[str, float] = MappingProxyType({}),
 ) -> Recording:
     """Read a rosbag2 folder or one MCAP file; it may be truncated or unindexed.
 
-    If names are given, all must appear and only these are kept; None keeps all names.  If a message
-    repeats a name, both values are kept.  With ``motor_efforts`` and ``force_vectors``, those are
-    read too.  ``effort_scale`` has factors, by name, on the efforts that motors and joints publish
-    with their angles; other efforts are in N m.  Raises BagError.
+    If a message repeats a name, both values are kept.  With ``motor_efforts`` and
+    ``force_vectors``, those are read too.  ``effort_scale`` has factors, by name,
+    on the efforts that motors and joints publish with their angles; other efforts are in N m.
+    Raises BagError.
     """
     source = path if isinstance(path, Source) else open_source(path)
     reading = _Reading(source, topics, motor_efforts, force_vectors, effort_scale)
@@ -114,7 +112,7 @@ def read_recording(
             reading.add(file, batch, first)
             first += len(batch.start)
     reading.require_inputs()
-    return reading.recording(motor_names, joint_names)
+    return reading.recording()
 
 
 @dataclass(frozen=True)
@@ -171,9 +169,7 @@ class _Reading:
             for role in self._roles[channel]:
                 role.decoder.add(batch, chosen, first)
 
-    def recording(
-        self, motor_names: Collection[str] | None, joint_names: Collection[str] | None
-    ) -> Recording:
+    def recording(self) -> Recording:
         roles = [role for made in self._roles.values() for role in made]
         extents = [extent for role in roles if (extent := role.decoder.extent())]
         malformed = {role.topic: self._malformed(role.topic) for role in roles}
@@ -182,8 +178,8 @@ class _Reading:
         joints = motors
         if joints_topic != motors_topic:
             joints = self._series(joints_topic, is_input=True)
-        chosen_motors = self._chosen(motors, motor_names, motors_topic, "motor")
-        chosen_joints = self._chosen(joints, joint_names, joints_topic, "joint")
+        self._require_angles(motors, motors_topic, "motor")
+        self._require_angles(joints, joints_topic, "joint")
         wanted = dict.fromkeys((motors_topic, *self._topics.references))
         others = {topic: self._series(topic, is_input=False) for topic in wanted}
         references, efforts = self._references(others), self._efforts(others[motors_topic])
@@ -191,8 +187,8 @@ class _Reading:
             path=self._path,
             start_ns=min(first for first, _ in extents),
             end_ns=max(last for _, last in extents),
-            motors=chosen_motors,
-            joints=chosen_joints,
+            motors=motors,
+            joints=joints,
             references=references,
             malformed=malformed,
             notes=(*self._source.all_notes(), *self._refusals(malformed), *self._notes),
@@ -274,27 +270,14 @@ class _Reading:
         ]
         return reasons[0] if reasons else ""
 
-    def _chosen(
-        self, there: Mapping[str, Series], names: Collection[str] | None, topic: str, kind: str
-    ) -> Mapping[str, Series]:
-        if not there:
-            malformed = self._malformed(topic)
-            raise BagError(
-                f"{self._path}: topic {topic} has no {kind} angles"
-                + (
-                    f" ({malformed} malformed messages, the first: {self._first_refusal(topic)})"
-                    if malformed
-                    else ""
-                )
-            )
-        if names is None:
-            return there
-        if missing := [name for name in names if name not in there]:
-            raise BagError(
-                f"{self._path}: topic {topic} never has the {kind} "
-                f"{', '.join(map(repr, missing))}, but {', '.join(map(repr, there))}"
-            )
-        return {name: there[name] for name in names}
+    def _require_angles(self, there: Mapping[str, Series], topic: str, kind: str) -> None:
+        if there:
+            return
+        reason = ""
+        if malformed := self._malformed(topic):
+            first = self._first_refusal(topic)
+            reason = f" ({malformed} malformed messages, the first: {first})"
+        raise BagError(f"{self._path}: topic {topic} has no {kind} angles{reason}")
 
     def _malformed(self, topic: str) -> int:
         """Number of messages refused in any role; one refused in two roles counts once."""

@@ -11,23 +11,12 @@ from typing import Final, Literal, NamedTuple, get_args
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.errors import UsageError
 
 BLEND: Final = 0.2
 """Share of a move's duration spent accelerating, and the same share decelerating."""
 
 RANDOM_TONES: Final = 4
 """Number of sines in a random motion."""
-
-
-RECORDED_BAND: Final = 5.0
-"""Cutoff frequency of the smoothing of a recorded motion [Hz]."""
-
-SLOW_START_S: Final = 1.0
-"""Duration of the slow start of a recorded motion [s]."""
-
-RECORDED_RATE: Final = 200.0
-"""Points per second of a smoothed recording [Hz]."""
 
 
 class Course(NamedTuple):
@@ -148,51 +137,6 @@ def random(
         return centre + amplitude * smooth_step(moving * frequency) * wave
 
     return angle
-
-
-def recorded(time: Vector, angle: Vector, begin: float = 0.0) -> Motion:
-    """A recorded motion without what is faster than ``RECORDED_BAND``.
-
-    It starts from rest: during ``SLOW_START_S`` the recording is played more slowly, which adds
-    half of that to its duration.  After its end the joint keeps its angle.
-
-    Args:
-        time: increasing [s], shape (n,).
-        angle: [rad], shape (n,).
-        begin: start of the motion [s].
-
-    Raises:
-        UsageError: too short, not increasing, or not finite.
-    """
-    from scipy.interpolate import CubicSpline  # slow to import, so only where used
-    from scipy.signal import butter, sosfiltfilt
-
-    if time.size < 10 or not np.all(np.diff(time) > 0.0) or not np.all(np.isfinite(angle)):
-        raise UsageError(
-            "a recorded motion needs at least 10 finite angles at increasing times, got "
-            f"{time.size} readings"
-        )
-    length = float(time[-1] - time[0])
-    grid = np.linspace(0.0, length, max(round(length * RECORDED_RATE), 40) + 1)
-    values = np.interp(grid, time - time[0], angle)
-    rate = (grid.size - 1) / length
-    if rate > 2.5 * RECORDED_BAND:
-        sections = butter(2, RECORDED_BAND, fs=rate, output="sos")
-        values = sosfiltfilt(sections, values, padlen=min(grid.size - 1, round(rate)))
-    spline = CubicSpline(grid, np.clip(values, angle.min(), angle.max()))
-
-    def angle_at(time: Vector) -> Vector:
-        moving = np.maximum(time - begin, 0.0)
-        slow = np.minimum(moving / SLOW_START_S, 1.0)  # the rate of playback is a smooth step
-        played = SLOW_START_S * (slow**3 - 0.5 * slow**4) + np.maximum(moving - SLOW_START_S, 0.0)
-        return np.asarray(spline(np.minimum(played, length)))
-
-    return angle_at
-
-
-def recorded_duration(time: Vector) -> float:
-    """Duration of the motion that ``recorded`` returns [s]."""
-    return float(time[-1] - time[0]) + 0.5 * SLOW_START_S
 
 
 def smooth_step(share: Vector) -> Vector:

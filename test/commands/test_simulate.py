@@ -225,18 +225,6 @@ def test_an_output_that_exists_is_refused_before_the_simulation(
         assert words in line
 
 
-def test_a_recorded_motion_is_repeated(tmp_path: Path) -> None:
-    run(tmp_path / "first", "--mode", "follow")
-    recording = run(tmp_path / "second", "--mode", "follow", "--recorded", str(tmp_path / "first"))
-    first = read_recording(tmp_path / "first").joints["elbow"]
-    second = recording.joints["elbow"]
-    late = (second.stamp_ns - second.stamp_ns[0]) * 1e-9
-    source = (first.stamp_ns - first.stamp_ns[0]) * 1e-9
-    moving = late > 2.5
-    expected = np.interp(late[moving] - 1.5, source, first.value)  # 1 s rest, half the blend
-    assert np.abs(second.value[moving] - expected).max() < 2e-3
-
-
 def test_positions_of_a_prismatic_joint_are_printed_in_metres(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -129,11 +129,15 @@ def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
 
     values, nothing = np.zeros((4_000_000, 2)), np.empty((0, 0))
     preload, doubtful = np.ones(1), np.ones(len(values), dtype=np.bool_)
+
+    def loop() -> None:
+        signal.setitimer(signal.ITIMER_REAL, 1e-3)
+        mark_unsure(values, preload, nothing, 0.5, doubtful)
+
     before = signal.signal(signal.SIGALRM, ask)
     try:
         with pytest.raises(InterruptedError):
-            signal.setitimer(signal.ITIMER_REAL, 1e-3)
-            mark_unsure(values, preload, nothing, 0.5, doubtful)
+            loop()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

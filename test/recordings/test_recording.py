@@ -55,9 +55,8 @@ def test_every_channel_comes_back_as_it_was_written(tmp_path):
 @pytest.mark.parametrize("little_endian", [True, False])
 def test_motors_joints_and_efforts_may_share_one_topic(make, tmp_path, little_endian):
     path = make.mcap(tmp_path / "a.mcap", make.swing(300, little_endian=little_endian))
-    read = read_recording(path, ONE_TOPIC, motor_names=["motor"], joint_names=["joint"])
-    assert list(read.motors) == ["motor"]
-    assert list(read.joints) == ["joint"]
+    read = read_recording(path, ONE_TOPIC)
+    assert list(read.motors) == list(read.joints) == ["motor", "joint"]
     np.testing.assert_array_equal(read.motors["motor"].value, np.arange(300))
     np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(300))
     np.testing.assert_array_equal(read.references["effort/joint"].value, -2 * np.arange(300))
@@ -236,11 +235,3 @@ def test_the_same_channel_on_two_reference_topics_is_refused(tmp_path):
             bag.write_joint_states(topic, t, ["a"], np.zeros((3, 1)), effort=np.zeros((3, 1)))
     with pytest.raises(BagError, match="effort/a is on several reference topics"):
         read_recording(tmp_path / "bag", Topics("/one", "/two", ("/one", "/two")))
-
-
-def test_names_that_never_appear_are_named_with_those_that_do(make, tmp_path):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(3))
-    with pytest.raises(BagError, match="never has the motor 'spindle', but 'motor', 'joint'"):
-        read_recording(path, ONE_TOPIC, motor_names=["motor", "spindle"])
-    with pytest.raises(BagError, match="never has the joint 'elbow'"):
-        read_recording(path, ONE_TOPIC, joint_names=["elbow"])

@@ -9,7 +9,6 @@ import pytest
 from support.compared import compare
 
 from cdrj_ros.evaluation.channels import Angle, BagComparison
-from cdrj_ros.evaluation.comparison import summed_up
 
 EPOCH_NS = 1_722_000_000_123_456_789
 
@@ -56,7 +55,7 @@ def make_comparison(
         max_gap_ns=20_000_000,
         angle=Angle("rolling joint", stamps, angle),
     )
-    return summed_up(
+    return BagComparison(
         path,
         duration_s,
         channels,

@@ -15,7 +15,6 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
-from cdrj_ros.evaluation.comparison import summed_up
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.inspection.checks import Inspection
@@ -150,7 +149,7 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     )  # fmt: skip
     alarm = Alarm("warn", nasty, 0.0, 1.0, 1, 1)
     bag = replace(
-        summed_up(nasty, 0.5, channels, (f"effort/{nasty}",), {nasty: 1}, (nasty,), {nasty: nasty}),
+        BagComparison(nasty, 0.5, channels, {nasty: 1}, (f"effort/{nasty}", nasty), {nasty: nasty}),
         friction=(PulleyFriction(f"{nasty}/2", 1.0, 2.0, 0.1, 0.2),),
         health=Verdict("warn", nasty, 1, (nasty,), (alarm,), {nasty: nasty}),
     )

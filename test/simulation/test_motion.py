@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.simulation import motion
 
 AMPLITUDE, FREQUENCY, BEGIN, CENTRE = 0.6, 0.5, 0.5, 0.1
@@ -41,24 +40,3 @@ def test_differences_are_the_derivatives_of_the_angle() -> None:
     np.testing.assert_allclose(
         course.acceleration[inside], -9.0 * np.sin(3.0 * TIME)[inside], atol=1e-4
     )
-
-
-def test_a_recorded_motion_is_followed_to_within_its_counts_and_without_their_accelerations() -> (
-    None
-):
-    times = np.arange(6_000) / 500.0
-    counts = 2.0 * np.pi / 16_384
-    angle = 0.5 * np.sin(2.0 * np.pi * 0.2 * times)
-    course = motion.differences(
-        times, motion.recorded(times, np.round(angle / counts) * counts)(times)
-    )
-    after = times > 1.0
-    expected = np.interp(times[after] - 0.5, times, angle)  # the slow start costs half a second
-    assert np.abs(course.angle[after] - expected).max() < 2.0 * counts
-    assert abs(course.speed[0]) < 1e-3
-    bend = np.abs(course.acceleration[after][:-500]).max()
-    assert bend == pytest.approx(0.5 * (0.4 * np.pi) ** 2, rel=0.1), "smoothing removes the counts"
-    assert motion.recorded_duration(times) == times[-1] + 0.5
-    for wrong in (np.arange(5.0), np.array([0.0, 2.0, 1.0] * 10)):
-        with pytest.raises(UsageError, match="at least 10 finite angles at increasing times"):
-            motion.recorded(wrong, np.zeros(wrong.size))
