@@ -3,28 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 from cdrj_msgs.srv import SetPreload
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.output import counted
+from cdrj_ros.nodes.inputs import InputWatch
 from cdrj_ros.nodes.parameters import apply_changes, in_force, meant, settings
-from cdrj_ros.nodes.spinning import starting
-
-if TYPE_CHECKING:
-    from cdrj_ros.nodes.estimation import Estimation
+from cdrj_ros.nodes.silence import StampClock
+from cdrj_ros.nodes.spinning import CheckedClock, starting
 
 SIMULATED: Final = "use_sim_time"
+
+
+class Changeable(Protocol):
+    """What changes use of an ``Estimation``."""
+
+    node: CheckedClock
+    live: LiveEstimator
+    watch: InputWatch
+    stamps: StampClock
+    timeout_s: float
+
+    @property
+    def configured(self) -> bool:
+        """Whether the robot is loaded."""
+
+    def forget(self) -> None:
+        """Republish the last estimate as STALE, then discard it."""
 
 
 class Changes:
     """Changes of a running estimation; a refused one changes nothing and says why."""
 
-    def __init__(self, estimation: Estimation) -> None:
+    def __init__(self, estimation: Changeable) -> None:
         """Take changes of the node's parameters from now on; ``offer_services`` follows."""
         self._of, self._node = estimation, estimation.node
         self._showing = False
