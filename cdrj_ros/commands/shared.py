@@ -18,7 +18,6 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict
-from importlib import metadata
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from cdrj_ros import __version__
@@ -93,6 +92,8 @@ def topics_of(arguments: argparse.Namespace) -> Topics:
 
 def versions() -> dict[str, str]:
     """Versions of the software that produced the results."""
+    from importlib import metadata  # slow, and only reports need it
+
     named = {"cdrj_ros": __version__, "Python": platform.python_version()}
     for package in ("numpy", "scipy", "rosbags", "mcap"):
         named[package] = metadata.version(package)
