@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import Colour, across
-from cdrj_ros.report.visuals import Mesh, PlacedVisual, mesh_in
+from cdrj_ros.report.visuals import Mesh, mesh_in
 from cdrj_ros.view.picture import (
     LINKS,
     DrawnBody,
@@ -62,7 +62,7 @@ def dashed_tube(ends: Points, radius: float) -> tuple[Points, Faces]:
     return _around(ends.reshape(dashes, 2, 3), radius), _faces(dashes, 2)
 
 
-def cylinder(centre: Points, axis: Points, radius: float, length: float) -> tuple[Points, Faces]:
+def cylinder(centre: Points, axis: Points, radius: float, length: float) -> Mesh:
     """Mesh of a cylinder, or a disc if it is short.
 
     Args:
@@ -70,22 +70,23 @@ def cylinder(centre: Points, axis: Points, radius: float, length: float) -> tupl
         axis: unit vector, shape (3,).
         radius: [m].
         length: along the axis [m].
-
-    Returns:
-        Vertices [m], shape (2 * RIM + 2, 3), and faces, shape (f, 3).
     """
-    sides = RIM
-    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[:, None]
-    x, y = across(axis)
-    rim = radius * (np.cos(angle) * x + np.sin(angle) * y)
-    half = 0.5 * length * axis
-    vertices = np.concatenate([rim - half, rim + half, -half[None], half[None]]) + centre
-    a = np.arange(sides)
-    b, under, over = (a + 1) % sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
-    triangles = [(a, b, a + sides), (b, b + sides, a + sides), (b, a, under)]
-    triangles.append((a + sides, b + sides, over))
-    faces = np.concatenate([np.column_stack(triangle) for triangle in triangles])
-    return vertices, faces.astype(np.uint32)
+    unit = _unit_mesh("cylinder")
+    own = unit.vertices * np.array([radius, radius, length])
+    return Mesh(centre + own @ np.array([*across(axis), axis]), unit.faces)
+
+
+@cache
+def _unit_mesh(shape: Literal["box", "cylinder", "sphere"]) -> Mesh:
+    """A box with edges of 1, a cylinder of radius and length 1 along z, a sphere of radius 1."""
+    from trimesh import creation  # of viser
+
+    made: Any
+    if shape == "cylinder":
+        made = creation.cylinder(1.0, 1.0, sections=RIM)
+    else:
+        made = creation.box() if shape == "box" else creation.icosphere()
+    return Mesh(np.array(made.vertices, float), np.array(made.faces, np.uint32))
 
 
 def _around(lines: NDArray[np.float64], radius: float) -> Points:
@@ -152,18 +153,6 @@ def rgb(colour: Colour) -> Bytes:
     """A colour with components from 0 to 255."""
     red, green, blue = (round(255.0 * part) for part in colour)
     return red, green, blue
-
-
-def _unit_mesh(look: PlacedVisual) -> Mesh | None:
-    """A shape of size 1, as its own file has it; None if it cannot be read."""
-    if look.shape == "mesh":
-        return mesh_in(look.mesh)
-    if look.shape == "cylinder":
-        return Mesh(*cylinder(np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 1.0))
-    import trimesh  # of viser
-
-    made = trimesh.creation.box() if look.shape == "box" else trimesh.creation.icosphere()
-    return Mesh(np.array(made.vertices, float), np.array(made.faces, np.uint32))
 
 
 def layers_of(model: Model) -> dict[str, int]:
@@ -326,7 +315,8 @@ class Drawing:
         for k, look in enumerate(picture.visuals):
             position, wxyz = self._placed("", look.centre), look.quaternion
             handle = self.visuals.get(k)
-            if handle is None and (mesh := _unit_mesh(look)) is not None:
+            mesh = mesh_in(look.mesh) if look.shape == "mesh" else _unit_mesh(look.shape)
+            if handle is None and mesh is not None:
                 self.visuals[k] = self._scene.add_mesh_simple(
                     f"/visuals/{k}", (mesh.vertices * look.size * self._scale).astype(np.float32),
                     mesh.faces, color=rgb(LINKS), opacity=BEHIND, side="double", position=position,
@@ -338,7 +328,7 @@ class Drawing:
             ):
                 handle.position, handle.wxyz = position, np.array(wxyz)
 
-    def _mesh(self, handle: Any, name: str, mesh: tuple[Points, Faces], colour: Colour) -> Any:
+    def _mesh(self, handle: Any, name: str, mesh: Mesh, colour: Colour) -> Any:
         """Add a mesh that is seen through, or move it."""
         vertices, faces = mesh[0].astype(np.float32), mesh[1]
         if handle is None:
