@@ -18,7 +18,7 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from cdrj_ros import __version__
 from cdrj_ros.evaluation.channels import unit_of
@@ -29,9 +29,6 @@ from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
-
-if TYPE_CHECKING:
-    from cdrj_ros.report.table import Beside
 
 
 def add_robot_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
@@ -128,14 +125,12 @@ def write_files(
             title=title,
             inspection=inspect_robot(model),
             versions=versions(),
-            beside=_published(model),
             limit_check=limit_check,
         )
 
 
 def print_results(
     arguments: argparse.Namespace,
-    model: Model,
     errors: Errors,
     title: str,
     limit_check: LimitCheck | None = None,
@@ -152,7 +147,7 @@ def print_results(
             elif count:
                 words = cause.replace("_", " ")
                 say(f"readings: {bag.path}: {count} {words} (docs/conditioning.md)")
-    print_errors(errors.pooled, title=title, beside=_published(model))
+    print_errors(errors.pooled, title=title)
     for line in (line for bag in errors.bags for line in health_of(bag)):
         say(line)
     if limit_check:
@@ -161,14 +156,6 @@ def print_results(
         say(f"figures: {arguments.json}")
     if arguments.html:
         say(f"report: {arguments.html}")
-
-
-def _published(model: Model) -> Beside | None:
-    """Published errors of this robot, from the robot file."""
-    from cdrj_ros.report.table import Beside
-
-    given = model.robot.document.get("published")
-    return Beside(given["heading"], given["errors"]) if given else None
 
 
 FORMAT: Final = "cdrj_ros/validation"

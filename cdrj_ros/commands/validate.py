@@ -197,7 +197,7 @@ def _body(argv: Sequence[str]) -> int:
     limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
     write_files(arguments, model, errors, title, limit_check)
-    print_results(arguments, model, errors, title, limit_check)
+    print_results(arguments, errors, title, limit_check)
     for task in tasks:
         if task.written and task.path not in {one.name for one in failed}:
             say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")

@@ -284,7 +284,7 @@ def _report(
         errors = errors_of(comparisons)
         title = f"{model.robot.name}: estimator node against reference"
         write_files(arguments, model, errors, title)
-        print_results(arguments, model, errors, title)
+        print_results(arguments, errors, title)
     else:
         print("no references in the bag: nothing to compare with; name topics with --reference")
     if ending is Ending.GONE:

@@ -46,7 +46,6 @@ from cdrj_ros.model.prepared import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,
     OUTSIDE_HEADINGS,
-    Beside,
     cause_in_words,
     headings_of,
     health_lines,
@@ -71,7 +70,6 @@ def write_report(
     title: str,
     inspection: Inspection,
     versions: Mapping[str, str],
-    beside: Beside | None = None,
     limit_check: LimitCheck | None = None,
 ) -> None:
     """Write comparisons as one page, whole or not at all.
@@ -82,7 +80,6 @@ def write_report(
         title: title of the page, in one line.
         inspection: of the robot whose estimates were compared.
         versions: names and versions of the software that produced the estimates.
-        beside: an additional column of the table, for example published figures.
         limit_check: result of the comparison with limits, if any.
 
     Raises:
@@ -95,7 +92,7 @@ def write_report(
         numbers=key_numbers(errors.pooled),
         limits=_limits(limit_check) if limit_check else None,
         several=len(errors.bags) > 1,
-        table=_table(errors.pooled, _anchors(errors.bags), beside),
+        table=_table(errors.pooled, _anchors(errors.bags)),
         bags=_bags(errors),
         robot=f"{robot.name} ({robot.source})",
         drawing=_drawing(inspection),
@@ -186,18 +183,13 @@ def _direction(error: ChannelError) -> str:
     )
 
 
-def _table(
-    errors: Mapping[str, ChannelError], anchors: Mapping[str, str], beside: Beside | None = None
-) -> dict[str, Any]:
+def _table(errors: Mapping[str, ChannelError], anchors: Mapping[str, str]) -> dict[str, Any]:
     """The figures, one table per quantity, with names linked to their pictures."""
-    groups = table_groups(errors, beside=beside)
     headings = headings_of(errors)
-    rows = [row for group in groups for row in (*group.rows, group.summary) if row]
     return {
-        "groups": groups,
+        "groups": table_groups(errors),
         "headings": headings,
         "many": len(headings) > len(HEADINGS),
-        "beside": beside.heading if beside and any(row.aside for row in rows) else None,
         "anchors": anchors,
         "remark": r2_remark(errors),
     }

@@ -102,15 +102,6 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True)
-class Beside:
-    """An additional column of a table."""
-
-    heading: str
-    texts: Mapping[str, str]
-    """Texts by channel name; a quantity alone ("tension") refers to its summary line."""
-
-
-@dataclass(frozen=True)
 class Row:
     """One line of the table."""
 
@@ -120,8 +111,6 @@ class Row:
     """Name without its prefix, printed in the first column."""
     cells: tuple[str, ...]
     """Formatted figures, one for each of ``headings_of``."""
-    aside: str
-    """Text of the additional column; may be empty."""
 
 
 @dataclass(frozen=True)
@@ -149,19 +138,15 @@ def _more(errors: Mapping[str, ChannelError]) -> tuple[str, ...]:
     )
 
 
-def table_groups(
-    errors: Mapping[str, ChannelError], *, beside: Beside | None = None
-) -> tuple[Group, ...]:
+def table_groups(errors: Mapping[str, ChannelError]) -> tuple[Group, ...]:
     """The table's text, grouped by quantity in the order of QUANTITIES.
 
     Args:
         errors: figures by channel name.
-        beside: texts of the last column.
 
     Raises:
         ValueError: a channel name without a known prefix.
     """
-    asides = beside.texts if beside else {}
     more = _more(errors)
     groups = []
     for quantity, known in QUANTITIES.items():
@@ -172,25 +157,18 @@ def table_groups(
         factor, scaled_unit = scale_for(overall.max_abs_error, overall.unit or known.unit)
         decimals = _decimals(members.values(), factor)
         rows = tuple(
-            Row(
-                name,
-                name.removeprefix(f"{quantity}/"),
-                _cells(error, factor, decimals, more),
-                asides.get(name, ""),
-            )
+            Row(name, name.removeprefix(f"{quantity}/"), _cells(error, factor, decimals, more))
             for name, error in members.items()
         )
         summary = None
         if len(rows) > 1:
             cells = _cells(overall, factor, decimals, more)
-            summary = Row("", f"all {known.place}s", cells, asides.get(quantity, ""))
+            summary = Row("", f"all {known.place}s", cells)
         groups.append(Group(f"{known.title} [{scaled_unit}]", rows, summary))
     return tuple(groups)
 
 
-def errors_table(
-    errors: Mapping[str, ChannelError], *, title: str = "", beside: Beside | None = None
-) -> Table:
+def errors_table(errors: Mapping[str, ChannelError], *, title: str = "") -> Table:
     """The figures as a table, one line per channel, grouped by quantity."""
     from rich.text import Text
 
@@ -198,14 +176,12 @@ def errors_table(
     table.add_column("")
     for heading in headings_of(errors):
         table.add_column(heading, justify="right", no_wrap=True)
-    if beside:
-        table.add_column(Text(beside.heading))
-    for group in table_groups(errors, beside=beside):
+    for group in table_groups(errors):
         table.add_row(Text(group.title, style="bold"))
         for row in group.rows:
-            table.add_row(*_columns(row, beside))
+            table.add_row(*_columns(row))
         if group.summary is not None:
-            table.add_row(*_columns(group.summary, beside), style="bold")
+            table.add_row(*_columns(group.summary), style="bold")
         table.add_section()
     return table
 
@@ -222,17 +198,14 @@ def r2_remark(errors: Mapping[str, ChannelError]) -> str:
     return ""
 
 
-def print_errors(
-    errors: Mapping[str, ChannelError], *, title: str = "", beside: Beside | None = None
-) -> None:
+def print_errors(errors: Mapping[str, ChannelError], *, title: str = "") -> None:
     """Print the figures.
 
     Args:
         errors: by channel name.
         title: line above the table.
-        beside: one more column, for example published figures.
     """
-    print_table(errors_table(errors, title=title, beside=beside))
+    print_table(errors_table(errors, title=title))
     if remark := r2_remark(errors):
         say(remark)
 
@@ -271,11 +244,10 @@ def _decimals(errors: Iterable[ChannelError], factor: float) -> int:
     return decimals_for(factor * usual[(len(usual) - 1) // 2]) if usual else 3
 
 
-def _columns(row: Row, beside: Beside | None) -> list[Text]:
+def _columns(row: Row) -> list[Text]:
     from rich.text import Text
 
-    cells = [f"  {row.label}", *row.cells, *([row.aside] if beside else [])]
-    return [Text(printable(cell)) for cell in cells]
+    return [Text(printable(cell)) for cell in (f"  {row.label}", *row.cells)]
 
 
 OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")

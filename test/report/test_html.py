@@ -22,7 +22,6 @@ from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
 from cdrj_ros.report.html import key_channels, write_report
-from cdrj_ros.report.table import Beside
 from cdrj_ros.robot.reader import load_robot
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
@@ -77,7 +76,7 @@ def written(inspection: Inspection, tmp_path_factory: pytest.TempPathFactory) ->
         path = tmp_path_factory.mktemp("report") / "report.html"
         write_report(
             path, errors_of(bags), title="A title", inspection=inspection,
-            versions={"cdrj_ros": "1.2.3"}, beside=Beside("published", {"tension/a/8": "4.44 %"}),
+            versions={"cdrj_ros": "1.2.3"},
         )  # fmt: skip
         return path.read_text(encoding="utf-8")
 
@@ -161,7 +160,6 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     write_report(
         tmp_path / "r.html", errors_of([bag, bag]), title=nasty, versions={nasty: nasty},
         inspection=replace(inspection, model=replace(inspection.model, robot=robot)),
-        beside=Beside(nasty, {name: nasty}),
         limit_check=LimitCheck(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
     )  # fmt: skip
     plain, parser = Strict(), Strict()

@@ -48,7 +48,7 @@ def numbers(value: Any, path: str = "") -> Iterator[str]:
     """Paths of all numbers of a document except results and zeros."""
     if isinstance(value, dict):
         for key, entry in value.items():
-            if key not in ("uncertainty", "identified", "published"):
+            if key not in ("uncertainty", "identified"):
                 yield from numbers(entry, f"{path}.{key}" if path else key)
     elif isinstance(value, list):
         for k, entry in enumerate(value):
