@@ -20,7 +20,7 @@ from cdrj_ros.commands.shared import (
 )
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.estimating import OUTPUTS
-from cdrj_ros.evaluation.inputs import Window, require_reference_topics
+from cdrj_ros.evaluation.inputs import Window
 from cdrj_ros.evaluation.limits import check_limits, load_limits
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.parallel import (
@@ -31,13 +31,11 @@ from cdrj_ros.evaluation.parallel import (
     in_processes,
     in_this_process,
     processors,
-    reason_of,
 )
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import ProgressBar, say
-from cdrj_ros.recordings import open_source
 from cdrj_ros.robot.description import Robot
 
 MOST_JOBS = 64
@@ -184,12 +182,10 @@ def _body(argv: Sequence[str]) -> int:
     tasks = _tasks(arguments, model.robot)
     for task in tasks:
         prepared_model(task.robot, task.preload)
-    unreadable = _unreadable(tasks)
-    readable = [task for task in tasks if task.path not in unreadable]
-    with ProgressBar("validating", sum(size_of(task.path) for task in readable)) as report:
-        results = _compared(arguments, readable, report) if readable else []
+    with ProgressBar("validating", sum(size_of(task.path) for task in tasks)) as report:
+        results = _compared(arguments, tasks, report)
     bags = [result for result in results if not isinstance(result, Failed)]
-    failed = [*unreadable.values(), *(one for one in results if isinstance(one, Failed))]
+    failed = [result for result in results if isinstance(result, Failed)]
     _say_failed(failed, len(tasks))
     if not bags:
         return BAD_INPUT
@@ -205,24 +201,6 @@ def _body(argv: Sequence[str]) -> int:
     if failed:
         return BAD_INPUT
     return OUTSIDE_LIMITS if outside else DONE
-
-
-def _unreadable(tasks: Sequence[BagTask]) -> dict[str, Failed]:
-    """Bags that cannot be opened; one of several does not stop the others.
-
-    Raises:
-        BagError: the only bag cannot be opened, or one has no reference topics.
-    """
-    failed = {}
-    for task in tasks:
-        try:
-            if len(tasks) > 1:
-                open_source(task.path)
-        except (BagError, OSError) as error:
-            failed[task.path] = Failed(task.path, reason_of(error))
-            continue
-        require_reference_topics(task.path, task.topics)
-    return failed
 
 
 def _say_failed(failed: Sequence[Failed], total: int) -> None:

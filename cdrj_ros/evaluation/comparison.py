@@ -7,7 +7,7 @@ which there is no estimate are left out and counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -166,7 +166,7 @@ class Comparing:
         """
         self._max_gap_ns = max_gap_ns
         self._taken = 0
-        self._last: dict[str, tuple[Floats, float]] = {}
+        self._last: dict[str, Floats] = {}
         self._stddev: dict[str, Floats] = {}
         shared: dict[int, Neighbours] = {}
         self._targets: dict[str, _Target] = {}
@@ -213,17 +213,22 @@ class Comparing:
             target = self._targets.get(name)
             if target is None or not n:
                 continue
-            deviation = stddev.get(name)
-            before = self._last.get(name, (np.full_like(values[0], np.nan), np.nan))
-            _fill(target, target.estimate, values, self._taken, before[0])
-            if deviation is not None:
-                if name not in self._stddev:
-                    self._stddev[name] = np.full(len(target.estimate), np.nan)
-                into = self._stddev[name]
-                _fill(target, into, deviation, self._taken, before[1], accept=_known)
-            last = np.nan if deviation is None else float(_known(deviation[-1:])[0])
-            self._last[name] = values[-1].copy(), last
+            self._fill(name, target, target.estimate, values)
+            if name in stddev:
+                into = self._stddev.setdefault(name, np.full(len(target.estimate), np.nan))
+                self._fill(f"stddev {name}", target, into, _known(stddev[name]))
         self._taken += n
+
+    def _fill(self, key: str, target: _Target, into: Floats, values: Floats) -> None:
+        """Interpolate at the stamps from the row before ``values``, which is kept, to their end."""
+        neighbours, begin = target.neighbours, self._taken - 1
+        before = self._last.get(key, np.full_like(values[:1], np.nan))
+        rows = np.concatenate((before, values))
+        self._last[key] = values[-1:].copy()
+        first, last = np.searchsorted(neighbours.right, (self._taken, begin + len(rows)))
+        part = slice(int(first), int(last))
+        left, right = neighbours.left[part] - begin, neighbours.right[part] - begin
+        into[part] = interpolated(rows[left], rows[right], neighbours, part)
 
     def channels(
         self, angle: Angle | Mapping[str, Angle] | None, zones: Stamps | None
@@ -289,36 +294,6 @@ def _as_slice(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:
     if source.size and not np.any(np.diff(source) != 1):
         return slice(int(source[0]), int(source[-1]) + 1)
     return source
-
-
-def _fill(
-    target: _Target,
-    into: Floats,
-    values: Floats,
-    begin: int,
-    previous: Floats | float,
-    accept: Callable[[Floats], Floats] | None = None,
-) -> None:
-    """Interpolate at the stamps that fall on or between ``previous`` and ``values``.
-
-    Args:
-        target: the reference and its neighbours.
-        into: array to write to, shape (k,) or (k, 3).
-        values: estimates ``begin`` to ``begin + len(values) - 1``.
-        begin: index of the first of them.
-        previous: the estimate before them, NaN if there is none.
-        accept: applied to the neighbours of every stamp.
-    """
-    neighbours = target.neighbours
-    first, last = np.searchsorted(neighbours.right, (begin, begin + len(values)))
-    part = slice(int(first), int(last))
-    left = neighbours.left[part] - begin
-    before = values[np.maximum(left, 0)]
-    before[left < 0] = previous
-    after = values[neighbours.right[part] - begin]
-    if accept is not None:
-        before, after = accept(before), accept(after)
-    into[part] = interpolated(before, after, neighbours, part)
 
 
 def _known(given: Floats) -> Floats:

@@ -237,19 +237,6 @@ Window = tuple[float, float]
 """Begin and end of the compared references, relative to the start of the recording [s]."""
 
 
-def require_reference_topics(path: str, topics: Topics) -> None:
-    """Refuse a bag without reference topics before reading it, if its index lists the topics.
-
-    Raises:
-        BagError: there is no reference topic, or the bag cannot be opened.
-    """
-    source = open_source(path)
-    there = source.channels().keys()
-    known = source.channels_known() and {topics.motors, topics.joints} <= there
-    if known and not there & set(reference_topics(source, topics).references):
-        raise _no_references(path, topics)
-
-
 def require_references(path: str, topics: Topics, recording: Recording) -> None:
     """Refuse a recording without references.
 
@@ -323,13 +310,12 @@ def duration_s(recording: Recording, window: Window) -> float:
     return max(min(length, end) - begin, 0.0)
 
 
-def _no_references(path: str, topics: Topics, recording: Recording | None = None) -> BagError:
-    if recording is not None and recording.references:
+def _no_references(path: str, topics: Topics, recording: Recording) -> BagError:
+    if recording.references:
         return BagError(f"{path} holds no references in that time")
-    refused = [] if recording is None else [n for n in recording.notes if _MALFORMED in n]
-    if refused:
+    if refused := [note for note in recording.notes if _MALFORMED in note]:
         return BagError(f"{path} holds no references; {'; '.join(refused)}")
-    source = open_source(path if recording is None else recording.path)
+    source = open_source(recording.path)
     types = {name: source.channels()[name].msgtype for name in _candidates(source, topics)}
     listed = ", ".join(f"{printable(n)} ({one.rpartition('/')[2]})" for n, one in types.items())
     return BagError(

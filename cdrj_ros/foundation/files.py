@@ -7,6 +7,7 @@ import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
 from xml.etree import ElementTree as Xml
@@ -152,23 +153,40 @@ class InputError(CdrjError):
     """An input that cannot be read; the text goes on from the input's name and a colon."""
 
 
-def read_regular(path: str | Path, most_bytes: int) -> bytes:
-    """Content of a regular file; a pipe, on which reading might not end, is not opened to the end.
+def open_regular(path: StrPath) -> FileIO:
+    """Open a regular file for reading; a pipe, on which that might not end, is refused.
 
     Raises:
-        InputError: there is no such file, it is not a regular one, or it is too large.
+        InputError: there is no such file, or it is not a regular one.
     """
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as stream:
-            if not stat.S_ISREG(os.fstat(handle).st_mode):
-                raise InputError("it is not a regular file")
+        raw = FileIO(path, opener=_without_waiting)
+    except (OSError, ValueError) as error:  # a value: a null character in the path
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise InputError(reason or str(error)) from error
+    if stat.S_ISREG(os.fstat(raw.fileno()).st_mode):
+        return raw
+    raw.close()
+    raise InputError("it is not a regular file")
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open without blocking: opening a named pipe would otherwise wait for a writer."""
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def read_regular(path: StrPath, most_bytes: int) -> bytes:
+    """Content of a regular file.
+
+    Raises:
+        InputError: as ``open_regular``, or it is too large.
+    """
+    with open_regular(path) as stream:
+        try:
             data = stream.read(most_bytes + 1)
-            size = max(os.fstat(handle).st_size, len(data))
-    except OSError as error:
-        raise InputError(error.strerror or str(error)) from error
-    except ValueError as error:  # a null character in the path
-        raise InputError(str(error)) from error
+        except OSError as error:
+            raise InputError(error.strerror or str(error)) from error
+        size = max(os.fstat(stream.fileno()).st_size, len(data))
     if len(data) > most_bytes:
         raise InputError(f"it has {size} bytes, at most {most_bytes} are read")
     return data

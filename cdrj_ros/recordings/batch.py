@@ -6,10 +6,8 @@ than a machine has.  Ordinary recordings stay far below the bounds, see `docs/re
 
 from __future__ import annotations
 
-import os
-import stat
 from dataclasses import dataclass
-from io import BufferedReader, FileIO
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.files import InputError, open_regular
 
 CHUNK_BYTES: Final = 1 << 26
 """Size of one unpacked chunk, and so of one message.  Writers make chunks of 1 to 4 MB; a joint
@@ -50,6 +49,18 @@ class BoundedReader(BufferedReader):
     """
 
     left = RECORD_BYTES
+
+    @classmethod
+    def of(cls, path: Path) -> BoundedReader:
+        """Open a file, which must be a regular one.
+
+        Raises:
+            BagError: it cannot be read.
+        """
+        try:
+            return cls(open_regular(path))
+        except InputError as error:
+            raise BagError(f"{path} cannot be read: {error}") from None
 
     def renew(self) -> int:
         """Allow the next record; returns the current offset in the file."""
@@ -143,28 +154,6 @@ def column(rows: Octets, offset: int, dtype: str, count: int = 1) -> npt.NDArray
     shape, strides = (len(rows), count), (rows.shape[1], itemsize)
     view: npt.NDArray[Any] = np.ndarray(shape, dtype, rows, offset, strides)
     return view
-
-
-def open_regular(path: Path) -> BoundedReader:
-    """Open a regular file for reading; a pipe or a device might never end.
-
-    Raises:
-        BagError: it cannot be read or is not a regular file.
-    """
-    try:
-        raw = FileIO(path, opener=_without_waiting)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise BagError(f"{path} cannot be read: {reason or error}") from None
-    if stat.S_ISREG(os.fstat(raw.fileno()).st_mode):
-        return BoundedReader(raw)
-    raw.close()
-    raise BagError(f"{path} is not a regular file")
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open without blocking: opening a named pipe would otherwise wait for a writer."""
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def require_cdr(path: Path, channel: Channel) -> None:

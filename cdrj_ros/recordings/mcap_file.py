@@ -40,7 +40,6 @@ from cdrj_ros.recordings.batch import (
     Int64s,
     Stretch,
     column,
-    open_regular,
     pick,
 )
 from cdrj_ros.recordings.decoding import CONVERSION, ZSTD_MAGIC
@@ -82,7 +81,7 @@ class McapFile:
         self._schemas: dict[int, records.Schema] = {}
         self._notes: dict[str, int] = {}
         self._damaged_at = -1
-        with open_regular(path) as stream:
+        with BoundedReader.of(path) as stream:
             _require_mcap(path, stream.read(16))
             summary = _summary(stream)
             found = self._walked(stream) if summary is None else self._take(summary)
@@ -107,7 +106,7 @@ class McapFile:
         Raises:
             BagError: the file cannot be read any more.
         """
-        with open_regular(self.path) as stream:
+        with BoundedReader.of(self.path) as stream:
             for stretch in self.stretches if stretches is None else stretches:
                 raw = self._raw(stream, stretch)
                 offsets, declared, rest = _records(raw)
