@@ -395,7 +395,6 @@ class Ensemble:
         joint_angle: NDArray[np.float64],
         unseen: NDArray[np.float64],
         offset: NDArray[np.float64],
-        at_once: bool,
     ) -> tuple[State, NDArray[np.float64], bool, NDArray[np.float64]]:
         """``Robot.step`` and ``update``: (state, estimate, solved, standard deviations)."""
 
@@ -408,18 +407,15 @@ class Ensemble:
         offset: NDArray[np.float64],
         estimate: NDArray[np.float64],
         least: int,
-        at_once: bool,
     ) -> NDArray[np.float64]:
         """The standard deviations at a sample and its estimate, shape (quantities,).
 
-        They are those after the sample before, unless more than one member is updated.  One member
-        may then wait to be updated, until ``finish`` or the next sample.
+        They are those after the sample before, unless more than one member is updated.
 
         Args:
             stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
             estimate: shape (estimate_size,).
             least: number of members that are updated at least.
-            at_once: whether no member is left waiting.
         """
 
     def predict(
@@ -444,7 +440,7 @@ class Ensemble:
         estimates: NDArray[np.float64],
         stddev: NDArray[np.float64],
     ) -> None:
-        """``update``, at once, for many samples as ``Samples`` holds them, bit for bit.
+        """``update`` for many samples as ``Samples`` holds them, bit for bit.
 
         Raises:
             KeyboardInterrupt: between some thousand samples.
@@ -452,9 +448,6 @@ class Ensemble:
 
     def roll_back(self) -> None:
         """Forget what has been predicted."""
-
-    def finish(self) -> None:
-        """Update the member that waits, if there is one."""
 
     def take_offset(self, offset: NDArray[np.float64]) -> None:
         """Take the axes' deviations by lasting errors (U12), (U13) [rad], shape (3 axes,)."""

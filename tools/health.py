@@ -169,7 +169,6 @@ def watch(model: Model, case: Case, truth: Truth, seed: int) -> list[Watched]:
         cells = truth.tension[k, columns] + generator.normal(0.0, CELL_NOISE, len(CELLS))
         sample = Sample(stamp, motor, joint)
         stddev = live.take(sample).stddev
-        live.finish()
         for one in watched:
             if "effort" in one.sensors:
                 one.monitor.read_efforts(stamp, ["winch"], effort)

@@ -92,7 +92,6 @@ def track(model: Model, truth: Truth, friction: float, options: Options, seed: i
         motor = np.round(truth.motor_angle[k] / counts[0]) * counts[0]
         joint = np.round(truth.joint_angle[k] / counts[1]) * counts[1]
         output = live.take(Sample(stamp, motor, joint))
-        live.finish()
         assert output.stddev is not None
         error[k] = output.tension - truth.tension[k]
         stddev[k] = output.stddev[:elements]

@@ -253,7 +253,6 @@ def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -
         sample = Sample(stamp, read.motor_angle[k], read.joint_angle[k])
         estimate, stddev, _ = live.take(sample)
         assert stddev is not None
-        live.finish()
         error = np.abs(estimate.tension - truth.tension[k])
         inside.append(error <= 2.0 * stddev[: error.size])
         ok.append(np.asarray(estimate.status) == OK)

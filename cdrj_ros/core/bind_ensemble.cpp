@@ -94,7 +94,7 @@ std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estim
 
 nb::tuple step(
     Ensemble& ensemble, const HeldState& before, Nanoseconds stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Given& unseen, const Given& offset, bool at_once) {
+    const Given& joint_angle, const Given& unseen, const Given& offset) {
     const Robot& robot = ensemble.robot();
     require(
         before.numbers.size() == robot.state_size(), "state has not the size of this robot's");
@@ -102,17 +102,17 @@ nb::tuple step(
     const Written estimate({Index(robot.estimate_size())}), stddev = stddev_of(ensemble);
     const bool solved = ensemble.step(
         before.numbers.data(), view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
-        before.seconds_until(stamp_ns), at_once, after.numbers, span_of(estimate), span_of(stddev));
+        before.seconds_until(stamp_ns), after.numbers, span_of(estimate), span_of(stddev));
     return nb::make_tuple(std::move(after), estimate, solved, stddev);
 }
 
 Written update(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& offset, const Given& estimate, Index least, bool at_once) {
+    const Given& unseen, const Given& offset, const Given& estimate, Index least) {
     const Written stddev = stddev_of(ensemble);
     ensemble.update(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
-        estimate_of(ensemble, estimate), least, at_once, span_of(stddev));
+        estimate_of(ensemble, estimate), least, span_of(stddev));
     return stddev;
 }
 
@@ -159,7 +159,7 @@ void follow(
             sample.offset = {offset.data() + change++ * width, width};
         }
         ensemble.update(
-            sample, {estimate + k * size, size}, 1, true, {written + k * quantities, quantities});
+            sample, {estimate + k * size, size}, 1, {written + k * quantities, quantities});
         return true;
     });
 }
@@ -329,11 +329,11 @@ void bind_ensemble(nb::module_& core) {
             "Copies all arrays.")
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset"_a, "at_once"_a,
+            "offset"_a,
             "``Robot.step`` and ``update`` in one call.")
         .def(
             "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, "least"_a, "at_once"_a,
+            "estimate"_a, "least"_a,
             "The standard deviations at a sample and its estimate.")
         .def(
             "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
@@ -342,9 +342,8 @@ void bind_ensemble(nb::module_& core) {
         .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
             "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a,
-            "``update``, at once, for many samples and their estimates, one a row.")
+            "``update`` for many samples and their estimates, one a row.")
         .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
-        .def("finish", &Ensemble::finish, "Update the member that waits, if there is one.")
         .def("reset", &Ensemble::reset, "Discard the history of all members.")
         .def("take_offset", take_offset, "offset"_a, "Take the standard deviations of lasting errors.")
         .def_prop_ro(

@@ -85,33 +85,27 @@ Ensemble::Ensemble(
 // A sample
 
 bool Ensemble::step(
-    const double* before, const SampleView& sample, double dt, bool at_once,
+    const double* before, const SampleView& sample, double dt,
     std::span<double> state, std::span<double> estimate, std::span<double> stddev) {
     const bool solved =
         robot_.advance(before, sample.motor_angle, sample.joint_angle, dt, out_.data());
     std::copy_n(out_.begin(), state.size(), state.begin());
     std::copy_n(out_.begin() + robot_.state_size(), estimate.size(), estimate.begin());
-    update(sample, estimate, 1, at_once, stddev);
+    update(sample, estimate, 1, stddev);
     return solved;
 }
 
 void Ensemble::update(
-    const SampleView& sample, std::span<const double> estimate, Index least, bool at_once,
+    const SampleView& sample, std::span<const double> estimate, Index least,
     std::span<double> stddev) {
     roll_back();
-    finish();
-    begin(sample, estimate, least, stddev);
-    if (at_once) finish();
+    if (begin(sample, estimate, least, stddev)) update_members(1, 0.0);
 }
 
 void Ensemble::predict(
     const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
-    if (!before_prediction_) {
-        finish();
-        before_prediction_ = {population.states, memory};
-    }
+    if (!before_prediction_) before_prediction_ = {population.states, memory};
     begin(sample, estimate, 1, stddev);
-    waiting_ = false;
 }
 
 void Ensemble::roll_back() {
@@ -121,21 +115,17 @@ void Ensemble::roll_back() {
     before_prediction_.reset();
 }
 
-void Ensemble::finish() {
-    if (!std::exchange(waiting_, false)) return;
-    update_members(1, 0.0);
-}
-
 void Ensemble::reset() {
     before_prediction_.reset();
-    waiting_ = false;
     start_anew();
     memory.progress.last_stamp = -1;
     memory.progress.last_unsolved = 0;
     std::ranges::fill(memory.unseen, 0.0);
 }
 
-void Ensemble::begin(
+/// Take a sample, update members where more than one is due, and write the standard deviations;
+/// returns whether one is due now.
+bool Ensemble::begin(
     const SampleView& sample, std::span<const double> estimate, Index least,
     std::span<double> stddev) {
     std::ranges::copy(estimate, estimate_.begin());
@@ -169,7 +159,7 @@ void Ensemble::begin(
     std::ranges::copy(unseen_, memory.unseen.begin());
     if (!unsolved) bound_clocks();
     write_stddev(estimate_, stddev);
-    waiting_ = count == 1 && is_due(sample.stamp_ns);
+    return count == 1 && is_due(sample.stamp_ns);
 }
 
 /// Take the angles of a sample and their deviations; whether the motion of an axis before it is

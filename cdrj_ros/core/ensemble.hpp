@@ -121,16 +121,15 @@ public:
 
     /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
     bool step(
-        const double* before, const SampleView& sample, double dt, bool at_once,
-        std::span<double> state, std::span<double> estimate, std::span<double> stddev);
+        const double* before, const SampleView& sample, double dt, std::span<double> state, std::span<double> estimate, std::span<double> stddev);
 
     /// Write the standard deviations at a sample and its estimate.
     ///
     /// They are those after the sample before, unless more than one member is updated. One member
-    /// then waits to be updated, until `finish` or the next sample; not if `at_once`, or if the last
-    /// update is too recent. `least`: number of members to be updated at least.
+    /// is updated then, unless the last update is too recent. `least`: number of members to be
+    /// updated at least.
     void update(
-        const SampleView& sample, std::span<const double> estimate, Index least, bool at_once,
+        const SampleView& sample, std::span<const double> estimate, Index least,
         std::span<double> stddev);
 
     /// As `update` at a predicted sample, which the ensemble forgets again at the next call.
@@ -141,9 +140,6 @@ public:
 
     /// Forget what has been predicted.
     void roll_back();
-
-    /// Update the member that waits, if there is one.
-    void finish();
 
     /// Discard the history of all members; the next sample starts them anew.
     void reset();
@@ -190,7 +186,7 @@ public:
     EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
 
 private:
-    void begin(
+    bool begin(
         const SampleView& sample, std::span<const double> estimate, Index least,
         std::span<double> stddev);
     bool take_angles(const SampleView& sample);
@@ -214,7 +210,6 @@ private:
     };
 
     std::optional<Kept> before_prediction_;
-    bool waiting_ = false;       // whether one member has yet to be updated to the last sample
 
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;

@@ -167,7 +167,6 @@ class Ensemble:
     def memory(self) -> dict[str, NDArray[Any]]:
         """The ensemble's memory, which ``recall`` restores."""
         self.core.roll_back()
-        self.finish()
         return {
             "members": self.states,
             "member_stamps": self.stamps,
@@ -206,13 +205,12 @@ class Ensemble:
 
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
-        self.finish()
         self.stamps += by_ns
         progress = self.core.progress
         if progress[LAST_STAMP] >= 0:
             progress[LAST_STAMP] += by_ns
 
-    def step(self, state: State, sample: Sample, at_once: bool = True) -> tuple[State, Estimate]:
+    def step(self, state: State, sample: Sample) -> tuple[State, Estimate]:
         """``step`` and ``update`` in one call.
 
         Returns:
@@ -223,24 +221,21 @@ class Ensemble:
         """
         stamp, motor_angle, joint_angle, unseen, offset = sample[:5]
         after, values, solved, stddev = self.core.step(
-            state, stamp, motor_angle, joint_angle, unseen, offset, at_once
+            state, stamp, motor_angle, joint_angle, unseen, offset
         )
         return after, Estimate(stamp, values, self.model.layout, solved, stddev)
 
-    def update(self, sample: Sample, estimate: Estimate, at_once: bool = True) -> Vector:
+    def update(self, sample: Sample, estimate: Estimate) -> Vector:
         """Update the ensemble with the sample of a step and the resulting estimate.
 
-        What is sent need not wait for a member, which changes the standard deviations by one part
-        in as many as there are members.  Unless ``at_once``, one member therefore waits until
-        ``finish`` or the next sample.
-
         Returns:
-            Standard deviations before that member's update, in the order of ``stddev_columns``.
+            Standard deviations before the update of a single member, which changes them by one part
+            in as many as there are members; in the order of ``stddev_columns``.
 
         Raises:
             ValueError: the sample or the estimate is of another robot.
         """
-        return self.core.update(*sample[:5], estimate.values, 1, at_once)
+        return self.core.update(*sample[:5], estimate.values, 1)
 
     def predict(self, sample: Sample, estimate: Estimate) -> Vector:
         """Standard deviations at a predicted sample, which the ensemble forgets again.
@@ -249,15 +244,10 @@ class Ensemble:
         """
         return self.core.predict(*sample[:5], estimate.values)
 
-    def finish(self) -> None:
-        """Update the member that waits; without effect if none does."""
-        self.core.finish()
-
     def catch_up(self, sample: Sample, estimate: Estimate) -> None:
         """Update all members to ``sample``, the last one given to ``update``."""
-        self.finish()
         if not (self.stamps == sample.stamp_ns).all():
-            self.core.update(*sample[:5], estimate.values, len(self.states), False)
+            self.core.update(*sample[:5], estimate.values, len(self.states))
 
     def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
         """Apply ``step`` to many samples in two calls; the results are bit-identical."""

@@ -254,13 +254,8 @@ class LiveEstimator:
                 estimates.append(estimate)
         return jumped, estimates
 
-    def finish(self) -> None:
-        """Do what the last estimate need not wait for; the next sample does it otherwise."""
-        if self.ensemble is not None:
-            self.ensemble.finish()
-
     def take(self, sample: Sample) -> Estimate:
-        """Process one sample; ``finish`` can follow once the estimate has been published.
+        """Process one sample.
 
         The estimate has its standard deviations, and the angles of joints without encoder.  A
         predicted sample leaves the memory as it is; only the next predicted one continues it.
@@ -291,13 +286,13 @@ class LiveEstimator:
             self.state, estimate = step(self.model, self.state, sample)
             return estimate
         if self.fusion is None:
-            self.state, estimate = ensemble.step(self.state, sample, at_once=False)
+            self.state, estimate = ensemble.step(self.state, sample)
             return estimate
         model, is_corrected = self.model, self.state is not self.uncorrected
         if self.state.stamp_ns == NEVER:
             model = self.fusion.start_model()
-        if model is self.model:  # at once, since other sensors correct the members
-            self.state, estimate = ensemble.step(self.state, sample, at_once=True)
+        if model is self.model:
+            self.state, estimate = ensemble.step(self.state, sample)
         else:
             self.state, estimate = step(model, self.state, sample)
             estimate.stddev = ensemble.update(sample, estimate)

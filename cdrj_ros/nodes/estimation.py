@@ -268,7 +268,6 @@ class Estimation:
                 continue
             is_fresh = estimate.stamp_ns >= fresh_ns
             self.outputs.publish(estimate if is_fresh else marked_stale(estimate))
-        self.live.finish()
         if self.health is not None:
             self.health.follow(estimates[-1])
         self.watch.note(now_ns, now_s)

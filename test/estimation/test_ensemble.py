@@ -121,10 +121,9 @@ def _samples(samples: Samples) -> Sequence[Sample]:
     ]
 
 
-@pytest.mark.parametrize("at_once", [True, False])
 @pytest.mark.parametrize("seen", [True, False])
 def test_in_one_call_estimate_and_spread_are_the_same(
-    model: Model, path: Samples, at_once: bool, seen: bool
+    model: Model, path: Samples, seen: bool
 ) -> None:
     one, state_one = Ensemble(model), initial_state(model)
     two, state_two = Ensemble(model), initial_state(model)
@@ -132,9 +131,9 @@ def test_in_one_call_estimate_and_spread_are_the_same(
     with_a_gap = [*_samples(_part(path, slice(0, 200))), *_samples(_part(path, slice(2000, 2100)))]
     for sample in with_a_gap:
         read = sample._replace(unseen=unseen)
-        state_one, estimate = one.step(state_one, read, at_once)
+        state_one, estimate = one.step(state_one, read)
         state_two, expected = step(model, state_two, read)
-        expected.stddev = two.update(read, expected, at_once)
+        expected.stddev = two.update(read, expected)
         assert estimate.stddev.tobytes() == expected.stddev.tobytes()
         assert state_one.values.tobytes() == state_two.values.tobytes()
         assert estimate.values.tobytes() == expected.values.tobytes()
