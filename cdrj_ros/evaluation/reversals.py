@@ -61,17 +61,34 @@ def turning_points(angle: Floats) -> Indices:
         Indices of the extremes between which the angle covers at least REVERSAL_SHARE of its
         range, strictly increasing, without the start and the end of the recording.
     """
-    from scipy.signal import find_peaks  # slow
-
-    present = np.flatnonzero(np.isfinite(angle))
-    if not present.size:
-        return present
-    kept = present[envelope(_SCAN_BUCKETS, angle[present])]
-    values = angle[kept]
-    least = max(REVERSAL_SHARE * float(np.ptp(values)), np.finfo(float).tiny)
-    peaks = [find_peaks(sign * values, prominence=least)[0] for sign in (1.0, -1.0)]
-    found: Indices = kept[np.sort(np.concatenate(peaks))]
-    return found
+    finite = np.isfinite(angle)
+    present = None if finite.all() else np.flatnonzero(finite)
+    values = angle if present is None else angle[present]
+    if len(values) < 3:
+        return np.arange(0)
+    threshold = REVERSAL_SHARE * float(values.max() - values.min())
+    if threshold <= 0.0:
+        return np.arange(0)
+    coarse = envelope(_SCAN_BUCKETS, values)
+    turns: list[int] = []
+    low = high = 0
+    heading = 0
+    samples = values[coarse].tolist()
+    for at, value in enumerate(samples):
+        if heading >= 0 and value > samples[high]:
+            high = at
+        if heading <= 0 and value < samples[low]:
+            low = at
+        if heading >= 0 and value < samples[high] - threshold:
+            if heading > 0:
+                turns.append(high)
+            heading, low = -1, at
+        elif heading <= 0 and value > samples[low] + threshold:
+            if heading < 0:
+                turns.append(low)
+            heading, high = 1, at
+    found = coarse[np.array(turns, dtype=np.intp)]
+    return found if present is None else present[found]
 
 
 def reversal_zones(stamp_ns: Stamps, angles: Iterable[Floats]) -> Stamps:
