@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from cdrj_ros.messages.cdr import Field, MessageType
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings import BagWriter, Recording, Topics, read_recording
+from cdrj_ros.recordings.definitions import parse_definition
 
 COUNT = 50
 STAMPS = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(COUNT, dtype=np.int64)
@@ -28,12 +27,12 @@ def arrays(force: NDArray[np.float64] = FORCE, magnitude: Any = NORM) -> Arrays:
     return {"magnitude": magnitude, **components}
 
 
-def recorded(folder: Path, given: Arrays, *, wanted: bool = True) -> Recording:
+def recorded(folder: Path, given: Arrays) -> Recording:
     with BagWriter(folder / "bag") as bag:
         for topic in (Topics().motors, Topics().joints):
             bag.write_joint_states(topic, STAMPS, ["m"], position=np.zeros((COUNT, 1)))
         bag.write_nodal_forces(Topics().references[1], STAMPS, NAMES, **given)
-    return read_recording(folder / "bag", force_vectors=wanted)
+    return read_recording(folder / "bag", force_vectors=True)
 
 
 def test_components_that_give_their_magnitude_come_back_bit_for_bit(tmp_path: Path) -> None:
@@ -54,13 +53,15 @@ def test_components_that_give_their_magnitude_come_back_bit_for_bit(tmp_path: Pa
         arrays(np.zeros_like(FORCE)),
         arrays(np.full_like(FORCE, np.nan)),
         arrays(np.zeros_like(FORCE), np.zeros_like(NORM)),
+        {name: one for name, one in arrays().items() if name != "force_z"},
     ],
-    ids=["empty", "zero", "not a number", "nothing but zero"],
+    ids=["empty", "zero", "not a number", "nothing but zero", "one empty"],
 )
 def test_a_reference_without_components_has_only_magnitudes(given: Arrays, tmp_path: Path) -> None:
     read = recorded(tmp_path, given)
     assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
     assert read.notes == ()
+    assert sum(read.malformed.values()) == 0
 
 
 def test_noise_of_both_and_a_slack_cable_do_not_contradict(tmp_path: Path) -> None:
@@ -103,43 +104,21 @@ def test_components_that_do_not_give_the_magnitude_are_no_vector(tmp_path: Path)
 
 @pytest.mark.parametrize("scalars", [(), ("force_x", "force_y", "force_z")])
 def test_a_bag_whose_own_definition_has_no_arrays_of_components_is_read(
-    scalars: tuple[str, ...], tmp_path: Path
+    make: Any, scalars: tuple[str, ...], tmp_path: Path
 ) -> None:
-    name, angles = "cdrj_msgs/msg/NodalForces", "sensor_msgs/msg/JointState"
-    head = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
-    head = (*head, Field("header.frame_id", "text"), Field("name", "text", 0))
-    heading = "std_msgs/Header header\nstring[] name\n"
-    header = (
-        f"\n{'=' * 80}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-        f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-    )
-    with (tmp_path / "own.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        for topic, msgtype, array, names in (
-            (Topics().motors, angles, "position", ["m"]),
-            (Topics().joints, angles, "position", ["m"]),
-            (Topics().references[1], name, "magnitude", NAMES),
-        ):
-            more = scalars if msgtype == name else ()
-            lines = "".join(f"float64 {one}\n" for one in more)
-            text = f"{heading}float64[] {array}\n{lines}{header}".encode()
-            schema = writer.register_schema(msgtype, "ros2msg", text)
-            channel = writer.register_channel(topic, "cdr", schema)
-            fields = (*head, Field(array, "f8", 0), *(Field(one, "f8") for one in more))
-            template = Template(MessageType(msgtype, fields), names, (array,))
-            for stamp in STAMPS.tolist():
-                payload = template.encode(stamp, **{array: np.full(len(names), 2.0)})
-                writer.add_message(channel, stamp, payload, stamp)
-        writer.finish()
-    read = read_recording(tmp_path / "own.mcap", force_vectors=True)
+    kind, topics = "cdrj_msgs/msg/NodalForces", Topics()
+    text = "std_msgs/Header header\nstring[] name\nfloat64[] magnitude\n"
+    text += "".join(f"float64 {one}\n" for one in scalars)
+    template = Template(parse_definition(kind, text), NAMES, ("magnitude",))
+    stamps = STAMPS.tolist()
+    forces = [(stamp, template.encode(stamp, magnitude=np.full(2, 2.0))) for stamp in stamps]
+    angles = [(stamp, make.joint_state(stamp, ["m"], [0.0])) for stamp in stamps]
+    of_angles = ("sensor_msgs/msg/JointState", "", angles)
+    path = make.topics(
+        tmp_path / "own.mcap",
+        {topics.motors: of_angles, topics.joints: of_angles,
+         topics.references[1]: (kind, text, forces)},
+    )  # fmt: skip
+    read = read_recording(path, force_vectors=True)
     assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
     assert read.references["nodal_force/a/3"].value.tolist() == [2.0] * COUNT
-
-
-def test_one_empty_component_makes_no_vector(tmp_path: Path) -> None:
-    given = arrays()
-    del given["force_z"]
-    read = recorded(tmp_path, given)
-    assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
-    assert sum(read.malformed.values()) == 0

@@ -8,7 +8,9 @@ import pytest
 import zstandard
 
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.recordings.definitions import parse_definition
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 MS = 1_000_000
@@ -154,42 +156,26 @@ def test_a_topic_of_another_type_is_refused_by_both_names(make, tmp_path):
         read_recording(path, replace(ONE_TOPIC, joints="/tensions"))
 
 
-def test_a_definition_with_other_fields_is_used(make, tmp_path):
-    from cdrj_ros.messages.cdr import Field, MessageType
-    from cdrj_ros.messages.templates import Template
-
-    header = (Field("header.stamp.sec", "i4"), Field("header.stamp.nanosec", "u4"))
-    text = Field("header.frame_id", "text")
-    fields = (*header, text, Field("gauge", "u1"), Field("name", "text", 0))
-    template = Template(
-        MessageType("cdrj_msgs/msg/CableTensions", (*fields, Field("tension", "f4", 0))), ["u/1"]
+def test_a_definition_with_other_fields_is_used_if_it_has_what_is_needed(make, tmp_path):
+    kind, text = (
+        "cdrj_msgs/msg/CableTensions",
+        "std_msgs/Header header\nuint8 gauge\nstring[] name\n",
     )
-    definition = "std_msgs/Header header\nuint8 gauge\nstring[] name\nfloat32[] tension\n"
+    wanted = replace(ONE_TOPIC, references=("/t",))
+
+    def bag(definition, messages):
+        angles = ("sensor_msgs/msg/JointState", "", one_joint_state(make))
+        topics = {make.topic: angles, "/t": (kind, definition, messages)}
+        return make.topics(tmp_path / "a.mcap", topics)
+
+    own = text + "float32[] tension\n"
+    template = Template(parse_definition(kind, own), ["u/1"])
     raw = [(i, template.encode(i + 1, tension=[i / 2])) for i in range(20)]
-    path = make.topics(
-        tmp_path / "a.mcap",
-        {
-            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
-            "/t": ("cdrj_msgs/msg/CableTensions", definition, raw),
-        },
-    )
-    read = read_recording(path, replace(ONE_TOPIC, references=("/t",)))
+    read = read_recording(bag(own, raw), wanted)
     np.testing.assert_array_equal(read.references["tension/u/1"].value, np.arange(20) / 2)
-
-
-def test_a_definition_without_what_is_needed_is_refused_by_name(make, tmp_path):
-    definition = "string[] name\nfloat64[] pull\n"
-    path = make.topics(
-        tmp_path / "a.mcap",
-        {
-            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
-            "/t": ("cdrj_msgs/msg/CableTensions", definition, [(1, b"\0\1\0\0")]),
-        },
-    )
-    with pytest.raises(
-        BagError, match=r"/t: cdrj_msgs/msg/CableTensions .* 'tension', but name, pull"
-    ):
-        read_recording(path, replace(ONE_TOPIC, references=("/t",)))
+    lacking = bag("string[] name\nfloat64[] pull\n", [(1, b"\0\1\0\0")])
+    with pytest.raises(BagError, match=rf"/t: {kind} .* 'tension', but name, pull"):
+        read_recording(lacking, wanted)
 
 
 @pytest.mark.parametrize(
