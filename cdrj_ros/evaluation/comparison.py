@@ -7,7 +7,7 @@ which there is no estimate are left out and counted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -216,19 +216,23 @@ class Comparing:
             self._fill(name, target, target.estimate, values)
             if name in stddev:
                 into = self._stddev.setdefault(name, np.full(len(target.estimate), np.nan))
-                self._fill(f"stddev {name}", target, into, _known(stddev[name]))
+                self._fill(f"stddev {name}", target, into, stddev[name], _known)
         self._taken += n
 
-    def _fill(self, key: str, target: _Target, into: Floats, values: Floats) -> None:
+    def _fill(
+        self, key: str, target: _Target, into: Floats, values: Floats,
+        accepted: Callable[[Floats], Floats] = np.asarray,
+    ) -> None:  # fmt: skip
         """Interpolate at the stamps from the row before ``values``, which is kept, to their end."""
-        neighbours, begin = target.neighbours, self._taken - 1
-        before = self._last.get(key, np.full_like(values[:1], np.nan))
-        rows = np.concatenate((before, values))
-        self._last[key] = values[-1:].copy()
-        first, last = np.searchsorted(neighbours.right, (self._taken, begin + len(rows)))
+        neighbours, begin = target.neighbours, self._taken
+        first, last = np.searchsorted(neighbours.right, (begin, begin + len(values)))
         part = slice(int(first), int(last))
-        left, right = neighbours.left[part] - begin, neighbours.right[part] - begin
-        into[part] = interpolated(rows[left], rows[right], neighbours, part)
+        left = neighbours.left[part] - begin
+        before = values[np.maximum(left, 0)]
+        before[left < 0] = self._last.get(key, np.nan)
+        after = values[neighbours.right[part] - begin]
+        into[part] = interpolated(accepted(before), accepted(after), neighbours, part)
+        self._last[key] = values[-1].copy()
 
     def channels(
         self, angle: Angle | Mapping[str, Angle] | None, zones: Stamps | None
