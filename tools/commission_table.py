@@ -7,7 +7,9 @@ python tools/commission_table.py wrist --draws 20        four cables in space, t
 Three causes of error are drawn for every truth among the documented defaults, each with its own
 standard deviation.  The truth has eight contact cells per pulley.  It is recorded at rest, and for
 60 s with the motors' efforts (noise 20 mN m, of the wrist 2 mN m) and load cells (0.1 N); spring
-scale (3 %) and calliper (0.05 mm) err as the file then says.  Angles are read 500 times a second,
+scale (3 %: a gain common to all readings, and 1 % in each) and calliper (0.05 mm) err as the file
+then says.  The scale is read in the reference pose, then near the ends of all joints' ranges and,
+after five motions to and fro, in the reference pose again.  Angles are read 500 times a second,
 motors and joints in one message, as joint_state_broadcaster publishes them.  The file of every step
 is then judged on another motion.
 """
@@ -29,6 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands import commission_steps as steps  # noqa: E402
+from cdrj_ros.commands.commission_poses import rest_poses  # noqa: E402
 from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
 from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
 from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
@@ -62,7 +65,12 @@ START_S: Final = 5.0
 EFFORT_NOISE: Final = {"prototype": 0.02, "wrist": 0.002}
 """Standard deviation of the motors' efforts [N m]: some 5 % of what the preloads make of them."""
 CELL_NOISE: Final = 0.1
-SCALE_NOISE: Final = 0.03
+SCALE_GAIN: Final = 0.0283
+SCALE_NOISE: Final = 0.01
+POSES: Final = {"prototype": ((-0.8,), (0.8,)),
+                "wrist": ((-0.8, -0.8, -0.8), (0.8, 0.8, 0.8), (0.8, -0.8, 0.8))}  # fmt: skip
+"""Further poses for the spring scale, as fractions of the ranges beside the reference pose."""
+MOVE_S, REST_S, CYCLES = 2.5, 3.0, 5
 CALLIPER_NOISE: Final = 5e-5
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 
@@ -149,12 +157,8 @@ def _read(
 
 
 def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorded, ...]:
-    """At rest in the reference pose; in motion with efforts; the same with one cell, two cells."""
+    """In motion with efforts; the same with one cell, two cells."""
     generator = np.random.default_rng([seed, 8])
-    stamps = EPOCH_NS + np.arange(200, dtype=np.int64) * 5_000_000
-    pose = [np.full((200, len(axes)), [axis.reference_angle for axis in axes])
-            for axes in (robot.motors, robot.joints)]  # fmt: skip
-    rest = Recorded("rest", *_read(robot, stamps, *pose), {})
     motion = moved(robot, seed)
     at = np.ascontiguousarray(motion.stamp_ns[::2])
     layout = prepare(robot).layout
@@ -165,7 +169,7 @@ def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorde
         )
         for name, column in zip(layout.motors, motion.truth.motor_effort.T, strict=True)
     }
-    found = [rest, Recorded("motion", motion.motors, motion.joints, efforts)]
+    found = [Recorded("motion", motion.motors, motion.joints, efforts)]
     references = dict(efforts)
     for k, cell in enumerate(cells):
         column = motion.truth.tension[::2, layout.elements.index(cell)]
@@ -174,6 +178,47 @@ def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorde
         name = f"{k + 1} cells"
         found.append(Recorded(name, motion.motors, motion.joints, references))
     return tuple(found)
+
+
+def in_poses(robot: Robot) -> tuple[Recorded, Truth]:
+    """At rest in one pose after the other, where a spring scale can be read, and on the ways."""
+    joints = robot.joints
+    here = np.array([joint.reference_angle for joint in joints])
+    ends = here - [joint.lower for joint in joints], [joint.upper for joint in joints] - here
+    parts = [np.tile(here, (round(REST_S * RATE), 1))]
+    count = round(MOVE_S * RATE)
+    way = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, count + 1) / count)[:, None]
+    poses = [np.array(pose) for pose in POSES[robot.name]]
+    to_and_fro = CYCLES * poses[:2]
+    for k, share in enumerate((*poses, *to_and_fro, 0.0 * poses[0])):
+        goal = here + share * np.where(share > 0.0, ends[1], ends[0])
+        parts.append(parts[-1][-1] + (goal - parts[-1][-1]) * way)
+        if not len(poses) <= k < len(poses) + len(to_and_fro):
+            parts.append(np.tile(goal, (round(REST_S * RATE), 1)))
+    angles = np.concatenate(parts)
+    time = np.arange(len(angles)) / RATE
+    motors = follow_joints(prepare(robot), angles).motor_angle
+    truth = simulate(robot, time, angles, motor_angle=motors, allow_slack=True)
+    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+    read = _read(robot, stamps, truth.motor_angle, truth.joint_angle)
+    return Recorded("poses", *read, {}), truth
+
+
+def scale_read(
+    robot: Robot, recorded: Recorded, truth: Truth, generator: np.random.Generator
+) -> list[dict[str, float]]:
+    """What a spring scale reads at the last element of every cable, in every pose."""
+    gain = 1.0 + SCALE_GAIN * float(generator.standard_normal())
+    layout = prepare(robot).layout
+    ends = [cable.element_names[-1] for cable in robot.cables]
+    columns = [layout.elements.index(end) for end in ends]
+    found = []
+    for pose in rest_poses(prepare(robot), recorded):
+        at = round((pose.stamp_ns - EPOCH_NS) * 1e-9 * RATE)
+        errors = gain * (1.0 + SCALE_NOISE * generator.standard_normal(len(ends)))
+        values = truth.tension[at, columns] * errors
+        found.append(dict(zip(ends, values.tolist(), strict=True)))
+    return found
 
 
 class Figures(NamedTuple):
@@ -218,22 +263,22 @@ def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[st
     document = {key: value for key, value in document.items() if key != "uncertainty"}
     truth, wrong = drawn(document, seed)
     robot = build_robot(truth, "truth")
-    layout = prepare(robot).layout
     ends = [cable.element_names[-1] for cable in robot.cables]
-    rest, motion, *with_cells = recordings(robot, seed, tuple(ends[:2]))
+    motion, *with_cells = recordings(robot, seed, tuple(ends[:2]))
     other = moved(robot, seed + 50_000)
     generator = np.random.default_rng([seed, 9])
-    preloads = {
-        cable.name: cable.preload * (1.0 + SCALE_NOISE * float(generator.standard_normal()))
-        for cable in robot.cables
-    }
-    assert layout.elements
+    poses, truth_there = in_poses(robot)
+    readings = scale_read(robot, poses, truth_there, generator)
     print(f"  {seed}: {', '.join(wrong)}", flush=True)
     source = str(ROOT / "config" / "robots" / f"{name}.yaml")
     now = steps.begin(text, source)
     yield "fresh", compared(now.model, other)
-    now = steps.preloaded(steps.tared(now, rest), preloads)
-    yield "tare, preloads", compared(now.model, other)
+    now = steps.tared(now, poses)
+    yield "tare, preloads", compared(steps.preloaded(now, readings[:1]).model, other)
+    now = steps.preloaded(now, readings, print if verbose else None)
+    if verbose:
+        print(f"    {now.found.drums}")
+    yield "in three poses", compared(now.model, other)
     drums = {
         node.motor: 2.0 * (node.radius + CALLIPER_NOISE * float(generator.standard_normal()))
         for cable in robot.cables

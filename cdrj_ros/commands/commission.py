@@ -13,14 +13,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from cdrj_ros.commands.commission_judged import Judged, foretold, judged
+from cdrj_ros.commands.commission_poses import pose_words
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
-    Judged,
     begin,
     drums_measured,
     fitted,
-    foretold,
-    judged,
     preloaded,
     provenance,
     tared,
@@ -34,14 +33,17 @@ from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.identification.fit import lacking
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.problem import Progress
 from cdrj_ros.model.loading import robot_path
 from cdrj_ros.model.prepared import EFFORT, TENSION
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.writer import moved, with_section
 
 ASKED: Final = {
-    "rest": "1. Tare: hold the robot at rest in its reference pose and record a second: bag",
-    "preload": "2. Read every cable's tension there on a spring scale: CABLE=NEWTON,...",
+    "rest": "1. Tare: record the robot at rest in its reference pose for 3 s. Better go on to two "
+    "or three further poses and back, rest for 3 s in each, and read every cable's tension on a "
+    "spring scale in all of them: bag",
+    "preload": "2. The tensions in the reference pose on a spring scale: CABLE=NEWTON,...",
     "drum": "3. Measure every drum by calliper, between the cable's middles: MOTOR=MILLIMETRES,...",
     "motion": "4. Move every joint through its range for 60 s, with the motors' efforts: bag",
     "cells": "5. The same with one or two borrowed load cells in the cables: bag",
@@ -52,10 +54,10 @@ LIVE: Final = "live"
 """In place of a bag: record it from the running robot."""
 
 LIVE_S: Final = {"rest": 3.0, "motion": 60.0, "cells": 60.0}
-"""How long a step is recorded [s]."""
+"""How long a step is recorded [s]; in the dialogue that of the tare goes on until Enter."""
 
-Record = Callable[[Path, Topics, float], None]
-"""Records the topics of a robot into a new bag, for some seconds."""
+Record = Callable[[Path, Topics, float, bool], None]
+"""Records the topics of a robot into a new bag, for some seconds, and on until Enter or not."""
 
 
 class Step(NamedTuple):
@@ -79,10 +81,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", required=True, metavar="FILE", help="robot file to write")
     parser.add_argument("--force", action="store_true", help="replace an existing --out")
     group = parser.add_argument_group("measurements, in the order in which they are used")
-    group.add_argument("--rest", metavar="BAG", help="at rest in the reference pose")
     group.add_argument(
-        "--preload", metavar="CABLE=N,...", help="tensions there, read on a spring scale [N]"
+        "--rest",
+        metavar="BAG",
+        help="at rest in the reference pose, and in further poses if a spring scale was read there",
     )
+    group.add_argument(
+        "--preload", action="append", metavar="CABLE=N,...", default=[],
+        help="tensions in the reference pose, read on a spring scale [N]; repeated, those in each "
+        "further pose of --rest, as CABLE/ELEMENT=N,...",
+    )  # fmt: skip
     group.add_argument(
         "--drum", metavar="MOTOR=MM,...",
         help="diameters of the drums: over the wound cable, less the cable's diameter [mm]",
@@ -130,12 +138,13 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
         given = getattr(arguments, name)
         if not given and not arguments.yes:
             say(f"the next step would bring: {_words(foretold(now, name))}")
-            given = _asked(name, live=record is not None and name in LIVE_S)
+            given = _asked_for(now, name, live=record is not None and name in LIVE_S)
         if not given:
             continue
         if name in LIVE_S:
             words = [given] if isinstance(given, str) else given
-            given = [_bag(one, name, arguments.out, topics, record) for one in words]
+            on = name == "rest" and not arguments.yes
+            given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
         now = take(now, given)
         steps.append(Step(name, judged(now.model)))
         if now.found and now.found.drums:
@@ -155,7 +164,7 @@ SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the t
 """Where the residual of a fit is large although preloads were measured."""
 
 
-def _bag(given: str, name: str, out: str, topics: Topics, record: Record | None) -> str:
+def _bag(given: str, name: str, out: str, topics: Topics, record: Record | None, on: bool) -> str:
     """The bag of a step, which is recorded beside the new robot file if it is to be ``live``."""
     if given != LIVE:
         return given
@@ -164,7 +173,7 @@ def _bag(given: str, name: str, out: str, topics: Topics, record: Record | None)
     first = Path(out).with_name(f"{Path(out).stem}_{name}")
     later = (first.with_name(f"{first.name}_{k}") for k in count(2))
     path = next(one for one in chain([first], later) if not one.exists())
-    record(path, topics, LIVE_S[name])
+    record(path, topics, LIVE_S[name], on)
     say(f"recorded: {path}")
     return str(path)
 
@@ -178,21 +187,28 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
     def rest(now: Commissioned, bags: Sequence[str]) -> Commissioned:
         return tared(now, _read(now, bags[0], topics))
 
-    def preload(now: Commissioned, text: str) -> Commissioned:
-        return preloaded(now, _numbers(text, "--preload", "CABLE=N"))
+    def preload(now: Commissioned, texts: Sequence[str]) -> Commissioned:
+        readings = [_numbers(text, "--preload", "CABLE=N") for text in texts]
+        return _fitting(partial(preloaded, now, readings))
 
     def drum(now: Commissioned, text: str) -> Commissioned:
         given = _numbers(text, "--drum", "MOTOR=MM")
-        return drums_measured(now, {name: 1e-3 * size for name, size in given.items()})
+        sizes = {name: 1e-3 * size for name, size in given.items()}
+        return _fitting(partial(drums_measured, now, sizes))
 
     def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
-        with ProgressBar("fitting") as progress:
-            return fitted(now, [_read(now, bag, topics) for bag in bags], partial(progress, 0.0))
+        return _fitting(partial(fitted, now, [_read(now, bag, topics) for bag in bags]))
 
     return [
         ("rest", rest), ("preload", preload), ("drum", drum),
         ("motion", recordings), ("cells", recordings),
     ]  # fmt: skip
+
+
+def _fitting(take: Callable[[Progress], Commissioned]) -> Commissioned:
+    """What a step makes of the file, with the progress of its fit on standard error."""
+    with ProgressBar("fitting") as progress:
+        return take(partial(progress, 0.0))
 
 
 def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
@@ -217,7 +233,7 @@ def _numbers(text: str, option: str, form: str) -> dict[str, float]:
         UsageError: the text does not have this form.
     """
     found = {}
-    for part in text.split(","):
+    for part in text.split(",") if text.strip() else ():
         name, _, given = part.partition("=")
         try:
             found[name.strip()] = float(given)
@@ -226,11 +242,25 @@ def _numbers(text: str, option: str, form: str) -> dict[str, float]:
     return found
 
 
-def _asked(name: str, *, live: bool) -> str:
-    """The user's answer; empty to leave the step out."""
-    ways = f"{LIVE}: record {LIVE_S[name]:.0f} s now; " if live else ""
+def _asked_for(now: Commissioned, name: str, *, live: bool) -> str | list[str]:
+    """The user's answer, or answers for all poses; empty to leave the step out."""
+    ways = ""
+    if live:
+        until = ", until Enter" if name == "rest" else f" for {LIVE_S[name]:.0f} s"
+        ways = f"{LIVE}: record it now{until}; "
+    first = _asked(f"{ASKED[name]} ({ways}empty: leave it out)")
+    if name != "preload" or not first:
+        return first
+    further = [
+        _asked(f"   in pose {k}, {pose_words(now.model.robot, pose)}: CABLE/ELEMENT=NEWTON,...")
+        for k, pose in enumerate(now.poses[1:], 2)
+    ]
+    return [first, *further]
+
+
+def _asked(question: str) -> str:
     try:
-        return input(f"{ASKED[name]} ({ways}empty: leave it out) > ").strip()
+        return input(f"{question} > ").strip()
     except EOFError:
         return ""
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.validation import validate_bag
@@ -72,19 +71,28 @@ class _Numbers(NamedTuple):
 
 def _of_the_fit(found: Identification) -> _Numbers:
     """All places of the numbers on which the data depend."""
-    which, factors = _places(found)
-    signs = np.sign(factors)
-    paths = tuple(path for k in found.seen.tolist() for path in found.unknowns[k].paths)
-    correlation = found.correlation[np.ix_(which, which)] * np.outer(signs, signs)
-    stddev = found.stddev[which] * np.abs(factors)
+    paths, deviations = _deviations(found)
+    seen = found.seen
+    covariance = deviations @ found.correlation[np.ix_(seen, seen)] @ deviations.T
+    stddev = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(stddev, stddev)
+    np.fill_diagonal(correlation, 1.0)
     return _Numbers(paths, tuple(stddev.tolist()), correlation)
 
 
-def _places(found: Identification) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Index and factor of the unknown at every place of those on which the data depend."""
-    unknowns = [(k, found.unknowns[k]) for k in found.seen.tolist()]
-    which = np.array([k for k, unknown in unknowns for _ in unknown.paths], dtype=np.int64)
-    return which, np.array([f for _, unknown in unknowns for f in unknown.factors], dtype=float)
+def _deviations(found: Identification) -> tuple[tuple[str, ...], Table]:
+    """Places of the unknowns on which the data depend, and the effect of a standard error of each.
+
+    Returns:
+        The paths, and the changes of their numbers [SI], shape (paths, unknowns).
+    """
+    unknowns = [found.unknowns[k] for k in found.seen.tolist()]
+    paths = tuple(dict.fromkeys(path for unknown in unknowns for path in unknown.paths))
+    deviations = np.zeros((len(paths), len(unknowns)))
+    for k, unknown in enumerate(unknowns):
+        for path, factor in zip(unknown.paths, unknown.factors, strict=True):
+            deviations[paths.index(path), k] = factor * found.stddev[found.seen[k]]
+    return paths, deviations
 
 
 def _kept(before: Mapping[str, Any], fitted: Sequence[str]) -> _Numbers:
@@ -113,10 +121,9 @@ def _joined(found: Identification, fitted: _Numbers, kept: _Numbers) -> _Numbers
     stddev = [*fitted.stddev, *kept.stddev]
     if others is not None:
         columns = np.array([index.get(path, -1) for path in rest], dtype=np.int64)
-        which, factors = _places(found)
-        signs = np.sign(factors)
-        cross = np.pad(others.with_fitted, ((0, 0), (0, 1)))[np.ix_(which, columns)]
-        together[:size, size:] = cross * signs[:, None]
+        _, deviations = _deviations(found)
+        cross = np.pad(others.with_fitted, ((0, 0), (0, 1)))[np.ix_(found.seen, columns)]
+        together[:size, size:] = deviations @ cross / np.array(fitted.stddev)[:, None]
         together[size:, :size] = together[:size, size:].T
         new = [index[path] for path in chosen]
         together[size + stated :, size + stated :] = others.correlation[np.ix_(new, new)]

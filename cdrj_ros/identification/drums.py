@@ -80,8 +80,11 @@ def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progre
         say("fitting drums that hold once more")
         again = _fitted(problem, (slips.coordinates,), weights, loss, say)
         holds = min(holds, again, key=lambda one: one.squares)
-    ratio = slips.squares / max(holds.squares, 1e-300)
-    return finding(ratio, independent_states(problem), slips.strain - holds.strain)
+    stated = any(channel.scale for one in problem.observations for channel in one.channels)
+    return finding(
+        (slips.squares, holds.squares), independent_states(problem), slips.strain - holds.strain,
+        1.0 if stated else 0.0,
+    )  # fmt: skip
 
 
 class _Misfit(NamedTuple):
@@ -110,16 +113,26 @@ def _fitted(
     return _misfit(problem, found.coordinates, weights)
 
 
-def finding(ratio: float, independent: int, strain: float) -> DrumFinding:
+def finding(
+    squares: tuple[float, float], independent: int, strain: float, least: float = 0.0
+) -> DrumFinding:
     """(I8): what the residuals of both hypotheses show.
 
     Args:
-        ratio: sum of squares with slipping cable over that with cable that holds, positive.
+        squares: sums of squares with slipping cable and with cable that holds, positive.
         independent: number of residuals that count as independent, at least 1.
         strain: squared deviations from the priors with slipping cable, less those with cable that
             holds [standard deviations squared].
+        least: smallest variance of a residual.
     """
-    certainty = 0.5 * (independent * log(ratio) + strain)
+    slips, holds = (max(one, 1e-300) for one in squares)
+    ratio = slips / holds
+    # each with the variance that suits it best
+    variance = [max(one / independent, least) for one in (slips, holds)]
+    certainty = 0.5 * (
+        independent * log(variance[0] / variance[1])
+        + slips / variance[0] - holds / variance[1] + strain
+    )  # fmt: skip
     if certainty > CERTAIN:
         times = f"{sqrt(ratio):.2g} times"
         return DrumFinding(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from math import sqrt
-from typing import Final, Literal, get_args
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,15 @@ CONDITIONING_KEYS: Final = ("clock_offset", "scale", "period", "correction")
 """Keys of motors and joints that change the conditioned samples by more than a constant."""
 
 
+class ScaleReading(NamedTuple):
+    """How the readings of one cable on a spring scale err."""
+
+    preload: float
+    """What the same scale reads in the reference pose [N]: its gain errs in both alike."""
+    noise: float
+    """Standard deviation of a reading beside that gain [N]."""
+
+
 @dataclass(frozen=True)
 class Recorded:
     """One recording: readings and references."""
@@ -35,6 +44,8 @@ class Recorded:
     joints: Mapping[str, Series]
     references: Mapping[str, tuple[Stamps, Vector]]
     """Stamps [ns] and values by channel: ``tension/upper/8``, ``effort/jaw``."""
+    scales: Mapping[str, ScaleReading] = field(default_factory=dict)
+    """Accuracy of the references that were read on a spring scale, by channel."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +63,15 @@ class Channel:
     """Divisor of its residuals [N] or [N m]."""
     effort_scale: float = 1.0
     """The scale of published efforts that ``reference`` contains, of an axis' effort."""
+    scale: ScaleReading | None = None
+    """Accuracy of a spring scale that read them."""
 
     def reference_by(self, robot: Robot) -> Vector:
-        """The reference as a robot reads it, whose scale of efforts may be another."""
+        """The reference as a robot reads it, whose preload or scale of efforts may be another."""
+        if self.scale is not None:
+            cable = self.name.split("/")[1]
+            preload = next(one.preload for one in robot.cables if one.name == cable)
+            return preload / self.scale.preload * self.reference
         name = self.name.removeprefix(f"{EFFORT}/")
         ratio = robot.effort_scale.get(name, self.effort_scale) / self.effort_scale
         return self.reference if ratio == 1.0 else ratio * self.reference
@@ -140,9 +157,12 @@ def observe(
                 inside[key] = chosen
         else:
             chosen = inside[key]
-        scale = model.robot.effort_scale.get(name.removeprefix(f"{EFFORT}/"), 1.0)
+        effort_scale = model.robot.effort_scale.get(name.removeprefix(f"{EFFORT}/"), 1.0)
+        scale = recorded.scales.get(name)
+        sigma = scale.noise if scale else sigmas[name]
+        mean = chosen.mean(values)
         found.append(
-            Channel(name, columns[name], chosen.stamp_ns, chosen.mean(values), sigmas[name], scale)
+            Channel(name, columns[name], chosen.stamp_ns, mean, sigma, effort_scale, scale)
         )
     channels = tuple(channel for channel in found if channel.reference.size)
     if not channels:
@@ -280,17 +300,20 @@ def residual_scales(
             explains as much of the variance of each kind as it can; ``noise``: standard deviation
             of the sensor's noise, from second differences.
     """
-    values = {
-        name: [one.references[name][1] for one in recordings if name in one.references]
-        for name in channels
-    }
+    values: dict[str, list[Vector]] = {}
+    result: dict[str, float] = {}
+    for name in channels:
+        for one in recordings:
+            if name in one.scales:  # stated, in place of either rule
+                result[name] = one.scales[name].noise
+            elif name in one.references:
+                values.setdefault(name, []).append(one.references[name][1])
     if rule == "noise":
-        return {name: max(map(noise_of, listed)) for name, listed in values.items()}
+        return result | {name: max(map(noise_of, listed)) for name, listed in values.items()}
     kinds: dict[str, list[str]] = {}
-    for name in channels:  # each motor and joint is its own kind: lever arms differ
+    for name in values:  # each motor and joint is its own kind: lever arms differ
         kind = name.split("/", 1)[0]
         kinds.setdefault(name if kind == EFFORT else kind, []).append(name)
-    result: dict[str, float] = {}
     for members in kinds.values():
         variance = [float(np.var(np.concatenate(values[name]))) for name in members]
         result |= dict.fromkeys(members, max(float(np.sqrt(np.mean(variance))), 1e-9))

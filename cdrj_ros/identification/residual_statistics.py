@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.observations import (
+    Channel,
     Observations,
     noise_of,
     samples_by,
@@ -139,7 +140,8 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
     white = white_variance(problem, residuals)
     independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
     pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
-    return max(white + (mean - white) * size / pieces, problem.least_variance, 1e-300)
+    lasting = max(mean - white, 0.0) * size / pieces
+    return max(white + lasting, problem.least_variance, 1e-300)
 
 
 def lasting_squares(problem: Problem, residuals: Vector) -> float:
@@ -158,14 +160,22 @@ def lasting_squares(problem: Problem, residuals: Vector) -> float:
 
 
 def white_variance(problem: Problem, residuals: Vector) -> float:
-    """w² of (I2): variance of the white noise on the residuals, at most their mean square.
+    """w² of (I2): variance of the white noise on the residuals.
+
+    It is that of their second differences, at most their mean square, or as stated of the sensor.
 
     Args:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    noise = sum(white_power(one) for parts in _by_recording(problem, residuals) for one in parts)
-    return min(noise, float(residuals @ residuals)) / residuals.size
+    stated, found, most = 0.0, 0.0, 0.0
+    for channel, part in _by_channel(problem, residuals):
+        if channel.scale is not None:
+            stated += part.size
+        else:
+            found += white_power(part)
+            most += float(part @ part)
+    return (stated + min(found, most)) / residuals.size
 
 
 def _by_recording(problem: Problem, residuals: Vector) -> Iterator[list[Vector]]:
@@ -175,6 +185,14 @@ def _by_recording(problem: Problem, residuals: Vector) -> Iterator[list[Vector]]
         ends = at + np.cumsum([channel.reference.size for channel in observed.channels])
         yield np.split(residuals[at : ends[-1]], ends[:-1] - at)
         at = ends[-1]
+
+
+def _by_channel(problem: Problem, residuals: Vector) -> Iterator[tuple[Channel, Vector]]:
+    """All channels of all recordings with their residuals."""
+    for observed, parts in zip(
+        problem.observations, _by_recording(problem, residuals), strict=True
+    ):
+        yield from zip(observed.channels, parts, strict=True)
 
 
 def white_power(residuals: Vector) -> float:
@@ -343,21 +361,21 @@ def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
         residuals: at its solution, shape (n,).
     """
     parts: dict[str, list[Vector]] = {}
-    noise: dict[str, float] = {}
+    noises: dict[str, list[Vector]] = {}
     for observed, split in zip(
         problem.observations, _by_recording(problem, residuals), strict=True
     ):
         for channel, part in zip(observed.channels, split, strict=True):
-            own = part * channel.sigma
-            parts.setdefault(channel.name, []).append(own)
             values = observed.recorded.references[channel.name][1]
             finite = values[np.isfinite(values)]
-            noise[channel.name] = max(noise.get(channel.name, 0.0), noise_of(finite))
+            noise = channel.scale.noise if channel.scale else noise_of(finite)
+            parts.setdefault(channel.name, []).append(part * channel.sigma)
+            noises.setdefault(channel.name, []).append(np.full(part.size, noise))
     return {
-        name: Unexplained(
-            float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
-            noise[name],
-            model_error(own, [np.full(one.size, noise[name]) for one in own]),
-        )
+        name: Unexplained(_rms(own), _rms(noises[name]), model_error(own, noises[name]))
         for name, own in parts.items()
     }
+
+
+def _rms(parts: Sequence[Vector]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))

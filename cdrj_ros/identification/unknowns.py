@@ -94,7 +94,9 @@ class Unknown:
 
     paths: tuple[str, ...]
     factors: tuple[float, ...]
-    """The number at ``paths[k]`` is ``factors[k]`` times this one, plus ``shifts[k]``."""
+    """The number at ``paths[k]`` is ``factors[k]`` times this one, plus ``shifts[k]``.
+
+    Of several unknowns at the same path the products add up."""
     start: float
     """Starting value [SI]."""
     lower: float
@@ -141,14 +143,13 @@ class Unknown:
 
 
 def values_by_path(unknowns: Sequence[Unknown], values: Iterable[float]) -> dict[str, float]:
-    """The numbers [SI] by path, tied paths included."""
-    return {
-        path: factor * value + shift
-        for unknown, value in zip(unknowns, values, strict=True)
-        for path, factor, shift in zip(
-            unknown.paths, unknown.factors, unknown.shifts or repeat(0.0), strict=False
-        )
-    }
+    """The numbers [SI] by path, tied paths included; what several unknowns change adds up."""
+    found: dict[str, float] = {}
+    for unknown, value in zip(unknowns, values, strict=True):
+        shifts = unknown.shifts or repeat(0.0)
+        for path, factor, shift in zip(unknown.paths, unknown.factors, shifts, strict=False):
+            found[path] = found.get(path, shift) + factor * value
+    return found
 
 
 def parse_unknowns(document: Document, text: str) -> tuple[Unknown, ...]:

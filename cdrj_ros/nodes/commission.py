@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from select import select
 from time import monotonic, time_ns
 from typing import Any, Final
 
@@ -31,13 +32,14 @@ PATIENCE_S: Final = 5.0
 """Time within which every angle must have been read [s]."""
 
 
-def record(path: Path, topics: Topics, duration_s: float) -> None:
+def record(path: Path, topics: Topics, duration_s: float, on: bool) -> None:
     """Record the angles, and load cells where there are any, into a new bag.
 
     Args:
         path: folder of the bag.
         topics: those of motors and joints.
         duration_s: how long [s].
+        on: whether to go on until Enter.
 
     Raises:
         CdrjError: ROS cannot start, nobody publishes the angles, or the bag cannot be written.
@@ -55,7 +57,7 @@ def record(path: Path, topics: Topics, duration_s: float) -> None:
         executor.add_node(node)
         asked_s, begin_s = monotonic(), float("inf")
         with ProgressBar(f"recording {', '.join(angles)}", duration_s) as report:
-            while monotonic() - begin_s < duration_s:
+            while monotonic() - begin_s < duration_s or (on and not _entered()):
                 executor.spin_once(timeout_sec=0.1)
                 if silent := [topic for topic in angles if not heard[topic]]:
                     if monotonic() - asked_s > PATIENCE_S:
@@ -71,6 +73,14 @@ def record(path: Path, topics: Topics, duration_s: float) -> None:
             kind = CABLE_TENSIONS if topic == cells else JOINT_STATE
             if messages:
                 bag.write_messages(topic, kind.name, messages)
+
+
+def _entered() -> bool:
+    """Whether there was an Enter, or the end of the input."""
+    if not select([sys.stdin], [], [], 0.0)[0]:
+        return False
+    sys.stdin.readline()
+    return True
 
 
 def _listen(node: Node, kind: Any, topic: str, into: list[tuple[int, bytes]]) -> None:

@@ -15,6 +15,7 @@ from truth import robots
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
+from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
@@ -135,9 +136,9 @@ def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() 
     np.testing.assert_allclose(known.covariance[np.ix_(at, at)], 5e-5**2, err_msg="one cause")
     assert [cable.nodes[0].radius for cable in robot.cables] == [0.0151, 0.0151]
     before, motion, cells = (
-        np.mean(list(judged.relative.values()))
-        for judged in (
-            steps.judged(now.model), steps.foretold(now, "motion"), steps.foretold(now, "cells")
+        np.mean(list(one.relative.values()))
+        for one in (
+            judged(now.model), foretold(now, "motion"), foretold(now, "cells")
         )
     )  # fmt: skip
     assert cells < 0.5 * motion < 0.15 * before
@@ -180,12 +181,12 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
                 for name, one in angles.items()}  # fmt: skip
 
     now = steps.begin(yaml.safe_dump(document, sort_keys=False), "test")
-    before = steps.judged(now.model)
+    before = judged(now.model)
     now = steps.tared(now, Recorded("rest", series(motors, True), series(joints, True), {}))
-    now = steps.preloaded(now, {"cable": 40.8})
+    now = steps.preloaded(now, [{"cable": 40.8}])
     motion = Recorded("motion", series(motors, False), series(joints, False), references)
     now = steps.fitted(now, [motion])
-    after = steps.judged(now.model)
+    after = judged(now.model)
     assert before.ok < 0.1
     assert after.ok > 0.8
     assert covered(now.model, stamps, motors, joints, truth.tension) > 0.95

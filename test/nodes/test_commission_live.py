@@ -18,18 +18,20 @@ ANGLES = ("/cdrj/motor_states", "/cdrj/joint_states")
 PATIENCE_S = 120.0
 
 
-def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag(
+def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag_until_enter(
     start_executable: Any, start_node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     start_node("rig", "--ros-args", "-p", "robot:=prototype")
     (tmp_path / "new_rest").mkdir()
     process = start_executable(
         "commission", "--robot", str(ROBOTS / "prototype.yaml"), "--out",
-        str(tmp_path / "new.yaml"), "--rest", "live", "--yes",
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        str(tmp_path / "new.yaml"),
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
-    said, errors = process.communicate(timeout=PATIENCE_S)
+    said, errors = process.communicate(b"live\n\nupper=36\n", timeout=PATIENCE_S)
     assert process.returncode == 0, errors
+    assert b"live: record it now, until Enter" in said
+    assert b"> preload: OK" in said, "the line after Enter answers the next question"
     assert f"recorded: {tmp_path / 'new_rest_2'}\n" in said.decode()
     heard = {one.topic for one in read_messages(tmp_path / "new_rest_2", ANGLES)}
     assert heard == set(ANGLES)
@@ -39,6 +41,6 @@ def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag(
     monkeypatch.setattr(commission, "PATIENCE_S", 1.0)
     wrong, nobody = tmp_path / "wrong", Topics(motors="/wrong/motor_states")
     with pytest.raises(BagError) as refused:
-        commission.record(wrong, nobody, 1.0)
+        commission.record(wrong, nobody, 1.0, False)
     assert str(refused.value) == "no message on /wrong/motor_states; there is /cdrj/motor_states"
     assert not wrong.exists()
