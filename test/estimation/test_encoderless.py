@@ -18,7 +18,6 @@ from support.motor_alone import (
 )
 from support.places import ROBOT
 
-from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.encoderless import (
     EFFORT_AGE_NS,
     EncoderlessEstimator,
@@ -118,21 +117,6 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
         heard.add(stamp, ["one", "strange"], [value, 1.0])
     one_by_one = np.array([heard.at(int(stamp)) for stamp in at])
     assert np.allclose(one_by_one, np.column_stack([found[:, 0], found[:, 1]]), equal_nan=True)
-
-
-@pytest.mark.parametrize(("without", "named"), [((), {"mcp", "pip"}), (("pip",), set())])
-def test_a_late_topic_is_named_where_the_angles_alone_give_the_tensions(
-    without: tuple[str, ...], named: set[str]
-) -> None:
-    robot = without_encoder("finger", *without).robot
-    conditioner = Conditioner(robot)
-    motors = [motor.name for motor in robot.motors]
-    joints = [joint.name for joint in robot.joints if joint.measured]
-    for k in range(200):
-        stamp, angle = START + 10 * MS * k, 0.3 * np.sin(k / 10)
-        conditioner.take("motors", stamp, motors, [angle] * len(motors))
-        conditioner.take("joints", stamp - 50 * MS, joints, [angle] * len(joints))
-    assert conditioner.lagging == dict.fromkeys(named, (50 * MS, 0.0))
 
 
 def test_a_joint_that_no_winch_feels_is_not_determined() -> None:

@@ -125,31 +125,6 @@ def unchanged(model: Model, course: Course) -> LiveEstimator:
     return _learned(model, course)
 
 
-def _after_the_clock(live: LiveEstimator, course: Course) -> Any:
-    """The first estimate after the clock has been set back by an hour."""
-    k = BREAK // MS
-    made: list[Any] = []
-    while not made or made[-1].stamp_ns > START:
-        made = _feed(live, course, k, -HOUR)
-        k += 1
-        assert k < BREAK // MS + 100
-    assert live.conditioner.clock_jumps == 1
-    return made[0]
-
-
-def test_a_preload_that_was_learned_is_known_when_the_clock_has_been_set(
-    model: Model, course: Course, learned: LiveEstimator
-) -> None:
-    assert learned.sample is not None
-    before = float(learned.model.robot.cables[0].preload)
-    mean, _ = _mean(_after_the_clock(learned, course))
-    fresh = LiveEstimator(model, MEASURED)
-    start, _ = _mean(_feed(fresh, course, BREAK // MS, 0)[0])
-    lost = before - 29.5
-    assert mean == pytest.approx(start - lost, abs=0.25 * lost)
-    assert learned.corrected_by == {CELL}
-
-
 def test_it_is_known_when_numbers_have_changed(
     model: Model, course: Course, learned: LiveEstimator
 ) -> None:

@@ -108,32 +108,6 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     assert np.array_equal(live.state.values, live.uncorrected.values)
 
 
-@pytest.mark.parametrize("break_at", [CALM - 100, CALM + 20])
-def test_corrections_before_a_restart_are_undone_after_it(
-    break_at: int, model: Model, beside: Beside, tmp_path: Path
-) -> None:
-    """Restart while the cell is right or its fault is undetected; afterwards it is always wrong."""
-    lie = LIES["freezes"]
-    path = tmp_path / "state"
-    live = LiveEstimator(model, MEASURED)
-    for k in range(break_at):
-        _feed_cell(live, beside, k, lie)
-        live.take(_sample(beside.samples, k))
-    assert not _dropped(live)
-    assert np.abs(live.state.values - live.uncorrected.values).max() > 0.0
-    write_state(live, path)
-    live = LiveEstimator(model, MEASURED)
-    assert "continues from" in read_state(live, path)
-    offs = []
-    for k in range(break_at, beside.cell.size):
-        _feed_cell(live, beside, k, lie)
-        output = live.take(_sample(beside.samples, k))
-        offs.append(np.abs(output.tension - beside.tension[k])[:8].max())
-    assert offs[0] > 1.0, "its corrections are restored"
-    assert _dropped(live)
-    assert offs[-1] < 1e-9, "as without the cell"
-
-
 @pytest.mark.parametrize("off", [1.0, 10.0, 1000.0])
 def test_a_single_outlier_is_refused_and_drops_no_sensor(
     off: float, model: Model, beside: Beside

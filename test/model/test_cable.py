@@ -80,13 +80,6 @@ def uneven(drive: Drive) -> Samples:
     return drive(time, quantised(motor, ENCODERS[0]), quantised(joint, ENCODERS[1]))
 
 
-def random_walk(drive: Drive) -> Samples:
-    generator = np.random.default_rng(5)
-    joint = np.clip(np.cumsum(generator.normal(size=20_000) * 2e-3), -0.69, 0.69)
-    motor = FOLLOW * np.sin(joint) + 0.02 * generator.normal(size=joint.size)
-    return drive(np.arange(joint.size) * 1e-3, motor, joint)
-
-
 def jumps(drive: Drive) -> Samples:
     generator = np.random.default_rng(6)
     joint = generator.uniform(-0.69, 0.69, 2000)
@@ -120,7 +113,6 @@ def slack_at_the_turning_points(drive: Drive) -> Samples:
 MOTIONS = (
     sine,
     uneven,
-    random_walk,
     jumps,
     huge_jumps,
     no_time_between,

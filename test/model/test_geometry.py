@@ -112,20 +112,6 @@ def refusal(make: Any, *arguments: Any) -> str:
     return message
 
 
-def test_a_tangent_that_becomes_impossible_within_the_range_is_refused_with_the_angle() -> None:
-    message = refusal(
-        routed,
-        """
-        {type: anchor, position: [-9, 0]}
-        {type: pulley, radius: 1, position: [0, 1], turn: ccw}
-        {type: anchor, frame: slide, position: [0, 4]}
-        """,
-        "{name: q, range: [0, 4]}",
-        "{name: slide, motion: prismatic, joint: q, direction: [0, -1]}",
-    )
-    assert message.startswith("cables[0].nodes[1] and nodes[2] (c) have no common tangent at q = ")
-
-
 def test_a_pulley_that_its_cable_would_leave_is_refused_with_the_angle() -> None:
     message = refusal(
         routed,

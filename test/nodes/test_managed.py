@@ -96,9 +96,9 @@ def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
 
     def answer(make: Callable[[], Any]) -> Any:
         """Ask again if there is none: the node may not have discovered the client yet."""
-        for _ in range(12):
+        for _ in range(60):
             future = make()
-            if bench.until(future.done, 5.0):
+            if bench.until(future.done, 1.0):
                 return future.result()
         raise AssertionError(process.poll())
 

@@ -12,7 +12,6 @@ from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_msgs.msg import CableTensions as T
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState
 from support.estimators import Bench
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -74,20 +73,6 @@ def test_colour_width_and_line_show_tension_and_status(
     cables = [marker for marker in node.picture().markers if marker.ns == "cables"]
     assert {marker.type for marker in cables} == {Marker.LINE_LIST}
     assert len(cables) == len(names)
-
-
-def test_the_picture_follows_the_joints_and_ignores_invalid_angles(drawing: Any) -> None:
-    node = drawing()
-
-    def last_point(message: Any) -> tuple[float, float]:
-        point = hear(node, "joint_states", message)["cables/4"].points[-1]
-        return point.x, point.y
-
-    before = last_point(JointState(name=["unknown"], position=[1.0]))
-    assert last_point(JointState(name=["mcp"], position=[float("nan")])) == before
-    assert last_point(JointState(name=["mcp"], position=[])) == before
-    assert last_point(JointState(name=["pip", "mcp"], position=[0.1, 0.6])) != before
-    np.testing.assert_allclose(node.inputs.snapshot().angle, [0.6, 0.1])
 
 
 def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -> None:

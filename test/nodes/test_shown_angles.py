@@ -43,15 +43,17 @@ READING = np.remainder(0.3 - TURNED, 2.0 * pi)
 
 
 def test_a_shown_angle_is_the_estimators_to_the_bit(ros: None, tmp_path: Path) -> None:
-    """``markers`` and ``view`` hear by the same ``Inputs``."""
+    """``markers`` and ``view`` hear by the same ``Inputs``, which pass over what is no angle."""
     path = tmp_path / "turning.yaml"
     path.write_text(TEXT, encoding="utf-8")
     node = MarkersNode(parameter_overrides=[Parameter("robot", value=str(path))])
     shown = []
     for reading in READING.tolist():
-        message = JointState(name=["q"], position=[reading])
-        node.inputs.hear(topics.JOINT_STATES, serialize_message(message))
-        shown.append(node.inputs.snapshot().angle[0])
+        for name, position in ("q", [reading]), ("unknown", [1.0]), ("q", [np.nan]), ("q", []):
+            message = JointState(name=[name], position=position)
+            node.inputs.hear(topics.JOINT_STATES, serialize_message(message))
+            angle = node.inputs.snapshot().angle[0]
+        shown.append(angle)
     node.destroy_node()
     conditioner = Conditioner(parse_robot(TEXT))
     samples = []

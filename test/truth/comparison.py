@@ -41,10 +41,9 @@ def estimate(scene: Scene, cells: int = 0) -> Estimates:
     return run(model, initial_state(model), samples)[1]
 
 
-def compare(scene: Scene, truth: Truth | None = None, cells: int = 0) -> Comparison:
-    """Errors of the estimate against the truth, which is computed where it is not given."""
+def compare(scene: Scene, truth: Truth, cells: int = 0) -> Comparison:
+    """Errors of the estimate against the truth."""
     known = scene.time >= scene.cycle
-    truth = scene.truth() if truth is None else truth
     estimates = estimate(scene, cells)
     layout, values = estimates.layout, estimates.values[known]
     tension = truth.tension[known]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from truth.bodies import Node
@@ -69,14 +67,10 @@ def sphere(seconds: float = 20.0, rate: float = 250.0) -> Scene:
     )  # fmt: skip
 
 
-def carriage(seconds: float = 20.0, rate: float = 250.0, tangents: bool = False) -> Scene:
+def carriage(seconds: float = 20.0, rate: float = 250.0) -> Scene:
     """A cylinder on a carriage that moves and turns under its cable, which ends on a lever.
 
-    Args:
-        seconds: duration.
-        rate: samples per second.
-        tangents: whether the tangent moves on the drum and on a sector of the lever, on neither of
-            which the cable slips; otherwise they are points.
+    The tangent moves on the drum and on a sector of the lever, on neither of which the cable slips.
     """
     time = _clock(seconds, rate)
     joint = np.stack(
@@ -93,17 +87,13 @@ def carriage(seconds: float = 20.0, rate: float = 250.0, tangents: bool = False)
         Frame("lever", "base", "revolute", "lever", origin=(0.3, 0.1, 0.0)),
     )
     z = (0.0, 0.0, 1.0)
-    drum = Node("winch", (-0.2, -0.15, 0.01), radius=0.015, motor="motor", winding=1)
-    lever = Node("anchor", (-0.03, 0.0, 0.0), frame="lever")
-    if tangents:
-        drum = replace(drum, axis=z, turn=-1)
-        lever = Node("anchor", (0.0, 0.0, 0.0), frame="lever", radius=0.03, axis=z, turn=-1)
     nodes = (
-        drum,
+        Node("winch", (-0.2, -0.15, 0.01), radius=0.015, axis=z, turn=-1, motor="motor",
+             winding=1),
         Node("cylinder", (0.01, 0.0, 0.0), frame="carriage", radius=0.025, axis=(0.1, 0.05, 1.0),
              turn=-1, mu=0.15),
         Node("pulley", (0.15, -0.1, 0.0), radius=0.02, axis=z, turn=1, mu=0.1),
-        lever,
+        Node("anchor", (0.0, 0.0, 0.0), frame="lever", radius=0.03, axis=z, turn=-1),
     )  # fmt: skip
     return Scene(
         "carriage", frames, ("x", "yaw", "lever"), ("motor",),

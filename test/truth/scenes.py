@@ -64,7 +64,6 @@ class Scene:
     """Cable that a motor winds beyond what its cable's geometry asks for [m], shape (n,)."""
     cycle: float
     """Time after which every body has slipped [s]."""
-    planar: bool = False
     cell_deg: float = 1.5
     """Angle of a contact cell about a body."""
 
@@ -109,7 +108,7 @@ class Scene:
             "name": self.name,
             "motors": [{"name": name} for name in self.motors],
             "joints": joints,
-            "frames": [_frame(frame, self.planar) for frame in self.frames],
+            "frames": [_frame(frame) for frame in self.frames],
             "friction": {"law": "elastoplastic", "rho": 1.0, "bristle_stiffness": 1e6},
             "cables": [
                 {
@@ -193,20 +192,12 @@ def _contact(node: Node, cell: float) -> Contact:
     return Contact(node.mu, cell * node.radius)
 
 
-def _frame(frame: Frame, planar: bool) -> dict[str, Any]:
-    entry: dict[str, Any] = {
+def _frame(frame: Frame) -> dict[str, Any]:
+    return {
         "name": frame.name, "parent": frame.parent, "motion": frame.motion, "joint": frame.joint,
-    }  # fmt: skip
-    if planar:
-        entry["origin"] = [*map(float, frame.origin[:2])]
-        if frame.motion == "prismatic":
-            entry["direction"] = [*map(float, frame.axis[:2])]
-        return entry
-    return entry | {
-        "origin": [*map(float, frame.origin)],
-        "rpy": [*map(float, frame.rpy)],
+        "origin": [*map(float, frame.origin)], "rpy": [*map(float, frame.rpy)],
         "axis": [*map(float, frame.axis)],
-    }
+    }  # fmt: skip
 
 
 def _node(node: Node, cells: int) -> dict[str, Any]:

@@ -21,7 +21,7 @@ SCENES = {
     "skew_cylinders": lambda: robots.skew_cylinders(9.0, 125),
     "sphere": lambda: robots.sphere(20.0, 100),
     "carriage": lambda: robots.carriage(10.0, 125),
-    "platform": lambda: robots.platform(12.0, 100),
+    "platform": lambda: robots.platform(10.0, 100),
     "sheath_157": lambda: robots.sheath(np.radians(157.0), 9.0, 125),
 }
 
@@ -46,13 +46,6 @@ def test_many_contacts_a_body_give_the_truth_itself(name: str) -> None:
     assert found.mean <= 0.0002
     assert found.largest <= 0.05
     assert found.joint_effort <= 0.001
-    assert found.motor_effort <= 0.001
-
-
-def test_cable_laid_on_by_a_moving_tangent_keeps_the_strain_of_its_laying() -> None:
-    # a drum does so with what its motor winds; its frame and its neighbours wind as well
-    found = compare(robots.carriage(10.0, 125, tangents=True), cells=12)
-    assert found.mean <= 0.0002
     assert found.motor_effort <= 0.001
 
 
