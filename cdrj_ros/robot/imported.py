@@ -179,10 +179,15 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
         f"Begun from {printable(path.name)} by import_robot: names, gears, limits.",
         "max_speed is twice the limit of the URDF; ranges are its limits of position.",
     )
-    example = _example_cable(motors, measured, joints, control)
-    write_text(
-        out, "\n".join([*_beginning(document, remarks, head), "cables: []", *example]) + "\n"
+    links = [one.child for one in joints if one.name not in driven]
+    links = links if joints and not joints[0].name else [ROOT, *links]
+    more = ", ..." if len(links) > MOST_LINKS else ""
+    cables = (
+        "cables: []",
+        "# One entry for each, in place of [], as in docs/tutorial.md, with nodes on the links",
+        f"# {printable(', '.join(links[:MOST_LINKS]))}{more}",
     )
+    write_text(out, "\n".join([*_beginning(document, remarks, head), *cables]) + "\n")
     return tuple(remarks)
 
 
@@ -260,32 +265,3 @@ def _joint(joint: UrdfJoint, speeds: dict[str, float]) -> Document:
     if speeds.get(joint.name, 0.0) > 0.0:
         entry["max_speed"] = FASTER * speeds[joint.name]
     return entry
-
-
-def _example_cable(
-    motors: Sequence[Document],
-    measured: Sequence[Document],
-    joints: Sequence[UrdfJoint],
-    control: Control,
-) -> Iterator[str]:
-    """Comments: a cable from a drum at the motor's shaft to the link of the last measured joint."""
-    named = {one.name: one for one in joints if one.name}
-    root = next((one.child for one in joints if not one.name), ROOT)
-    motor = motors[0]["name"] if motors else "MOTOR"
-    behind = {one.actuator: one.joint for one in control.transmissions}
-    winch: Document = {"type": "winch", "motor": motor, "winding": 1, "radius_mm": 15}
-    shaft = named.get(motor) or named.get(behind.get(motor, ""))
-    if shaft is None or any(shaft.rpy):  # a turned shaft: its axis is not that of the parent
-        winch |= {"frame": root, "position_mm": [0, 0, 0], "axis": [0, 0, 1], "turn": "cw"}
-    else:
-        place = [round(1e3 * value, 6) for value in shaft.origin]
-        winch |= {"frame": shaft.parent, "position_mm": place, "axis": shaft.axis, "turn": "cw"}
-    driven = {entry["name"] for entry in motors} | {one.joint for one in control.transmissions}
-    links = [root, *(one.child for one in joints if one.name and one.name not in driven)]
-    last = named[measured[-1]["name"]].child if measured else links[-1]
-    anchor: Document = {"type": "anchor", "frame": last, "position_mm": [50, 50, 50]}
-    yield "# One entry for each, in place of [], with nodes on the links"
-    more = ", ..." if len(links) > MOST_LINKS else ""
-    yield f"# {printable(', '.join(links[:MOST_LINKS]))}{more}:"
-    cable = {"name": "cable_1", "axial_stiffness": 60000, "preload": 20, "nodes": [winch, anchor]}
-    yield from (f"#{line}" for line in _cable(cable))

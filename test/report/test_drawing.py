@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from support.places import ROBOTS
 
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
-from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report.drawing import draw_robot, write_png
-from cdrj_ros.report.scene import Scene, by_cable, scene_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
-PLACED = ["finger", "hoist", "parallel", "prototype_positions"]
 
 MIXED = """\
 name: mixed
@@ -48,12 +45,6 @@ def inspections() -> dict[str, Inspection]:
     return {name: inspect_robot(prepare(load_robot(ROBOTS / f"{name}.yaml"))) for name in NAMES}
 
 
-def line(inspection: Inspection, scene: Scene, c: int) -> np.ndarray:
-    """The path of a cable in the plane."""
-    paths, _ = by_cable(inspection.model.robot, scene)[c]
-    return np.concatenate(paths)[:, :2]
-
-
 def texts(figure: Figure) -> list[str]:
     found = [text.get_text() for text in figure.texts]
     for legend in figure.legends:
@@ -63,48 +54,6 @@ def texts(figure: Figure) -> list[str]:
         legend = axes.get_legend()
         found += [text.get_text() for text in legend.get_texts()] if legend else []
     return found
-
-
-@pytest.mark.parametrize("name", PLACED)
-def test_the_drawn_line_is_as_long_as_the_cable(
-    name: str, inspections: dict[str, Inspection]
-) -> None:
-    inspection = inspections[name]
-    model = inspection.model
-    begin = scene_of(inspection.model, inspection.poses[0])
-    for angle in inspection.poses[:: max(1, len(inspection.poses) // 7)]:
-        pose = scene_of(inspection.model, angle)
-        shapes = [shape_at(inspection.model, at) for at in (inspection.poses[0], angle)]
-        element = 0
-        for c, cable in enumerate(model.robot.cables):
-            part = slice(element, element + len(cable.nodes) - 1)
-            element = part.stop
-            drawn = [
-                np.hypot(*np.diff(line(inspection, at, c), axis=0).T).sum() for at in (begin, pose)
-            ]
-            # cable wound on the drum as the first element rotates is counted but not drawn
-            first = [shape.direction[part.start] for shape in shapes]
-            turned = np.arctan2(
-                first[0][0] * first[1][1] - first[0][1] * first[1][0], first[0] @ first[1]
-            )
-            winch = cable.nodes[0]
-            assert winch.place is not None
-            on_drum = winch.place.turn * winch.radius * turned
-            change = shapes[1].length[part].sum() - shapes[0].length[part].sum()
-            assert drawn[1] - drawn[0] == pytest.approx(change - on_drum, abs=1e-4)
-
-
-@pytest.mark.parametrize("name", PLACED)
-def test_the_line_leaves_every_pulley_along_its_tangent(
-    name: str, inspections: dict[str, Inspection]
-) -> None:
-    inspection = inspections[name]
-    pose = scene_of(inspection.model, inspection.poses[-1])
-    for c in range(len(inspection.cables)):
-        steps = np.diff(line(inspection, pose, c), axis=0)
-        steps = steps[np.hypot(*steps.T) > 1e-9]
-        angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-        assert np.abs(np.diff(angle)).max() < 0.06, "a corner"
 
 
 @pytest.mark.parametrize("name", NAMES)

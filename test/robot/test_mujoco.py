@@ -70,10 +70,6 @@ def wrapped(geoms: str, tendon: str, body: str = "") -> str:
 
 
 SPHERE = '<geom name="g" size="0.05" pos="0.1 0 0"/><site name="s" pos="0.1 0.12 0.02"/>'
-CYLINDER = (
-    '<geom name="g" type="cylinder" size="0.05 0.1" pos="0.1 0 0" euler="10 5 0"/>'
-    '<site name="s" pos="0.1 0.12 0.02"/>'
-)
 CARRIED = (
     '<geom name="g" type="cylinder" size="0.04 0.1" pos="0.1 0 0" euler="10 5 0"/>'
     '<site name="s" pos="0.1 0.12 0.02"/>'
@@ -100,10 +96,6 @@ ARM = """
 MODELS = {
     "rings, foreign side sites, and sites within a body": ARM,
     "sites": SITES,
-    "sphere": wrapped(SPHERE, '<geom geom="g"/>'),
-    "sphere with a side": wrapped(SPHERE, '<geom geom="g" sidesite="s"/>'),
-    "cylinder": wrapped(CYLINDER, '<geom geom="g"/>'),
-    "cylinder with a side": wrapped(CYLINDER, '<geom geom="g" sidesite="s"/>'),
     "cylinder on the arm": wrapped("", '<geom geom="g" sidesite="s"/>', CARRIED),
     "two bodies": wrapped(
         SPHERE, '<geom geom="still" sidesite="still_side"/><site site="between"/><geom geom="g"/>'

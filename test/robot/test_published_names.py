@@ -9,7 +9,6 @@ import pytest
 from support.published import JOINT, MOTOR, NAMES, PLAIN, PUBLISHED, efforts, of_all
 
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings.recording import Topics
@@ -69,30 +68,3 @@ def test_numbers_are_found_and_written_under_any_name() -> None:
     assert known.parameters[0] == f"{joint}.offset"
     (one,) = parse_unknowns(dict(robot.document), "effort_scale")
     assert one.paths == (f"{motor}.effort_scale",)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "answer"),
-    [
-        (
-            "- name: winch",
-            "- name: winch\n    gear_ratio: 50",
-            r"motors\[0\].gear_ratio .*scale: 1/N",
-        ),
-        ("mu_c: 0.15", "torque_constant: 0.06", r"friction.torque_constant .*effort_scale"),
-        ("name: prototype", "name: prototype\ncounts_per_turn: 4096", "scale_deg: 360"),
-        ("- name: winch", "- name: winch\n    effort_scale: 0", "effort_scale must not be 0"),
-        ("- name: winch", "- name: '[a]'", "a name of letters, digits, inner spaces"),
-        ("name: elbow", "name: upper/1", "is that of an element"),
-    ],
-)
-def test_a_key_of_another_program_is_answered_with_ours(
-    before: str, after: str, answer: str
-) -> None:
-    with pytest.raises(RobotFileError, match=answer):
-        parse_robot(
-            PLAIN.replace(before, after, 1).replace(
-                "joint: elbow", f"joint: {after[6:]}" if "upper" in after else "joint: elbow"
-            ),
-            "robot",
-        )

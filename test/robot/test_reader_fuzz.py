@@ -6,12 +6,12 @@ Of every kind of damage, ``make soak`` tries CDRJ_DAMAGES times as many.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 from random import Random
 from time import process_time
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -81,38 +81,6 @@ def mutate(document: Any, rng: Random) -> None:
         place[key] = [value] if rng.randrange(2) else str(value)
 
 
-def damaged_text(text: str, rng: Random) -> str:
-    """Damage the text: insert, delete or replace characters, duplicate lines, or truncate."""
-    for _ in range(rng.randrange(1, 4)):
-        at = rng.randrange(len(text))
-        kind = rng.randrange(5)
-        if kind == 0:
-            text = text[:at] + rng.choice("{}[]:,#&*!|>'\"%@`-?\t\n\0\x07é") + text[at:]
-        elif kind == 1:
-            text = text[:at] + text[at + rng.randrange(1, 40) :]
-        elif kind == 2:
-            lines = text.split("\n")
-            line = rng.randrange(len(lines))
-            lines.insert(line, lines[rng.randrange(len(lines))])
-            text = "\n".join(lines)
-        elif kind == 3:
-            text = text[: max(at, 1)]
-        else:
-            text = text[:at] + rng.choice("0123456789.eE+-") + text[at + 1 :]
-    return text
-
-
-@pytest.fixture
-def judge_document(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any, str], bool]:
-    """As ``judge``, for what a YAML file holds: parsing takes seven times as long as the rest."""
-
-    def judged(document: Any, source: str) -> bool:
-        monkeypatch.setattr("cdrj_ros.robot.document.load_yaml", lambda *_: document)
-        return judge("a document", source)
-
-    return judged
-
-
 def follow(model: Model) -> None:
     """Step the estimator three times; valid tensions must be finite and not negative."""
     robot, state = model.robot, initial_state(model)
@@ -126,11 +94,12 @@ def follow(model: Model) -> None:
         assert np.all(estimate.tension[known] >= 0.0)
 
 
-def judge(text: str, source: str = "damaged") -> bool:
-    """Whether the text is a valid robot; fails unless it is one or gives a one-line error."""
+def judge(document: Any, source: str) -> bool:
+    """Whether a document is a valid robot; fails unless it is one or gives a one-line error."""
     begin = process_time()
     try:
-        model = prepare(parse_robot(text, source))
+        with patch("cdrj_ros.robot.document.load_yaml", lambda *_: document):  # parsing is slow
+            model = prepare(parse_robot("a document", source))
     except CdrjError as error:
         words = str(error)
         assert words
@@ -144,47 +113,14 @@ def judge(text: str, source: str = "damaged") -> bool:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_damaged_document_is_a_robot_or_one_line(
-    path: Path, judge_document: Callable[[Any, str], bool]
-) -> None:
+def test_a_damaged_document_is_a_robot_or_one_line(path: Path) -> None:
     rng = Random(path.stem)
     verdicts = []
     sound = load_yaml(text_of(path), str(path))
-    assert judge_document(deepcopy(sound), str(path))
-    for _ in range(20 * TIMES):
+    assert judge(deepcopy(sound), str(path))
+    for _ in range(30 * TIMES):
         document = deepcopy(sound)
         for _ in range(rng.choice((1, 1, 1, 2, 4))):
             mutate(document, rng)
-        verdicts.append(judge_document(document, str(path)))
+        verdicts.append(judge(document, str(path)))
     assert 0 < sum(verdicts) < len(verdicts)
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_damaged_text_is_a_robot_or_one_line(path: Path) -> None:
-    rng = Random(path.stem)
-    text = text_of(path)
-    assert judge(text, str(path))
-    verdicts = [judge(damaged_text(text, rng), str(path)) for _ in range(12 * TIMES)]
-    assert not all(verdicts)
-
-
-HUGE = (1e200, -1e200, 10**290, float("inf"), float("nan"))
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_an_absurd_number_anywhere_is_one_line(
-    path: Path, judge_document: Callable[[Any, str], bool]
-) -> None:
-    rng = Random(path.stem)
-    sound = load_yaml(text_of(path), str(path))
-    for _ in range(10 * TIMES):
-        document = deepcopy(sound)
-        places = [
-            (place, key)
-            for place in containers(document)
-            for key in (place if isinstance(place, dict) else range(len(place)))
-            if type(place[key]) in (int, float)
-        ]
-        place, key = rng.choice(places)
-        place[key] = rng.choice(HUGE)
-        assert not judge_document(document, str(path))

@@ -86,9 +86,3 @@ def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
     torque = np.where(time < 0.1, 0.0, 1e5)
     with pytest.raises(UsageError, match="a cable would have to push"):
         simulate(robot, time, np.zeros(time.size), torque, cells=2)
-
-
-def test_only_robots_that_the_rig_can_move_are_simulated() -> None:
-    time = np.arange(10) * 1e-3
-    with pytest.raises(UsageError, match="at least one motor and one joint"):
-        simulate(half_turn("euler"), time, np.zeros(10), np.zeros(10))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace as Robots
 from typing import Any
 
@@ -17,7 +16,6 @@ from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
 from cdrj_ros.simulation.load import Load, make_load
-from cdrj_ros.simulation.truth import simulate
 
 RATE = 1000.0
 LOAD = make_load("rolling", 0.3, 0.05)
@@ -65,17 +63,6 @@ class Run:
 
 def run_of(robot: Robot, load: Load = LOAD, **limits: float) -> Run:
     return Run(live(robot, load), Drives(drive_limits(robot, RATE, **limits)))
-
-
-def test_a_reference_at_an_end_of_the_range_is_named_where_nothing_balances(robots: Robots) -> None:
-    robot = robots.prototype()
-    joint = robot.joints[0]
-    inside = replace(robot, joints=(replace(joint, lower=0.2, reference_angle=0.5),))
-    at_the_end = replace(robot, joints=(replace(joint, lower=0.2, reference_angle=0.2),))
-    load = make_load("rolling", 5000.0, 0.05)
-    for one, said in ((inside, "wrong direction$"), (at_the_end, "reference_angle 0.2 is at an")):
-        with pytest.raises(UsageError, match=said):
-            simulate(one, TIME[:10], motor_angle=np.zeros((10, 1)), load=load, cells=1)
 
 
 def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:

@@ -11,7 +11,7 @@ import pytest
 from support.places import ROOT
 
 import cdrj_ros.simulation
-from cdrj_ros.foundation.errors import CdrjError, RobotFileError
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.simulation.drives import drive_limits
 from cdrj_ros.simulation.faults import Fault, wire
@@ -104,20 +104,6 @@ def test_every_key_sets_what_it_says() -> None:
 def test_a_mistake_is_explained_by_the_key(text: str, words: str) -> None:
     with pytest.raises(CdrjError, match=re.escape(words)):
         parse_rig(text)
-
-
-def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe")
-    (tmp_path / "long.yaml").write_bytes(b"#" * 1_000_001)
-    for name, words in (
-        ("bytes.yaml", "is not UTF-8 text"),
-        ("long.yaml", "at most 1000000 are read"),
-        ("none.yaml", "cannot read the rig file .*none.yaml: No such file"),
-    ):
-        with pytest.raises(RobotFileError, match=words):
-            load_rig(str(tmp_path / name))
-    with pytest.raises(RobotFileError, match="none of that name is installed; did you mean noisy"):
-        load_rig("nosy")
 
 
 SCHEMA = json.loads((Path(cdrj_ros.simulation.__file__).parent / "rig.schema.json").read_text())

@@ -72,14 +72,6 @@ def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
     assert lengths.mean() == pytest.approx(max(burst, 1.0 / (1.0 - share)), rel=0.1)
 
 
-def test_seeds_reproduce_and_differ() -> None:
-    encoder = replace(ENCODER, jitter=1e-4, dropout=0.1, burst=0.01)
-    one, same = (schedule(encoder, 0.0, 5.0) for _ in range(2))
-    np.testing.assert_array_equal(one.stamps, same.stamps)
-    other = schedule(encoder, 0.0, 5.0, 6)
-    assert one.stamps.size != other.stamps.size or np.any(one.stamps != other.stamps)
-
-
 def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
     sensor = Sensor(period=1.0)
     angle = 2.0 * TIME / TIME[-1]

@@ -15,7 +15,7 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import SLACK
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import Motion, differences, ramps, random, sine
+from cdrj_ros.simulation.motion import Motion, differences, random, sine
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
@@ -26,8 +26,8 @@ from cdrj_ros.simulation.sensors import (
 from cdrj_ros.simulation.truth import simulate
 
 AMPLITUDE = float(np.radians(38.0))
-HIGH, LOW = "36.85,26.26", "23.52,6.66"
-"""The source's two sets of preloads [N]."""
+LOW = "23.52,6.66"
+"""The source's lower preloads [N]."""
 ALLOWED_S = 0.02
 SLACK_N = 0.1
 COUNT_N = 0.31
@@ -119,40 +119,9 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
     assert not np.any(~watched.flags & ~watched.around(~watched.slack))
 
 
-@pytest.mark.parametrize(
-    ("preload", "load_kg", "motion", "lowest"),
-    [
-        (HIGH, 0.3, ramps(AMPLITUDE, 0.2, 1.0), 18.0),
-        (LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), COUNT_N),
-        (LOW, 0.7, sine(AMPLITUDE, 0.1, 1.0), 0.7),
-    ],
-    ids=["high ramps", "low random", "low sine"],
-)
-def test_no_alarm_in_three_minutes_of_motions_that_leave_every_cable_taut(
-    preload: str, load_kg: float, motion: Motion, lowest: float
-) -> None:
-    """Three motions of one minute each; nothing repeats except within a periodic motion.
-
-    Truth every 6 ms, encoders at 1000 and 500 Hz.
-    """
-    watched = watch(preload, load_kg, motion, 60.0, step_s=6e-3)
-    assert lowest < watched.tension.min() < lowest + 1.0  # within 1 N above the stated bound
+def test_no_alarm_in_a_minute_of_a_motion_that_leaves_every_cable_nearly_slack_but_taut() -> None:
+    """Truth every 6 ms, encoders at 1000 and 500 Hz; nothing repeats."""
+    watched = watch(LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), 60.0, step_s=6e-3)
+    assert COUNT_N < watched.tension.min() < COUNT_N + 1.0
     assert watched.seen_at[-1] > 59.9
     assert not watched.flags.any()
-
-
-@pytest.mark.parametrize(
-    ("load_kg", "motion"),
-    [(0.75, sine(AMPLITUDE, 0.1, 1.0)), (0.8, random(AMPLITUDE, 0.3, 2, 1.0))],
-    ids=["sine", "random, heavier"],
-)
-def test_a_nearly_slack_cable_is_classified_to_within_a_count_of_the_encoder(
-    load_kg: float, motion: Motion
-) -> None:
-    """No detection time is guaranteed where a change of 0.1 N takes longer than 20 ms."""
-    watched = watch(LOW, load_kg, motion, 22.0, 2e-3)
-    alarmed = watched.flags & ~watched.then(watched.slack)
-    assert watched.tension.min() < SLACK_N + COUNT_N
-    assert watched.then(watched.tension)[alarmed].max() < SLACK_N + COUNT_N
-    missed = ~watched.flags & watched.then(watched.slack)
-    assert watched.estimate[missed].max(initial=0.0) < SLACK_N + COUNT_N
