@@ -80,9 +80,13 @@ def test_every_robot_is_checked_and_written(
         assert entry["text"] in printed
 
 
-def test_an_installed_robot_is_found_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_of_an_installed_robot_go_to_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert check_robot.main(["hoist", "--load", "load=500"]) == 0
     assert "load 500 N on load" in capsys.readouterr().out
+    assert check_robot.main(["finger", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["robot"] == "finger"
 
 
 def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(
@@ -273,11 +277,6 @@ def test_learned_corrections_are_named_with_their_bounds(
         for name, unit in (("effort/m", "N m"), ("tension/a/2", "N"))
     ]
     assert written(out)["residual"] == entries
-
-
-def test_json_alone_goes_to_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    assert check_robot.main(["finger", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["robot"] == "finger"
 
 
 def test_a_moving_end_does_not_matter_without_friction() -> None:

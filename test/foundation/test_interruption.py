@@ -66,6 +66,7 @@ def body(_):
 run_interruptibly("working", lambda: lambda: run_command("working", body, []))
 """
     assert ended(program) == (130, "begun\ncleaned up\n", "working: interrupted\n")
+    assert ended(program, "2>&-") == (130, "begun\ncleaned up\n", "")
 
 
 def test_an_interrupted_command_does_not_wait_for_its_threads() -> None:
@@ -79,13 +80,6 @@ def main():
 run_interruptibly("waiting", lambda: main)
 """
     assert ended(program) == (130, "", "waiting: interrupted\n")
-
-
-def test_the_exit_code_does_not_depend_on_standard_error() -> None:
-    program = """
-run_interruptibly("silent", lambda: interrupt)
-"""
-    assert ended(program, "2>&-") == (130, "", "")
 
 
 def test_without_an_interrupt_an_error_stays_an_error() -> None:
