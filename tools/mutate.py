@@ -172,6 +172,8 @@ def test(tree: Path, mutant: Mutant) -> str | None:
         return next(filter(None, (killer(tree, some) for some in tests)), "")
     finally:
         path.write_text(source, encoding="utf-8")
+        if path.suffix != ".py":  # the next mutant may not build
+            run(tree, *BUILD)
 
 
 def main() -> None:

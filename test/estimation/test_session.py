@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.campaign import CELL
 from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation.ensemble import preload_of_elements
@@ -23,9 +24,6 @@ from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID
 
-LOST = "25.8,26.26"
-"""Preloads after the upper cable has lost 30 %."""
-
 
 @pytest.fixture(scope="module")
 def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
@@ -37,50 +35,6 @@ def _sample(readings: Samples, k: int) -> Sample:
     return Sample(
         int(readings.stamp_ns[k]), readings.motor_angle[k].copy(), readings.joint_angle[k].copy()
     )
-
-
-def _again(readings: Samples, times: int) -> Samples:
-    """The recording repeated, alternately forwards and backwards."""
-    step = int(np.median(np.diff(readings.stamp_ns)))
-    count = times * readings.stamp_ns.size
-    there = [readings.motor_angle, readings.joint_angle]
-    stamps = readings.stamp_ns[0] + step * np.arange(count, dtype=np.int64)
-    angles = [
-        np.concatenate([part if k % 2 == 0 else part[::-1] for k in range(times)]) for part in there
-    ]
-    return Samples(stamps, *angles)
-
-
-@dataclass
-class Course:
-    """Results of a run and the true values."""
-
-    error: np.ndarray
-    stddev: np.ndarray
-    live: LiveEstimator
-
-
-def _run_beside(
-    model: Model,
-    readings: Samples,
-    truth: np.ndarray,
-    options: Options,
-    before: Callable[[LiveEstimator, int], None],
-) -> Course:
-    live = LiveEstimator(model, options)
-    errors, stddevs = [], []
-    for k in range(readings.stamp_ns.size):
-        before(live, k)
-        estimate = live.take(_sample(readings, k))
-        errors.append(estimate.tension - truth[k])
-        stddevs.append(estimate.tension_stddev)
-    return Course(np.array(errors), np.array(stddevs), live)
-
-
-def _truth(preload: str, readings: Samples) -> tuple[Model, np.ndarray]:
-    true = load_model(ROBOT, preload)
-    _, estimates = run(true, initial_state(true), readings)
-    return true, estimates.values
 
 
 @pytest.mark.parametrize("name", ["hoist", "cdpr"])
@@ -109,55 +63,45 @@ def test_a_tare_leaves_preloads_that_are_tracked_no_less_certain_than_their_drif
 
 
 def test_late_load_cell_readings_are_not_applied_twice(model: Model, readings: Samples) -> None:
-    late = 5
-    true, values = _truth("35,26.26", readings)  # 5 % less: the file does not contradict the cell
-    tension = values[:, true.layout.tension]
-    column = true.layout.elements.index("upper/8")
-
-    on_trial = []
-
-    def measure(live: LiveEstimator, k: int) -> None:
-        assert live.fusion is not None
-        health = live.fusion.health
-        if "upper/8" not in health or not health["upper/8"].used:
-            on_trial.append(k)
+    late, true = 5, load_model(ROBOT, "35,26.26")  # by 5 %: the file does not contradict the cell
+    tension = run(true, initial_state(true), readings)[1].tension[:, 7]
+    live = LiveEstimator(model, Options(tension_sensors=True))
+    assert live.fusion is not None
+    errors, used = [], 0
+    for k in range(2500):
+        if CELL not in live.fusion.health or not live.fusion.health[CELL].used:
+            used = k + 1
         if k >= late:
-            stamp = int(readings.stamp_ns[k - late])
-            live.feed_tensions(stamp, ["upper/8"], [tension[k - late, column]], [0.05])
-
-    part = Samples(*(values[:2500] for values in vars(readings).values()))
-    course = _run_beside(model, part, tension, Options(tension_sensors=True), measure)
-    assert course.error[0, column] > 1.5
-    used = on_trial[-1] + 1
+            stamp, said = int(readings.stamp_ns[k - late]), float(tension[k - late])
+            live.feed_tensions(stamp, [CELL], [said], [0.05])
+        errors.append(live.take(_sample(readings, k)).tension[7] - tension[k])
+    assert errors[0] > 1.5
     assert late < used < 2000
-    assert np.abs(course.error[used : used + 50, column]).max() < 0.5
+    assert np.abs(errors[used : used + 50]).max() < 0.5
     # at a reversal, the remaining error of the far elements briefly reaches this element
-    assert np.abs(course.error[used:, column]).mean() < 0.3
-    assert course.live.fusion is not None
-    assert course.live.fusion.health["upper/8"].dropped == ""
-    assert course.live.fusion.health["upper/8"].refused == 0
+    assert np.abs(errors[used:]).mean() < 0.3
+    assert (live.fusion.health[CELL].dropped, live.fusion.health[CELL].refused) == ("", 0)
 
 
 def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
     model: Model, readings: Samples
 ) -> None:
-    cycles = _again(readings, 2)  # of six cycles each; ten are evaluated
-    true, values = _truth(LOST, cycles)
-    tension = values[:, true.layout.tension]
-    effort = values[:, true.layout.motor_effort][:, 0]
-    generator = np.random.default_rng(3)
-
-    def measure(live: LiveEstimator, k: int) -> None:
-        if k % 3:
-            return
-        noisy = effort[k] + generator.normal(0.0, 0.005)
-        live.feed_efforts(int(cycles.stamp_ns[k]), ["winch"], [noisy])
-
-    options = Options(track_preload=True)
-    course = _run_beside(model, cycles, tension, options, measure)
-    ninth = slice(int(8.5 / 12 * len(course.error)), int(9.5 / 12 * len(course.error)))
-    assert np.abs(course.error[ninth]).mean() < 0.05 * tension.mean()
-    assert np.abs(course.error[ninth]).mean() < 0.1 * np.abs(course.error[0, :8]).mean()
+    count = readings.stamp_ns.size
+    back = np.r_[:count, count - 1 : -1 : -1]  # six cycles forwards, then backwards
+    stamps = readings.stamp_ns[0] + 10**7 * np.arange(2 * count)
+    cycles = Samples(stamps, readings.motor_angle[back], readings.joint_angle[back])
+    true = load_model(ROBOT, "25.8,26.26")
+    truth = run(true, initial_state(true), cycles)[1]
+    noise = np.random.default_rng(3).normal(0.0, 0.005, back.size)
+    live, errors = LiveEstimator(model, Options(track_preload=True)), []
+    for k in range(round(9.5 / 12 * back.size)):
+        if k % 3 == 0:
+            effort = [truth.motor_effort[k, 0] + noise[k]]
+            live.feed_efforts(int(stamps[k]), ["winch"], effort)
+        errors.append(live.take(_sample(cycles, k)).tension - truth.tension[k])
+    last = np.abs(errors[round(8.5 / 12 * back.size) :]).mean()
+    assert last < 0.05 * truth.tension.mean()
+    assert last < 0.1 * np.abs(errors[0][:8]).mean()
 
 
 def test_efforts_are_ignored_without_track_preload(model: Model, readings: Samples) -> None:

@@ -2,82 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from cdrj_msgs.srv import SetPreload
 from std_srvs.srv import Trigger
+from support.estimators import JOINT, MILLISECOND, MOTOR, sample_at
 from support.remote import ROBOT, Remote
 
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
 
-MOTOR = Template(JOINT_STATE, ("winch",), ("position",))
-JOINT = Template(JOINT_STATE, ("elbow",), ("position",))
 RAW = {"tracking_bandwidth": 0.0}
-"""No filter between counts, since the tests compare with run()."""
+"""No filter between counts, whose state is not kept."""
 
 
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
+def at_rest(k: int) -> Sample:
+    """Motion, and a rest from the hundredth sample on."""
+    sample = sample_at(min(k, 100))
+    return sample._replace(stamp_ns=sample.stamp_ns + max(k - 100, 0) * MILLISECOND)
 
 
-@pytest.fixture(scope="module")
-def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
-    """Recorded angles of six cycles, at 250 Hz."""
-    return recorded(model, 6)
-
-
-def send(remote: Remote, readings: Samples, first: int, last: int) -> None:
+def send(remote: Remote, first: int, last: int) -> None:
     """Send readings; wait for the estimates."""
     begin = len(remote.answers)
     for k in range(first, last):
-        stamp = int(readings.stamp_ns[k])
-        joint = JOINT.encode(stamp, position=readings.joint_angle[k])
+        sample = at_rest(k)
+        joint = JOINT.encode(sample.stamp_ns, position=sample.joint_angle)
         remote.inputs["joint_states"].publish(joint)
-        motor = MOTOR.encode(stamp, position=readings.motor_angle[k])
+        motor = MOTOR.encode(sample.stamp_ns, position=sample.motor_angle)
         remote.inputs["motor_states"].publish(motor)
-        if k % 100 == 99:
-            remote.until(lambda: len(remote.answers) > begin + k - first - 200)  # noqa: B023
     assert remote.until(lambda: len(remote.answers) == begin + last - first)
 
 
 def test_values_set_by_services_survive_a_kill(
-    brisk_node: Any, model: Model, readings: Samples, start_node: Any, tmp_path: Path
+    brisk_node: Any, start_node: Any, tmp_path: Path
 ) -> None:
     """The process is killed right after the response, before any further sample."""
-    k = np.minimum(np.arange(readings.stamp_ns.size), 400)
-    still = Samples(readings.stamp_ns, readings.motor_angle[k], readings.joint_angle[k])
     one = Remote(brisk_node, start_node, "set")
     arguments = ("--state-file", str(tmp_path / "state"))
     one.start(*arguments, **RAW)
-    send(one, still, 0, 800)
+    send(one, 0, 500)
     assert one.call(Trigger, "tare", Trigger.Request()).success
     request = SetPreload.Request(cable=["lower"], preload=[20.0])
     assert one.call(SetPreload, "set_preload", request).success
     one.kill()
     one.start(*arguments, **RAW)
-    send(one, still, 799, 900)
+    send(one, 500, 600)
     tension, _ = one.heard()
     assert np.allclose(tension[0, :8], 36.85)
     assert np.allclose(tension[0, 8:], 20.0)
-    live = LiveEstimator(model)
+    live = LiveEstimator(load_model(ROBOT))
     live.set_tracking(0.0)
-    for n in range(700, 800):
-        live.take(sample_of(still, n))
+    for k in range(500):
+        live.take(at_rest(k))
     live.tare()
     live.set_preload({"lower": 20.0})
-    expected = [live.take(sample_of(still, k)).tension for k in range(799, 900)]
-    assert np.array_equal(tension, expected)
-
-
-def sample_of(readings: Samples, k: int) -> Sample:
-    return Sample(int(readings.stamp_ns[k]), readings.motor_angle[k], readings.joint_angle[k])
+    assert np.array_equal(tension, [live.take(at_rest(k)).tension for k in range(500, 600)])

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,6 @@ from cdrj_msgs.msg import CableTensions
 from cdrj_msgs.srv import InjectFault, Push
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -29,22 +26,9 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.state import SLACK
 from cdrj_ros.nodes.rig import RigNode
 
-PATIENCE_S = 60.0
-
 
 def overrides(**given: Any) -> list[Any]:
     return [Parameter(name, value=value) for name, value in {"robot": ROBOT, **given}.items()]
-
-
-def spin_until(
-    executor: Any, condition: Callable[[], bool], patience_s: float = PATIENCE_S
-) -> bool:
-    deadline = monotonic() + patience_s
-    while not condition():
-        if monotonic() > deadline:
-            return False
-        executor.spin_once(timeout_sec=0.05)
-    return True
 
 
 @pytest.fixture
@@ -102,49 +86,28 @@ GEARED = (
 """A robot file whose motor is published with its gear of -50, its current and a prefix."""
 
 
-def test_an_estimator_beside_the_rig_finds_its_true_tensions(
-    start_node: Any, node: Any, tmp_path: Path
-) -> None:
+def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench: Any, tmp_path: Path) -> None:
     """On the one topic of ros2_control, 250 times a second."""
-    estimates: dict[int, np.ndarray] = {}
-    truths: dict[int, np.ndarray] = {}
-    for topic, kept in (("tensions", estimates), ("truth/tensions", truths)):
-        node.create_subscription(
-            CableTensions, f"/cdrj/{topic}",
-            lambda m, kept=kept: kept.__setitem__(stamp_ns(m), np.array(m.tension)), 1000,
-        )  # fmt: skip
-    executor = EventsExecutor()
-    executor.add_node(node)
-    try:
-        (tmp_path / "robot.yaml").write_text(GEARED)
-        (tmp_path / "rig.yaml").write_text("ros2_control: {update_rate: 250}")
-        remaps = ("-r", "motor_states:=/joint_states", "-r", "joint_states:=/joint_states")
-        given = ("-p", f"robot:={tmp_path / 'robot.yaml'}")
-        start_node("estimator", "--ros-args", *given, *remaps)
-        rig = start_node(
-            "rig", "--ros-args", *given, "-p", "cells:=4", "-p", "truth_rate:=100",
-            "-p", f"rig:={tmp_path / 'rig.yaml'}",
-        )  # fmt: skip
-        # nothing slips before the first command, so the estimator knows the friction history
-        commands = node.create_publisher(JointTrajectory, "/cdrj/motor_trajectory", 10)
-        heard = commands.get_subscription_count
-        assert spin_until(executor, lambda: bool(truths and estimates and heard()))
-        first = max(truths)
-        motion = trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5))
-        motion.joint_names = ["arm1_winch"]
-        commands.publish(motion)
-        wanted = first + 2_500_000_000
-        assert spin_until(executor, lambda: max(estimates) > wanted < max(truths))
-        rig.send_signal(signal.SIGINT)
-        assert rig.wait(PATIENCE_S) == 130
-    finally:
-        executor.shutdown()
-    times = np.array(sorted(estimates))
-    found = np.array([estimates[time] for time in times.tolist()])
+    robot = str(tmp_path / "robot.yaml")
+    Path(robot).write_text(GEARED)
+    one = bench("ros2_control: {update_rate: 250}", robot=robot, cells=4, truth_rate=100.0)
+    remaps = ("-r", "motor_states:=/joint_states", "-r", "joint_states:=/joint_states")
+    estimator = one.estimator(*remaps, robot=robot)
+    truths = one.listen(CableTensions, "truth/tensions")
+    # nothing slips before the first command, so the estimator knows the friction history
+    assert one.until(lambda: bool(truths and estimator.answers))
+    first = stamp_ns(truths[-1])
+    motion = trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5))
+    motion.joint_names = ["arm1_winch"]
+    one.publish("motor_trajectory", motion)
+    wanted = first + 2_500_000_000
+    assert one.until(lambda: estimator.answers[-1].stamp_ns > wanted < stamp_ns(truths[-1]))
+    times = np.array([answer.stamp_ns for answer in estimator.answers])
     pairs = [
-        (found[np.argmin(np.abs(times - stamp))], tension)
-        for stamp, tension in truths.items()
-        if first < stamp < times[-1] and np.abs(times - stamp).min() < 4_500_000
+        (estimator.answers[np.argmin(np.abs(times - stamp))].tension, truth.tension)
+        for truth in truths
+        if first < (stamp := stamp_ns(truth)) < times[-1]
+        and np.abs(times - stamp).min() < 4_500_000
     ]
     assert len(pairs) > 150
     told, true = (np.array(column) for column in zip(*pairs, strict=True))
