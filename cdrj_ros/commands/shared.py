@@ -24,7 +24,7 @@ from cdrj_ros import __version__
 from cdrj_ros.evaluation.channels import unit_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES
 from cdrj_ros.evaluation.limits import LimitCheck
-from cdrj_ros.evaluation.metrics import FIGURES, ChannelError, Errors
+from cdrj_ros.evaluation.metrics import ChannelError, Errors
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.model.prepared import Model
@@ -162,39 +162,48 @@ FORMAT: Final = "cdrj_ros/validation"
 VERSION: Final = 2
 """Incremented when a key changes its meaning or is removed, but not for new keys."""
 
-FRICTION_FIGURES: Final = ("mean", "largest", "mean_share", "largest_share")
-
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def results(errors: Errors, limit_check: LimitCheck | None = None) -> dict[str, Json]:
+def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
     """Content of the file written by ``write_results``, as plain lists and dictionaries.
 
     ``all`` holds the figures of the pooled samples of all recordings.
     """
-    bags: list[Json] = [
+    bags = [
         {
             "path": bag.path,
-            "duration_s": _finite(bag.duration_s),
+            "duration_s": bag.duration_s,
             "channels": _channels(own),
-            "friction": {
-                one.name: {name: _finite(getattr(one, name)) for name in FRICTION_FIGURES}
-                for one in bag.friction
-            },
-            "counters": {cause: int(n) for cause, n in bag.counters.items()},
-            "notes": list(bag.notes),
-            "facts": dict(bag.facts),
-            "health": _plain(asdict(bag.health)) if bag.health else None,
+            "friction": {one.name: _without(asdict(one), "name") for one in bag.friction},
+            "counters": bag.counters,
+            "notes": bag.notes,
+            "facts": bag.facts,
+            "health": asdict(bag.health) if bag.health else None,
         }
         for bag, own in zip(errors.bags, errors.of_bags, strict=True)
     ]
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "bags": bags,
-        "all": {"channels": _channels(errors.pooled)},
-        "limits": None if limit_check is None else _limits(limit_check),
-    }
+    limits = None
+    if limit_check is not None:
+        outside = [
+            {
+                **_without(asdict(one), "least", "bound", "unit"),
+                "min" if one.least else "max": one.bound,
+                "by": one.by,
+            }
+            for one in limit_check.outside
+        ]
+        limits = {**asdict(limit_check), "outside": outside}
+        limits["file"] = limits.pop("source")
+    return _plain(
+        {
+            "format": FORMAT,
+            "version": VERSION,
+            "bags": bags,
+            "all": {"channels": _channels(errors.pooled)},
+            "limits": limits,
+        }
+    )
 
 
 def write_results(
@@ -209,40 +218,21 @@ def write_results(
     write_text(path, text + "\n")
 
 
-def _channels(errors: Mapping[str, ChannelError]) -> dict[str, Json]:
+def _channels(errors: Mapping[str, ChannelError]) -> dict[str, dict[str, Any]]:
     return {
-        name: {
-            "unit": error.unit or unit_of(name),
-            "n": error.n,
-            **{figure: _finite(getattr(error, figure)) for figure in FIGURES},
-        }
+        name: {**asdict(error), "unit": error.unit or unit_of(name)}
         for name, error in errors.items()
     }
 
 
-def _limits(limit_check: LimitCheck) -> dict[str, Json]:
-    outside: list[Json] = [
-        {
-            "where": one.where,
-            "channel": one.channel,
-            "figure": one.figure,
-            "value": _finite(one.value),
-            "min" if one.least else "max": one.bound,
-            "by": _finite(one.by),
-        }
-        for one in limit_check.outside
-    ]
-    return {"file": limit_check.source, "checked": limit_check.checked, "outside": outside}
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _without(entries: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in entries.items() if name not in names}
 
 
 def _plain(value: Any) -> Json:
-    """A value of dataclasses with lists for tuples, and null for numbers that are not finite."""
+    """A value with lists for tuples, and null for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {str(key): _plain(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(one) for one in value]
-    return _finite(value) if isinstance(value, float) else value
+    return value if not isinstance(value, float) or math.isfinite(value) else None

@@ -34,11 +34,8 @@ from cdrj_ros.recordings.definitions import message_type
 from cdrj_ros.recordings.mcap_file import McapFile
 from cdrj_ros.recordings.source import Source, open_source
 
-_MEASURED: Final = "measured/"
-"""Prefix of the series of motor efforts among those of a topic."""
-
-_VECTORS: Final = f"{FORCE_VECTOR}/"
-"""Prefix of the channels of force vectors."""
+_ANGLES, _MEASURED = "angles", "measured"
+"""Uses of a topic that is an input: its positions, and its efforts."""
 
 NORM_DIFFERS: Final = 0.1
 """Share of the median magnitude of a recording by which magnitude and norm of the components may
@@ -115,17 +112,6 @@ def read_recording(
     return reading.recording()
 
 
-@dataclass(frozen=True)
-class _Role:
-    """A use of one channel, as input or as reference."""
-
-    topic: str
-    is_input: bool
-    prefix: str
-    """Prefix of the names of its series."""
-    decoder: BulkDecoder
-
-
 class _Reading:
     """Decoders of the selected channels, each created at its channel's first message."""
 
@@ -137,14 +123,14 @@ class _Reading:
         force_vectors: bool,
         effort_scale: Mapping[str, float],
     ) -> None:
-        self._source = source
+        self._source, self._path, self._topics = source, source.path, topics
         self._motor_efforts, self._force_vectors = motor_efforts, force_vectors
         self._effort_scale = effort_scale
-        self._path = source.path
-        self._topics = topics
         self._inputs = {topics.motors: "motor", topics.joints: "joint"}
         self._selected = {*self._inputs, *topics.references}
-        self._roles: dict[Channel, tuple[_Role, ...]] = {}
+        self._of_channel: dict[Channel, list[BulkDecoder]] = {}
+        self._of_use: dict[tuple[str, str], list[BulkDecoder]] = {}
+        """By topic and use: what an input holds, or the prefix of references."""
         self._notes: list[str] = []
 
     def require_inputs(self) -> None:
@@ -164,63 +150,68 @@ class _Reading:
             chosen = np.flatnonzero(batch.channel == number)
             if not len(chosen):
                 continue
-            if channel not in self._roles:
-                self._roles[channel] = self._make(channel)
-            for role in self._roles[channel]:
-                role.decoder.add(batch, chosen, first)
+            if channel not in self._of_channel:
+                self._of_channel[channel] = self._make(channel)
+            for decoder in self._of_channel[channel]:
+                decoder.add(batch, chosen, first)
 
     def recording(self) -> Recording:
-        roles = [role for made in self._roles.values() for role in made]
-        extents = [extent for role in roles if (extent := role.decoder.extent())]
-        malformed = {role.topic: self._malformed(role.topic) for role in roles}
-        motors_topic, joints_topic = self._topics.motors, self._topics.joints
-        motors = self._series(motors_topic, is_input=True)
-        joints = motors
-        if joints_topic != motors_topic:
-            joints = self._series(joints_topic, is_input=True)
-        self._require_angles(motors, motors_topic, "motor")
-        self._require_angles(joints, joints_topic, "joint")
-        wanted = dict.fromkeys((motors_topic, *self._topics.references))
-        others = {topic: self._series(topic, is_input=False) for topic in wanted}
-        references, efforts = self._references(others), self._efforts(others[motors_topic])
+        decoders = [one for made in self._of_channel.values() for one in made]
+        extents = [extent for one in decoders if (extent := one.extent())]
+        refused = {topic: self._refused(topic) for topic, _ in self._of_use}
+        for topic, (count, reason) in refused.items():
+            if count:
+                self._notes.append(f"{topic}: {count} malformed messages, the first: {reason}")
+        motors = self._angles(self._topics.motors)
+        same = self._topics.joints == self._topics.motors
+        joints = motors if same else self._angles(self._topics.joints)
+        measured = self._series(self._topics.motors, _MEASURED)
         return Recording(
             path=self._path,
             start_ns=min(first for first, _ in extents),
             end_ns=max(last for _, last in extents),
             motors=motors,
             joints=joints,
-            references=references,
-            malformed=malformed,
-            notes=(*self._source.all_notes(), *self._refusals(malformed), *self._notes),
-            motor_efforts=efforts,
-            force_frame=next((one.decoder.frame for one in roles if one.prefix == _VECTORS), ""),
-        )
+            references=self._references(),
+            malformed={topic: count for topic, (count, _) in refused.items()},
+            notes=(*self._source.all_notes(), *self._notes),
+            motor_efforts={
+                name: self._scaled(name, one) for name, one in measured.items() if one.stamp_ns.size
+            },
+            force_frame=next(
+                (one.frame for (_, use), made in self._of_use.items() for one in made
+                 if use == FORCE_VECTOR), "",
+            ),
+        )  # fmt: skip
 
-    def _efforts(self, found: Mapping[str, Series]) -> dict[str, Series]:
-        """Efforts of the motors by name, without those that have no value at all."""
-        return {
-            name.removeprefix(_MEASURED): self._scaled(name.removeprefix(_MEASURED), series)
-            for name, series in found.items()
-            if name.startswith(_MEASURED) and series.stamp_ns.size
-        }
+    def _series(self, topic: str, use: str) -> dict[str, Series]:
+        """The series of a topic by name; this empties the decoders."""
+        return series_by_name(self._of_use.get((topic, use), ()))
 
-    def _references(self, others: Mapping[str, Mapping[str, Series]]) -> dict[str, Series]:
+    def _angles(self, topic: str) -> dict[str, Series]:
+        if found := self._series(topic, _ANGLES):
+            return found
+        count, first = self._refused(topic)
+        reason = f" ({count} malformed messages, the first: {first})" if count else ""
+        kind = self._inputs[topic]
+        raise BagError(f"{self._path}: topic {topic} has no {kind} angles{reason}")
+
+    def _references(self) -> dict[str, Series]:
         references: dict[str, Series] = {}
-        for topic in dict.fromkeys(self._topics.references):
-            for name, series in others[topic].items():
-                if name.startswith(_MEASURED):
-                    continue
-                if name in references:
-                    raise BagError(f"{self._path}: {name} is on several reference topics")
-                if name.startswith(_VECTORS):
-                    known, note = known_vectors(name, self._plausible(name, series))
+        for topic, use in self._of_use:
+            if use in (_ANGLES, _MEASURED):
+                continue
+            for name, found in self._series(topic, use).items():
+                channel = f"{use}/{name}"
+                if channel in references:
+                    raise BagError(f"{self._path}: {channel} is on several reference topics")
+                own = self._scaled(name, found) if topic in self._inputs else found
+                series: Series | None = self._plausible(channel, own)
+                if use == FORCE_VECTOR and series is not None:
+                    series, note = known_vectors(channel, series)
                     self._notes += [note] if note else []
-                    if known is not None:
-                        references[name] = known
-                else:
-                    if topic in self._inputs:
-                        series = self._scaled(name.partition("/")[2], series)  # noqa: PLW2901
-                    references[name] = self._plausible(name, series)
+                if series is not None:
+                    references[channel] = series
         return references
 
     def _scaled(self, name: str, series: Series) -> Series:
@@ -240,81 +231,41 @@ class _Reading:
         value.flags.writeable = False
         return replace(series, value=value)
 
-    def _series(self, topic: str, *, is_input: bool) -> dict[str, Series]:
-        """The series of a topic by name; this empties the decoders."""
-        by_prefix: dict[str, list[BulkDecoder]] = {}
-        for made in self._roles.values():
-            for role in made:
-                if role.topic == topic and role.is_input == is_input:
-                    by_prefix.setdefault(role.prefix, []).append(role.decoder)
-        return {
-            prefix + name: series
-            for prefix, parts in by_prefix.items()
-            for name, series in series_by_name(parts).items()
-        }
-
-    def _refusals(self, malformed: Mapping[str, int]) -> list[str]:
-        """Sentences with the number of refused messages and the first reason, by topic."""
-        return [
-            f"{topic}: {count} malformed messages, the first: {self._first_refusal(topic)}"
-            for topic, count in malformed.items()
-            if count
+    def _refused(self, topic: str) -> tuple[int, str]:
+        """Number of messages refused in any use, each counted once, and the first reason."""
+        of_topic = [
+            one for (name, _), made in self._of_use.items() if name == topic for one in made
         ]
+        places = [refused for one in of_topic for refused in one.refused]
+        count = int(np.unique(np.concatenate(places)).size) if places else 0
+        return count, next((one.first_refusal for one in of_topic if one.first_refusal), "")
 
-    def _first_refusal(self, topic: str) -> str:
-        reasons = [
-            role.decoder.first_refusal
-            for made in self._roles.values()
-            for role in made
-            if role.topic == topic and role.decoder.first_refusal
-        ]
-        return reasons[0] if reasons else ""
-
-    def _require_angles(self, there: Mapping[str, Series], topic: str, kind: str) -> None:
-        if there:
-            return
-        reason = ""
-        if malformed := self._malformed(topic):
-            first = self._first_refusal(topic)
-            reason = f" ({malformed} malformed messages, the first: {first})"
-        raise BagError(f"{self._path}: topic {topic} has no {kind} angles{reason}")
-
-    def _malformed(self, topic: str) -> int:
-        """Number of messages refused in any role; one refused in two roles counts once."""
-        refused = [
-            places
-            for made in self._roles.values()
-            for role in made
-            if role.topic == topic
-            for places in role.decoder.refused
-        ]
-        return int(np.unique(np.concatenate(refused)).size) if refused else 0
-
-    def _make(self, channel: Channel) -> tuple[_Role, ...]:
-        topic = channel.topic
+    def _make(self, channel: Channel) -> list[BulkDecoder]:
+        topic, kind = channel.topic, channel.msgtype
         require_cdr(self._path, channel)
-        wanted: list[tuple[bool, str, tuple[str, ...]]] = []
+        wanted: list[tuple[str, tuple[str, ...]]] = []
         if topic in self._inputs:
-            if channel.msgtype != JOINT_STATE.name:
+            if kind != JOINT_STATE.name:
                 raise self._wrong_type(channel, f"{self._inputs[topic]} angles", JOINT_STATE.name)
-            wanted.append((True, "", ("position",)))
+            wanted.append((_ANGLES, ("position",)))
         if topic == self._topics.motors and self._motor_efforts:
-            wanted.append((False, _MEASURED, ("effort",)))
+            wanted.append((_MEASURED, ("effort",)))
         if topic in self._topics.references:
-            if channel.msgtype not in REFERENCE_ARRAYS:
+            if kind not in REFERENCE_ARRAYS:
                 raise self._wrong_type(channel, "references", " or ".join(REFERENCE_ARRAYS))
-            prefix, array = REFERENCE_ARRAYS[channel.msgtype]
-            wanted.append((False, prefix + "/", (array,)))
+            prefix, array = REFERENCE_ARRAYS[kind]
+            wanted.append((prefix, (array,)))
         try:
-            message = message_type(channel.msgtype, channel.definition_encoding, channel.definition)
+            message = message_type(kind, channel.definition_encoding, channel.definition)
             if self._force_vectors and _has_components(message):
-                wanted.append((False, _VECTORS, (*FORCE_COMPONENTS, "magnitude")))
-            return tuple(
-                _Role(topic, given, prefix, BulkDecoder(message, *arrays, may_be_empty=not given))
-                for given, prefix, arrays in wanted
-            )
+                wanted.append((FORCE_VECTOR, (*FORCE_COMPONENTS, "magnitude")))
+            made = []
+            for use, arrays in wanted:
+                made.append(BulkDecoder(message, *arrays, may_be_empty=use != _ANGLES))
+                self._of_use.setdefault((topic, use), []).append(made[-1])
         except BagError as error:
             raise BagError(f"{self._path}: topic {topic}: {error}") from None
+        return made
 
     def _wrong_type(self, channel: Channel, use: str, expected: str) -> BagError:
         return BagError(

@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
 
 from cdrj_ros._core import mark_unsure
-from cdrj_ros.foundation.interruption import BLAS_THREADS
+from cdrj_ros.foundation.interruption import BLAS_THREADS, thread_pool
 from cdrj_ros.model.state import UNSURE
 
 PATIENCE_S = 30.0
@@ -67,6 +69,29 @@ run_interruptibly("working", lambda: lambda: run_command("working", body, []))
 """
     assert ended(program) == (130, "begun\ncleaned up\n", "working: interrupted\n")
     assert ended(program, "2>&-") == (130, "begun\ncleaned up\n", "")
+
+
+def test_after_an_error_a_pool_of_threads_neither_waits_nor_begins_anything() -> None:
+    begun, released = threading.Event(), threading.Event()
+
+    def task() -> None:
+        begun.set()
+        released.wait(PATIENCE_S)
+
+    def fail() -> None:
+        with thread_pool(1) as pool:
+            submitted.extend((pool.submit(task), pool.submit(task)))
+            assert begun.wait(PATIENCE_S)
+            raise ValueError("of the block")
+
+    submitted: list[Future[None]] = []
+    with pytest.raises(ValueError, match="of the block"):
+        fail()
+    running, waiting = submitted
+    assert running.running()
+    assert waiting.cancelled()
+    released.set()
+    running.result(PATIENCE_S)
 
 
 def test_an_interrupted_command_does_not_wait_for_its_threads() -> None:
