@@ -8,7 +8,6 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import printable
 
@@ -21,12 +20,6 @@ Cause = Literal["malformed", "wrong length", "unknown name", "not finite", "out 
 """Cause of a refusal."""
 
 CAUSES: Final[tuple[Cause, ...]] = get_args(Cause)
-
-MOST_POINTS: Final = 100_000
-"""Largest number of points of a trajectory."""
-
-LONGEST_S: Final = 86_400.0
-"""Longest duration of a trajectory [s]."""
 
 TRAVEL: Final = 1e3
 """Largest travel from the reference angle to either side [rad]."""
@@ -76,20 +69,6 @@ class Command:
     """One target per motor; the unit depends on the mode."""
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """Angles of some motors over time: linear between points, cubic where speeds are given."""
-
-    motors: tuple[int, ...]
-    """Places in the robot's order."""
-    time: Vector
-    """Time from the start of the trajectory, increasing [s], shape (n,)."""
-    angle: Table
-    """Angles at the points [rad], shape (n, motors)."""
-    speed: Table | None
-    """Speeds at the points [rad/s], shape (n, motors); None if not given."""
-
-
 def checked_command(
     limits: DriveLimits, mode: Mode, names: Sequence[str] | None, values: Sequence[float]
 ) -> Command:
@@ -135,55 +114,6 @@ def command_of_states(
             f"{len(filled)} of them",
         )
     return checked_command(limits, filled[0], names, given[filled[0]])
-
-
-def checked_trajectory(
-    limits: DriveLimits,
-    names: Sequence[str],
-    time_s: Sequence[float],
-    positions: Sequence[Sequence[float]],
-    velocities: Sequence[Sequence[float]],
-) -> Trajectory:
-    """Create a trajectory whose points are all within the drives' limits; no points mean stop.
-
-    Args:
-        limits: of the drives.
-        names: names of the motors.
-        time_s: times of the points from the trajectory's start [s].
-        positions: positions of every point, one per motor [rad].
-        velocities: velocities of every point [rad/s]; either all or none are empty.
-
-    Raises:
-        CommandError: what is wrong with it.
-    """
-    n = len(time_s)
-    if n > MOST_POINTS:
-        raise CommandError("wrong length", f"at most {MOST_POINTS} points are allowed, got {n}")
-    motors = _places(limits, names, len(names), "trajectory")
-    for row in positions:
-        if len(row) != len(motors):
-            raise CommandError(
-                "wrong length", f"a point needs {len(motors)} positions, got {len(row)}"
-            )
-        for motor, value in zip(motors, row, strict=True):
-            _require(limits, "position", motor, float(value))
-    with_speed = any(len(row) for row in velocities)
-    for row in velocities if with_speed else ():
-        if len(row) != len(motors):
-            raise CommandError(
-                "wrong length", f"every point needs {len(motors)} velocities, got {len(row)}"
-            )
-        for motor, value in zip(motors, row, strict=True):
-            _require(limits, "velocity", motor, float(value))
-    times = np.array(time_s, dtype=np.float64)
-    if n and not (times[0] >= 0.0 and np.all(np.diff(times) > 0.0) and times[-1] <= LONGEST_S):
-        raise CommandError(
-            "out of range",
-            f"time_from_start must increase from at least 0 to at most {LONGEST_S:g} s",
-        )
-    shape = (n, len(motors))
-    speed = np.array(velocities, dtype=np.float64).reshape(shape) if with_speed else None
-    return Trajectory(motors, times, np.array(positions, dtype=np.float64).reshape(shape), speed)
 
 
 def _places(

@@ -17,7 +17,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.commands import Command, DriveLimits, Mode, Trajectory
+from cdrj_ros.simulation.commands import Command, DriveLimits, Mode
 from cdrj_ros.simulation.faults import drums_of
 
 Program = Callable[[int], Vector]
@@ -125,29 +125,14 @@ class Drives:
         self.modes: list[Mode] = [HOLDING] * count
         self._target = self.angle.copy()
         self._heard_s = np.zeros(count)
-        self._trajectory: Trajectory | None = None
-        self._from = self.angle.copy()
-        self._begin_s = 0.0
         self.program = self._program
         self.timeouts = 0
         """Number of timeouts of motors in velocity or effort mode."""
 
-    def command(self, command: Command | Trajectory, now_s: float) -> None:
-        """Apply a command; motors that it does not name keep their previous commands.
-
-        A command for one motor of a trajectory ends the trajectory for all its motors.
-        """
+    def command(self, command: Command, now_s: float) -> None:
+        """Apply a command; motors that it does not name keep their previous commands."""
         motors = list(command.motors)
         self.program = None
-        if self._trajectory is not None and set(motors) & set(self._trajectory.motors):
-            self._hold(list(self._trajectory.motors))
-            self._trajectory = None
-        self._hold(motors)
-        if isinstance(command, Trajectory):
-            if command.time.size:
-                self._trajectory, self._begin_s = command, now_s
-                self._from = self.angle[motors]
-            return
         self._heard_s[motors] = now_s
         for motor, value in zip(motors, command.values, strict=True):
             # a torque accelerates the rotor from its current speed
@@ -166,14 +151,12 @@ class Drives:
         """
         if self.program is not None:
             self._target = self.program(step)
-        if self._trajectory is not None:
-            self._follow(self._trajectory, now_s)
         for motor in range(self.angle.size):
             mode = self.modes[motor]
             if mode != HOLDING and now_s - self._heard_s[motor] > self.limits.timeout_s:
                 self.timeouts += 1
-                self._hold([motor])
-                mode = HOLDING
+                self._target[motor] = self.angle[motor]
+                mode = self.modes[motor] = HOLDING
             torque = self.limits.effort_sign[motor] * float(effort[motor])
             if mode == "effort":
                 self._accelerate(motor, torque, dt)
@@ -185,12 +168,6 @@ class Drives:
         """Set the angles at which the cables stopped the motors [rad], shape (motors,)."""
         self.angle = angle.copy()
         self.speed[:] = 0.0
-
-    def _hold(self, motors: list[int]) -> None:
-        """Hold the current angles of these motors."""
-        for motor in motors:
-            self.modes[motor] = HOLDING
-            self._target[motor] = self.angle[motor]
 
     def _turn(self, motor: int, mode: Mode, torque: float, dt: float) -> None:
         """Advance a motor towards its target angle, or at its target speed."""
@@ -217,33 +194,3 @@ class Drives:
         speed = min(max(speed, -limits.speed[motor]), limits.speed[motor])
         self.speed[motor] = speed
         self.angle[motor] += speed * dt
-
-    def _follow(self, trajectory: Trajectory, now_s: float) -> None:
-        """Set the targets along a trajectory; after its end the last point is held."""
-        motors = list(trajectory.motors)
-        at = now_s - self._begin_s
-        self._target[motors] = _interpolated(trajectory, self._from, at)
-        if at >= trajectory.time[-1]:
-            self._trajectory = None
-
-
-def _interpolated(trajectory: Trajectory, start: Vector, at: float) -> Vector:
-    """Angles of the trajectory's motors [rad]; before the first point from ``start`` at rest."""
-    time, angle, speed = trajectory.time, trajectory.angle, trajectory.speed
-    k = int(np.searchsorted(time, at, side="right"))
-    if k == time.size:
-        return angle[-1].copy()
-    t0, a0 = (0.0, start) if k == 0 else (float(time[k - 1]), angle[k - 1])
-    t1, a1 = float(time[k]), angle[k]
-    span = t1 - t0
-    share = (at - t0) / span
-    if speed is None:
-        return np.asarray(a0 + share * (a1 - a0))
-    v0 = np.zeros_like(start) if k == 0 else speed[k - 1]
-    u2, u3 = share**2, share**3
-    return np.asarray(
-        (2.0 * u3 - 3.0 * u2 + 1.0) * a0
-        + (u3 - 2.0 * u2 + share) * span * v0
-        + (3.0 * u2 - 2.0 * u3) * a1
-        + (u3 - u2) * span * speed[k]
-    )

@@ -14,7 +14,6 @@ from cdrj_ros.simulation.commands import (
     CommandError,
     DriveLimits,
     checked_command,
-    checked_trajectory,
 )
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
@@ -67,65 +66,9 @@ def test_an_invalid_command_is_refused_with_its_cause(
     assert len(str(caught.value)) < 400
 
 
-@pytest.mark.parametrize(
-    ("times", "positions", "velocities", "cause"),
-    [
-        ([0.1, 0.1], [[0.0], [0.1]], [[], []], "out of range"),
-        ([-0.1], [[0.0]], [[]], "out of range"),
-        ([NAN], [[0.0]], [[]], "out of range"),
-        ([1e9], [[0.0]], [[]], "out of range"),
-        ([0.1], [[]], [[]], "wrong length"),
-        ([0.1], [[NAN]], [[]], "not finite"),
-        ([0.1], [[1e9]], [[]], "out of range"),
-        ([0.1, 0.2], [[0.0], [0.1]], [[0.1], []], "wrong length"),
-        ([0.1], [[0.0]], [[NAN]], "not finite"),
-    ],
-)
-def test_an_invalid_trajectory_is_refused_with_its_cause(
-    limits: DriveLimits, times: Any, positions: Any, velocities: Any, cause: str
-) -> None:
-    with pytest.raises(CommandError) as caught:
-        checked_trajectory(limits, [FLEXOR], times, positions, velocities)
-    assert caught.value.cause == cause
-
-
 def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
     with pytest.raises(UsageError, match="rotor_inertia must be at least"):
         drive_limits(robots.finger(), 1000.0, rotor_inertia=1e-9)
-
-
-def test_a_trajectory_runs_straight_between_its_points_and_then_holds(limits: DriveLimits) -> None:
-    drives = Drives(limits)
-    drives.command(checked_trajectory(limits, [EXTENSOR], [0.1, 0.3], [[0.2], [0.1]], [[], []]), 0)
-    angles = turn(drives, 500)
-    wanted = np.interp(np.arange(1, 501) / 1000.0, [0.0, 0.1, 0.3], [0.0, 0.2, 0.1])
-    np.testing.assert_allclose(angles[:, 1], wanted, atol=1e-12)
-    assert not angles[:, 0].any()
-
-
-def test_a_trajectory_with_speeds_has_them_at_its_points(limits: DriveLimits) -> None:
-    drives = Drives(limits)
-    points = checked_trajectory(limits, [FLEXOR], [0.1, 0.2], [[0.1], [0.2]], [[1.5], [0.0]])
-    drives.command(points, 0.0)
-    angle = np.concatenate([[0.0], turn(drives, 300)[:, 0]])
-    assert angle[[100, 200, 300]] == pytest.approx([0.1, 0.2, 0.2], abs=1e-12)
-    speed = np.gradient(angle, 1e-3)
-    assert speed[100] == pytest.approx(1.5, abs=0.05)
-    assert speed[[0, 200]] == pytest.approx([0.0, 0.0], abs=0.05)
-
-
-def test_another_command_or_an_empty_trajectory_ends_a_trajectory(limits: DriveLimits) -> None:
-    way = checked_trajectory(limits, [FLEXOR, EXTENSOR], [1.0], [[1.0, -1.0]], [[]])
-    stop = checked_trajectory(limits, [FLEXOR, EXTENSOR], [], [], [])
-    for ending in (stop, checked_command(limits, "position", [FLEXOR], [0.0])):
-        drives = Drives(limits)
-        drives.command(way, 0.0)
-        turn(drives, 100)
-        drives.command(ending, 0.1)
-        angles = turn(drives, 200, 100)
-        np.testing.assert_array_equal(angles[:, 1], drives.angle[1])
-        assert drives.angle[1] == pytest.approx(-0.1)
-        assert drives.angle[0] == pytest.approx(0.0 if ending is not stop else 0.1)
 
 
 def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
