@@ -17,7 +17,7 @@ import numpy as np
 
 from cdrj_ros.estimation.changes import REST_NS, REST_STEP_NS, RestWatch
 from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded, ScaleReading, samples_of
 from cdrj_ros.model.prepared import TENSION, Model
@@ -30,7 +30,8 @@ LEAST_NS: Final = 2_000_000_000
 """Shortest rest in a pose, unless the robot does not move at all [ns]."""
 
 NEAR: Final = 0.05
-"""Part of a joint's range within which a motion between two rests does not change the pose."""
+"""Part of a joint's range within which a motion between two rests does not change the pose; without
+measured joints, of every motor's motion."""
 
 
 def rest_poses(model: Model, recorded: Recorded) -> tuple[Sample, ...]:
@@ -43,16 +44,24 @@ def rest_poses(model: Model, recorded: Recorded) -> tuple[Sample, ...]:
     spans = _rests(model.robot, samples)
     if isinstance(spans, str):
         raise UsageError(f"{recorded.name}: {spans}")
-    joints = samples.joint_angle
-    near = NEAR * np.array([joint.upper - joint.lower for joint in model.robot.joints])
+    angles, near = _pose_angles(model.robot, samples)
     poses: list[slice] = []
     for span in spans:
         if poses:
-            since = joints[poses[-1].stop : span.stop] - joints[poses[-1]].mean(axis=0)
+            since = angles[poses[-1].stop : span.stop] - angles[poses[-1]].mean(axis=0)
             if np.all(np.abs(since) < near):
                 continue
         poses.append(span)
     return tuple(_mean(samples, span) for span in poses)
+
+
+def _pose_angles(robot: Robot, samples: Samples) -> tuple[Table, Vector]:
+    """Angles that make a pose, shape (n, axes), and how little each may change within one."""
+    measured = [k for k, joint in enumerate(robot.joints) if joint.measured]
+    if not measured:
+        return samples.motor_angle, NEAR * np.ptp(samples.motor_angle, axis=0)
+    ranges = [robot.joints[k].upper - robot.joints[k].lower for k in measured]
+    return samples.joint_angle[:, measured], NEAR * np.array(ranges)
 
 
 def _rests(robot: Robot, samples: Samples) -> list[slice] | str:

@@ -21,6 +21,7 @@ from cdrj_ros.identification.problem import Loss, Problem, Progress
 from cdrj_ros.identification.residual_statistics import (
     independent_states,
     lasting_squares,
+    noise_stated,
 )
 from cdrj_ros.identification.solver import minimise, prior_residuals, robust_weights
 from cdrj_ros.robot.description import Robot, Winch
@@ -76,63 +77,59 @@ def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progre
     slips = _fitted(slipping, (coordinates, np.zeros_like(coordinates)), weights, loss, say)
     problem.evaluations += slipping.evaluations
     holds = _misfit(problem, coordinates, weights)
-    if slips.squares < holds.squares:
+    if slips.all_squares < holds.all_squares:
         say("fitting drums that hold once more")
         again = _fitted(problem, (slips.coordinates,), weights, loss, say)
-        holds = min(holds, again, key=lambda one: one.squares)
-    stated = any(channel.scale for one in problem.observations for channel in one.channels)
-    return finding(
-        (slips.squares, holds.squares), independent_states(problem), slips.strain - holds.strain,
-        1.0 if stated else 0.0,
-    )  # fmt: skip
+        holds = min(holds, again, key=lambda one: one.all_squares)
+    return finding(slips, holds, independent_states(problem))
 
 
-class _Misfit(NamedTuple):
+class Misfit(NamedTuple):
     """How far some numbers are from the recordings, and from what was known before."""
 
     squares: float
     """Weighted sum of squares of the residuals, as of ``lasting_squares``."""
+    stated: Vector
+    """Weighted residuals whose noise is stated, in units of it."""
     strain: float
     """Sum of squares of the deviations from the priors [their standard deviations squared]."""
     coordinates: Vector
 
+    @property
+    def all_squares(self) -> float:
+        """Of both, positive."""
+        return max(self.squares + float(self.stated @ self.stated), 1e-300)
 
-def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> _Misfit:
+
+def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> Misfit:
     residuals = problem.residuals(coordinates)
     priors = prior_residuals(problem, coordinates)
-    squares = lasting_squares(problem, residuals * np.sqrt(weights))
-    return _Misfit(squares, float(priors @ priors), coordinates)
+    residuals = residuals * np.sqrt(weights)
+    return Misfit(
+        lasting_squares(problem, residuals), residuals[noise_stated(problem)],
+        float(priors @ priors), coordinates,
+    )  # fmt: skip
 
 
 def _fitted(
     problem: Problem, begins: Sequence[Vector], weights: Vector, loss: Loss, say: Progress
-) -> _Misfit:
+) -> Misfit:
     """The best fit from the best of several starts."""
-    begin = min(begins, key=lambda one: _misfit(problem, one, weights).squares)
+    begin = min(begins, key=lambda one: _misfit(problem, one, weights).all_squares)
     found = minimise(problem, begin, loss, say, settled=np.inf)
     return _misfit(problem, found.coordinates, weights)
 
 
-def finding(
-    squares: tuple[float, float], independent: int, strain: float, least: float = 0.0
-) -> DrumFinding:
+def finding(slips: Misfit, holds: Misfit, independent: int) -> DrumFinding:
     """(I8): what the residuals of both hypotheses show.
 
     Args:
-        squares: sums of squares with slipping cable and with cable that holds, positive.
-        independent: number of residuals that count as independent, at least 1.
-        strain: squared deviations from the priors with slipping cable, less those with cable that
-            holds [standard deviations squared].
-        least: smallest variance of a residual.
+        slips: with slipping cable.
+        holds: with cable that holds.
+        independent: number of residuals without stated noise that count as independent, at least 1.
     """
-    slips, holds = (max(one, 1e-300) for one in squares)
-    ratio = slips / holds
-    # each with the variance that suits it best
-    variance = [max(one / independent, least) for one in (slips, holds)]
-    certainty = 0.5 * (
-        independent * log(variance[0] / variance[1])
-        + slips / variance[0] - holds / variance[1] + strain
-    )  # fmt: skip
+    certainty = _log_likelihood(holds, independent) - _log_likelihood(slips, independent)
+    ratio = slips.all_squares / holds.all_squares
     if certainty > CERTAIN:
         times = f"{sqrt(ratio):.2g} times"
         return DrumFinding(
@@ -148,13 +145,23 @@ def finding(
             "large. The estimator assumes that it holds, so its tensions become worse from cycle "
             "to cycle, and the fitted numbers are wrong. drums: may_slip stays.",
         )  # fmt: skip
-    needed = np.exp(CERTAIN / independent)
     return DrumFinding(
         "may_slip", "the recordings do not decide",
         "The recordings do not show whether the cable slips on its drums: the residuals would be "
-        f"{sqrt(ratio):.2g} times as large, and {needed:.2g} times would decide. drums: may_slip "
-        "stays, which widens the standard deviations; state drums: hold if it cannot slip.",
+        f"{sqrt(ratio):.2g} times as large. drums: may_slip stays, which widens the standard "
+        "deviations; state drums: hold if it cannot slip.",
     )  # fmt: skip
+
+
+def _log_likelihood(one: Misfit, independent: int) -> float:
+    """Of a fit, where unknown variances are those that suit it best, but not below stated ones."""
+    found = -0.5 * one.strain
+    if one.squares > 0.0:
+        found -= 0.5 * independent * log(one.squares)
+    if one.stated.size:
+        variance = max(float(np.mean(one.stated**2)), 1.0)
+        found -= 0.5 * (one.stated.size * log(variance) + float(one.stated @ one.stated) / variance)
+    return found
 
 
 def _motors(robot: Robot) -> Iterator[str]:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.observations import (
-    Channel,
     Observations,
     noise_of,
     samples_by,
@@ -58,9 +57,11 @@ def states_of_samples(problem: Problem, stretches: int = STRETCHES) -> list[tupl
 
 
 def visited_states(problem: Problem) -> int:
-    """Number of states that the recordings visit, counted in every recording."""
+    """Number of states that recordings visit whose noise is open, counted in every one of them."""
     count = 0
-    for _, state in states_of_samples(problem):
+    for observed, (_, state) in zip(problem.observations, states_of_samples(problem), strict=True):
+        if all(channel.scale is not None for channel in observed.channels):
+            continue
         _, visits = np.unique(state, return_counts=True)
         count += int(np.count_nonzero(visits > VISITED * state.size))
     return count
@@ -87,7 +88,10 @@ def states_of_residuals(problem: Problem) -> Labels:
 
 
 def cells_of_residuals(problem: Problem) -> Labels:
-    """``FINE`` state and reference of every residual, one number for both, shape (n,)."""
+    """``FINE`` state and reference of every residual, one number for both, shape (n,).
+
+    A residual whose noise is stated has a number of its own.
+    """
     labels, count = [], 0
     for observed, (samples, state) in zip(
         problem.observations, states_of_samples(problem, FINE), strict=True
@@ -95,7 +99,9 @@ def cells_of_residuals(problem: Problem) -> Labels:
         for one in _at_references(observed, samples, state):
             labels.append(count + one)
             count += 2 * FINE
-    return np.concatenate(labels)
+    found, stated = np.concatenate(labels), noise_stated(problem)
+    found[stated] = count + np.arange(int(stated.sum()))
+    return found
 
 
 def _at_references(observed: Observations, samples: Samples, state: Labels) -> list[Labels]:
@@ -133,15 +139,15 @@ def effective_variance(problem: Problem, residuals: Vector) -> float:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    powers = [_powers(parts) for parts in _by_recording(problem, residuals)]
-    power = np.concatenate(powers)
-    size = residuals.size
-    mean = float(np.mean(residuals**2))
+    recordings = _measured(problem, residuals)
+    if not recordings:
+        return max(1.0, problem.least_variance)
+    power = np.concatenate([_powers(parts) for parts in recordings])
+    size, whole = _size_and_squares(recordings)
     white = white_variance(problem, residuals)
     independent = float(power.sum()) ** 2 / max(float(np.sum(power**2)), 1e-300)
     pieces = max(1.0, min(independent, float(visited_states(problem)), float(size)))
-    lasting = max(mean - white, 0.0) * size / pieces
-    return max(white + lasting, problem.least_variance, 1e-300)
+    return max(white + (whole / size - white) * size / pieces, problem.least_variance, 1e-300)
 
 
 def lasting_squares(problem: Problem, residuals: Vector) -> float:
@@ -154,28 +160,51 @@ def lasting_squares(problem: Problem, residuals: Vector) -> float:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    whole = float(residuals @ residuals)
-    noise = white_variance(problem, residuals)
-    return whole + noise * (independent_states(problem) - residuals.size)
+    size, whole = _size_and_squares(_measured(problem, residuals))
+    if not size:
+        return 0.0
+    return whole + white_variance(problem, residuals) * (independent_states(problem) - size)
 
 
 def white_variance(problem: Problem, residuals: Vector) -> float:
-    """w² of (I2): variance of the white noise on the residuals.
-
-    It is that of their second differences, at most their mean square, or as stated of the sensor.
+    """w² of (I2): variance of the white noise on the residuals, at most their mean square.
 
     Args:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    stated, found, most = 0.0, 0.0, 0.0
-    for channel, part in _by_channel(problem, residuals):
-        if channel.scale is not None:
-            stated += part.size
-        else:
-            found += white_power(part)
-            most += float(part @ part)
-    return (stated + min(found, most)) / residuals.size
+    recordings = _measured(problem, residuals)
+    size, whole = _size_and_squares(recordings)
+    noise = sum(white_power(part) for parts in recordings for part in parts)
+    return min(noise, whole) / size if size else 1.0
+
+
+def noise_stated(problem: Problem) -> NDArray[np.bool_]:
+    """Which residuals have a stated noise of 1, as readings of a spring scale have, shape (n,).
+
+    They are independent, so they count with it as priors do; the variances of all others are found.
+    """
+    channels = [channel for one in problem.observations for channel in one.channels]
+    return np.repeat(
+        [channel.scale is not None for channel in channels],
+        [channel.reference.size for channel in channels],
+    )
+
+
+def _measured(problem: Problem, residuals: Vector) -> list[list[Vector]]:
+    """Residuals without stated noise of every channel, one list for each recording with some."""
+    found = []
+    for observed, parts in zip(
+        problem.observations, _by_recording(problem, residuals), strict=True
+    ):
+        pairs = zip(observed.channels, parts, strict=True)
+        found.append([part for channel, part in pairs if channel.scale is None])
+    return [parts for parts in found if parts]
+
+
+def _size_and_squares(recordings: Sequence[Sequence[Vector]]) -> tuple[int, float]:
+    parts = [part for parts in recordings for part in parts]
+    return sum(part.size for part in parts), sum(float(part @ part) for part in parts)
 
 
 def _by_recording(problem: Problem, residuals: Vector) -> Iterator[list[Vector]]:
@@ -185,14 +214,6 @@ def _by_recording(problem: Problem, residuals: Vector) -> Iterator[list[Vector]]
         ends = at + np.cumsum([channel.reference.size for channel in observed.channels])
         yield np.split(residuals[at : ends[-1]], ends[:-1] - at)
         at = ends[-1]
-
-
-def _by_channel(problem: Problem, residuals: Vector) -> Iterator[tuple[Channel, Vector]]:
-    """All channels of all recordings with their residuals."""
-    for observed, parts in zip(
-        problem.observations, _by_recording(problem, residuals), strict=True
-    ):
-        yield from zip(observed.channels, parts, strict=True)
 
 
 def white_power(residuals: Vector) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.problem import Loss, Problem, Progress, residuals_together
-from cdrj_ros.identification.residual_statistics import effective_variance
+from cdrj_ros.identification.residual_statistics import effective_variance, noise_stated
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]
@@ -133,6 +133,7 @@ def _minimum(
     weights = robust_weights(problem, loss, residuals)
     if variance is None:
         variance = effective_variance(problem, residuals * np.sqrt(weights))
+        weights[noise_stated(problem)] = variance
     cost = _cost(problem, here, residuals, weights, variance)
     found = Minimum(here, residuals, slopes, weights, variance, cost, here, here)
     step, size = _step(problem, found, 0.0)
