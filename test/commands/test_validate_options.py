@@ -136,34 +136,21 @@ def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
 
 
-def moved(short: Path, out: Path, **topics: str) -> Path:
-    """A copy of a bag whose references are on other topics, by the last part of their names."""
-    recording = read_recording(short)
-    with BagWriter(out) as bag:
-        bag.copy(short, ["/cdrj/motor_states", "/cdrj/joint_states"])
-        for kind, topic in topics.items():
-            prefix = "tension/" if "tensions" in kind else "effort/"
-            names, series = stacked(dict(recording.references), prefix)
-            if prefix == "tension/":
-                bag.write_tensions(
-                    topic, series.stamp_ns, names, series.value, log_ns=series.log_ns
-                )
-            else:
-                bag.write_joint_states(
-                    topic, series.stamp_ns, names, effort=series.value, log_ns=series.log_ns
-                )
-    return out
-
-
 def test_references_on_other_topics_are_found_by_their_type_and_named(
     second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     default = run(tmp_path, second)[1]["all"]["channels"]
     capsys.readouterr()
-    truth = moved(
-        second, tmp_path / "truth", tensions="/truth/tensions", efforts="/truth/states",
-        tensions_of_estimator="/cdrj/tensions", efforts_elsewhere="/arm/states",
-    )  # fmt: skip
+    references = dict(read_recording(second).references)
+    truth = tmp_path / "truth"
+    with BagWriter(truth) as bag:
+        bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
+        for topic in ("/truth/tensions", "/cdrj/tensions"):
+            names, one = stacked(references, "tension/")
+            bag.write_tensions(topic, one.stamp_ns, names, one.value, log_ns=one.log_ns)
+        for topic in ("/truth/states", "/arm/states"):
+            names, one = stacked(references, "effort/")
+            bag.write_joint_states(topic, one.stamp_ns, names, effort=one.value, log_ns=one.log_ns)
     code, figures = run(tmp_path, truth)
     assert code == 0
     assert figures["all"]["channels"] == default

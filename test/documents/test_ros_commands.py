@@ -18,76 +18,51 @@ SECTIONS = {
     for part in (ROOT / "docs" / "ros_reference.md").read_text().split("\n## ")[1:]
 }
 """Description of every node, by name."""
-
 ROBOTS = {path.stem for path in (ROOT / "config" / "robots").glob("*.yaml")}
+TRANSITIONS = ("configure", "activate", "deactivate", "cleanup", "shutdown")
+LINES = [
+    shlex.split(line, comments=True)
+    for page in PAGES
+    for line in command_lines(page)
+    if line.startswith("ros2 ") and "$(ros2" not in line
+]
 
 
-def ros_lines() -> list[list[str]]:
-    """Words of every line of the pages that starts with ``ros2``, comments removed."""
-    return [
-        shlex.split(line, comments=True)
-        for page in PAGES
-        for line in command_lines(page)
-        if line.startswith("ros2 ") and "$(ros2" not in line
-    ]
-
-
-def check_robot_name(value: str) -> None:
-    """A shipped robot, a file of this repository, or a file that the reader is to have."""
-    made_by_reader = "/path/to/" in value or "$" in value or Path(value).stem.startswith("my_")
-    assert value in ROBOTS or (ROOT / value).exists() or made_by_reader, value
-
-
-def check_run(node: str, words: list[str]) -> None:
-    assert node in SECTIONS, node
-    for before, word in pairwise(words):
-        name, assigned, value = word.partition(":=")
-        if before == "-p" and assigned:
-            assert f"| `{name}` |" in SECTIONS[node], f"{node} has no parameter {name}"
-            if name == "robot":
-                check_robot_name(value)
-
-
-def check_launch(file: str, words: list[str]) -> None:
+def arguments_of_launch(file: str) -> list[str]:
     text = (ROOT / "launch" / file).read_text()
     if "IncludeLaunchDescription(" in text:
         text += (ROOT / "launch" / "estimator.launch.py").read_text()
-    known = re.findall(r'DeclareLaunchArgument\(\s*"(\w+)"', text)
-    for word in words:
-        name, assigned, value = word.partition(":=")
-        if assigned:
-            assert name in known, f"{file} has no argument {name}"
-            if name == "robot":
-                check_robot_name(value)
+    return re.findall(r'DeclareLaunchArgument\(\s*"(\w+)"', text)
 
 
-def check_service(name: str, kind: str) -> None:
-    node, service = name.removeprefix("/cdrj/").split("/")
-    assert f"| `~/{service}` | {kind.replace('/srv', '')} |" in SECTIONS[node], (name, kind)
-
-
-def check_topic(name: str, kind: str) -> None:
-    row = f"| `{name.removeprefix('/cdrj/')}` | {kind.replace('/msg', '')} |"
-    assert any(row in section for section in SECTIONS.values()), (name, kind)
+def is_known(words: list[str]) -> bool:
+    """Whether the names of a line exist; those of assignments are checked for every line."""
+    known = True
+    match words:
+        case ["run", "cdrj_ros", node, *rest]:
+            given = [word.partition(":=")[0] for before, word in pairwise(rest) if before == "-p"]
+            known = all(f"| `{name}` |" in SECTIONS[node] for name in given)
+        case ["launch", "cdrj_ros", file, *rest]:
+            known = {one.partition(":=")[0] for one in rest} <= {*arguments_of_launch(file)}
+        case ["service", "call", name, kind, *_]:
+            node, service = name.removeprefix("/cdrj/").split("/")
+            known = f"| `~/{service}` | {kind.replace('/srv', '')} |" in SECTIONS[node]
+        case ["topic", "pub", "--once", name, kind, *_]:
+            row = f"| `{name.removeprefix('/cdrj/')}` | {kind.replace('/msg', '')} |"
+            known = any(row in section for section in SECTIONS.values())
+        case ["param", "set" | "get" | "describe", node, name, *_]:
+            known = f"| `{name}` |" in SECTIONS[node.removeprefix("/cdrj/")]
+        case ["lifecycle", "set", node, transition]:
+            known = node == "/cdrj/estimator" and transition in TRANSITIONS
+        case ["interface", "show", name]:
+            package, kind, message = name.split("/")
+            known = (ROOT / "msg_defs" / package / kind / f"{message}.{kind}").exists()
+    return known
 
 
 def test_names_on_the_lines_of_ros2_exist() -> None:
-    for words in ros_lines():
-        match words[1:]:
-            case ["run", "cdrj_ros", node, *rest]:
-                check_run(node, rest)
-            case ["launch", "cdrj_ros", file, *rest]:
-                check_launch(file, rest)
-            case ["service", "call", name, kind, *_]:
-                check_service(name, kind)
-            case ["topic", "pub", "--once", name, kind, *_]:
-                check_topic(name, kind)
-            case ["param", "set" | "get" | "describe", node, name, *_]:
-                assert f"| `{name}` |" in SECTIONS[node.removeprefix("/cdrj/")], words
-            case ["lifecycle", "set", node, transition]:
-                assert node == "/cdrj/estimator"
-                assert transition in ("configure", "activate", "deactivate", "cleanup", "shutdown")
-            case ["interface", "show", name]:
-                package, kind, message = name.split("/")
-                folder = ROOT / "msg_defs" / package
-                assert (folder / kind / f"{message}.{kind}").exists(), name
+    for words in LINES:
+        assert is_known(words[1:]), words
+        for robot in (word.partition(":=")[2] for word in words if word.startswith("robot:=")):
+            made_by_reader = "/path/to/" in robot or "$" in robot or Path(robot).stem[:3] == "my_"
+            assert robot in ROBOTS or (ROOT / robot).exists() or made_by_reader, words

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
 from support.places import ROOT, SAMPLE
 
@@ -54,7 +53,7 @@ def imported(tree: ast.AST) -> set[str]:
     return {name for name in found if name.startswith("cdrj_ros.")}
 
 
-def test_every_public_name_is_listed_typed_and_found() -> None:
+def test_every_public_name_is_listed_typed_found_and_on_the_page() -> None:
     typed = {
         alias.name
         for node in ast.walk(ast.parse(DOOR.read_text("utf-8")))
@@ -66,9 +65,6 @@ def test_every_public_name_is_listed_typed_and_found() -> None:
         assert getattr(cdrj, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'estimator_'"):
         _ = cdrj.estimator_  # type: ignore[attr-defined]
-
-
-def test_every_public_name_is_on_the_page() -> None:
     page = PAGE.read_text("utf-8")
     named = set(re.findall(r"^::: cdrj_ros\.(\w+)$", page, re.MULTILINE))
     flags = {name for name in cdrj.__all__ if name.isupper()}
@@ -165,20 +161,6 @@ def test_arrays_give_the_estimates_of_validate_bit_for_bit(
     assert {len(column) for column in columns.values()} == {found.stamp_ns.size}
 
 
-def swing(n: int = 200) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    return FIRST_NS + np.arange(n) * 1_000_000, 0.1 * np.sin(0.01 * np.arange(n))
-
-
-def test_refused_readings_are_counted_and_leave_the_others(model: cdrj.Model) -> None:
-    stamps, angle = swing()
-    broken = angle.copy()
-    broken[50] = np.nan
-    found = cdrj.estimate(model, stamps, broken, angle)
-    assert found.refused == {"not_finite": 1}
-    assert np.isfinite(found.values).all()
-    assert found.stamp_ns.size >= stamps.size - 1
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -198,11 +180,17 @@ def test_arrays_that_do_not_fit_are_refused_with_what_is_allowed(
         cdrj.estimate(model, **given)
 
 
-def test_a_robot_may_be_named_and_its_numbers_replaced() -> None:
-    stamps, angle = swing(5)
+def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_counted() -> None:
+    stamps = FIRST_NS + np.arange(200) * 1_000_000
+    angle = 0.1 * np.sin(0.01 * np.arange(200))
+    broken = angle.copy()
+    broken[50] = np.nan
     tighter = cdrj.load("prototype", {"cables.upper.preload": 50.0})
     assert [cable.preload for cable in tighter.robot.cables] == [50.0, 26.26]
-    found = cdrj.estimate(tighter, stamps, angle, angle)
+    found = cdrj.estimate(tighter, stamps, broken, angle)
+    assert found.refused == {"not_finite": 1}
+    assert np.isfinite(found.values).all()
+    assert found.stamp_ns.size >= stamps.size - 1
     assert found.tension[0, 0] == pytest.approx(50.0, abs=0.5)
     with pytest.raises(cdrj.UsageError, match="must be 1 values, of winch"):
         cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0, 0.0])

@@ -14,64 +14,55 @@ FILES = sorted(
 )
 
 
-def private_imports(tree: ast.Module) -> list[tuple[str, int]]:
-    """Private names that are imported from other packages, with their lines."""
-    found = []
-    for node in ast.walk(tree):
-        match node:
-            case ast.Import(names=aliases):
-                parts = {part for one in aliases for part in one.name.split(".")}
-            case ast.ImportFrom(module=module, names=aliases):
-                if (module or "").split(".")[0] == "cdrj_ros":
-                    continue
-                parts = {*(module or "").split("."), *(one.name for one in aliases)}
-            case _:
-                continue
-        hidden = (part for part in parts if part.startswith("_") and not part.startswith("__"))
-        found += [(part, node.lineno) for part in hidden]
-    return found
-
-
-def patched(tree: ast.Module) -> list[tuple[str, int]]:
-    """Attributes of imported modules, classes and functions that are set or deleted.
+def imported(tree: ast.Module) -> tuple[list[str], set[str]]:
+    """All parts of the names that are imported from other packages, and the names they get here.
 
     What ``import_module`` returns is one, too.
     """
-    imported = set()
+    parts: list[str] = []
+    names: set[str] = set()
     for node in ast.walk(tree):
         match node:
             case ast.Import(names=aliases) | ast.ImportFrom(names=aliases):
-                imported |= {(one.asname or one.name).split(".")[0] for one in aliases}
+                names |= {(one.asname or one.name).split(".")[0] for one in aliases}
+                whole = [*(one.name for one in aliases), getattr(node, "module", None) or ""]
+                if whole[-1].split(".")[0] != "cdrj_ros":
+                    parts += ".".join(whole).split(".")
             case (
                 ast.Assign(targets=[ast.Name(id=name)], value=value)
                 | ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value)
             ) if "import_module" in ast.unparse(value):
-                imported.add(name)
-    found = []
+                names.add(name)
+    return parts, names
+
+
+def changed(tree: ast.Module) -> list[ast.expr]:
+    """Attributes that are set or deleted."""
+    found: list[ast.expr] = []
     for node in ast.walk(tree):
         match node:
             case ast.Attribute(ctx=ast.Store() | ast.Del()):
-                changed: ast.expr = node
+                found.append(node)
             case ast.Call(
-                func=ast.Name(id="setattr" | "delattr")
-                | ast.Attribute(value=ast.Name(id="object"), attr="__setattr__"),
-                args=[ast.expr() as changed, *_],
+                func=ast.Name(id="setattr" | "delattr") | ast.Attribute(attr="__setattr__"),
+                args=[ast.expr() as first, *_],
             ):
-                pass
-            case _:
-                continue
-        root = changed
-        while isinstance(root, ast.Attribute | ast.Subscript):
-            root = root.value
-        if isinstance(root, ast.Name) and root.id in imported:
-            found.append((ast.unparse(changed), node.lineno))
+                found.append(first)
     return found
+
+
+def root_of(node: ast.expr) -> str:
+    while isinstance(node, ast.Attribute | ast.Subscript):
+        node = node.value
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def test_only_public_names_of_other_libraries_are_used_and_none_is_changed() -> None:
     found = []
     for path in FILES:
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        words = (*private_imports(tree), *patched(tree))
-        found += [f"{path}:{line} {word}" for word, line in words]
+        parts, names = imported(tree)
+        private = [part for part in parts if part.startswith("_") and not part.startswith("__")]
+        patched = [ast.unparse(one) for one in changed(tree) if root_of(one) in names]
+        found += [f"{path} {word}" for word in (*private, *patched)]
     assert found == []
