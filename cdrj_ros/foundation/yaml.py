@@ -8,11 +8,10 @@ limits below.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterator
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import yaml
+from yaml.constructor import ConstructorError
 
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import printable
@@ -28,22 +27,21 @@ MAXIMUM_DIGITS: Final = 300
 """Maximum length of an integer, close to the largest double; Python does not print thousands of
 digits."""
 
-_LOADER: Final[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_BASE: Final[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """In C, or in Python where PyYAML was built without libyaml."""
 
 _TAG: Final = "tag:yaml.org,2002:"
-_TYPES: Final = {"int": int, "float": float, "bool": bool, "null": type(None)}
-_CONSTANTS: Final = {
-    **dict.fromkeys(("true", "True", "TRUE"), True),
-    **dict.fromkeys(("false", "False", "FALSE"), False),
-    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
-}
+_MERGE: Final = f"{_TAG}merge"
 _DIGITS: Final = "[0-9](?:_?[0-9])*"
-_INTEGER: Final = re.compile(rf"[-+]?{_DIGITS}|0o[0-7]+|0x[0-9a-fA-F]+")
-_REAL: Final = re.compile(
-    rf"[-+]?(?:\.{_DIGITS}|{_DIGITS}(?:\.(?:{_DIGITS})?)?)(?:[eE][-+]?[0-9]+)?"
-    r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
-)
+_FORMS: Final = {
+    "null": r"|~|null|Null|NULL",
+    "bool": r"true|True|TRUE|false|False|FALSE",
+    "int": rf"[-+]?{_DIGITS}|0o[0-7]+|0x[0-9a-fA-F]+",
+    "float": rf"[-+]?(?:\.{_DIGITS}|{_DIGITS}(?:\.(?:{_DIGITS})?)?)(?:[eE][-+]?[0-9]+)?"
+    r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+    "merge": "<<",
+}
+"""What a scalar without quotes is, by the core schema of YAML 1.2; the first form counts."""
 
 
 Document = dict[str, Any]
@@ -70,7 +68,8 @@ def load_yaml(text: str, source: str) -> Any:
         if len(text) > MAXIMUM_CHARACTERS:
             raise YamlError(f"has {len(text)} characters, at most {MAXIMUM_CHARACTERS}")
         try:
-            return _Document(text).value()
+            _check_size(text)
+            return _loaded(text)
         except yaml.MarkedYAMLError as error:
             where = f" in line {error.problem_mark.line + 1}" if error.problem_mark else ""
             raise YamlError(f"is not YAML: {error.problem}{where}") from None
@@ -106,142 +105,99 @@ def yaml_nodes(text: str) -> Any:
     They have ``id`` (``scalar``, ``sequence``, ``mapping``), ``value``, ``start_mark`` and
     ``end_mark``; marks have ``index`` and ``column``.
     """
-    return yaml.compose(text, Loader=_LOADER)
+    return yaml.compose(text, Loader=_Loader)
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A value with its size when all aliases are expanded."""
+class _Loader(_BASE):  # type: ignore[misc]
+    """PyYAML's loader of plain containers with the types of YAML 1.2 and no other tags."""
 
-    value: Any
-    nodes: int = 1
-    depth: int = 1
+    yaml_implicit_resolvers: ClassVar[dict[Any, Any]] = {}
+    yaml_constructors: ClassVar[dict[Any, Any]] = {}
 
-
-class _Document:
-    """Builds the value of a text from the events of the parser."""
-
-    def __init__(self, text: str) -> None:
-        self._events: Iterator[Any] = yaml.parse(text, Loader=_LOADER)
-        self._anchors: dict[str, _Part | None] = {}
-        self._parsed = 0
-
-    def value(self) -> Any:
-        """The value of the only document; None if there is none."""
-        next(self._events)  # the start of the stream
-        start = next(self._events)
-        if isinstance(start, yaml.StreamEndEvent):
-            return None
-        if start.version not in (None, (1, 2)):
-            raise YamlError("is not YAML: a %YAML directive must be 1.2")
-        part = self._part(next(self._events), 1)
-        next(self._events)  # the end of the document
-        if not isinstance(next(self._events), yaml.StreamEndEvent):
-            raise YamlError("is not YAML: it has more than one document")
-        return part.value
-
-    def _part(self, event: Any, level: int) -> _Part:
-        self._parsed += 1
-        if self._parsed > MAXIMUM_NODES:
-            raise YamlError(f"has more than {MAXIMUM_NODES} entries")
-        if level > MAXIMUM_DEPTH:
-            raise YamlError(f"is nested more than {MAXIMUM_DEPTH} deep")
-        if isinstance(event, yaml.AliasEvent):
-            return self._alias(event, level)
-        if event.anchor is not None:
-            self._anchors[event.anchor] = None  # until it ends
-        if isinstance(event, yaml.ScalarEvent):
-            part = _Part(_scalar(event))
-        elif isinstance(event, yaml.SequenceStartEvent):
-            part = self._sequence(event, level)
-        else:
-            part = self._mapping(event, level)
-        if part.nodes > MAXIMUM_NODES:
-            raise YamlError(f"repeats aliases to more than {MAXIMUM_NODES} entries")
-        if event.anchor is not None:
-            self._anchors[event.anchor] = part
-        return part
-
-    def _alias(self, event: Any, level: int) -> _Part:
-        if event.anchor not in self._anchors:
-            raise YamlError(f"is not YAML: no anchor for *{event.anchor}{_line(event)}")
-        part = self._anchors[event.anchor]
-        if part is None:
-            raise YamlError("contains an alias of the mapping or list it stands in")
-        if level + part.depth - 1 > MAXIMUM_DEPTH:
-            raise YamlError(f"is nested more than {MAXIMUM_DEPTH} deep by aliases")
-        return part
-
-    def _sequence(self, event: Any, level: int) -> _Part:
-        _check_tag(event, "seq")
-        items: list[Any] = []
-        nodes, depth = 1, 0
-        while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
-            part = self._part(event, level + 1)
-            items.append(part.value)
-            nodes, depth = nodes + part.nodes, max(depth, part.depth)
-        return _Part(items, nodes, depth + 1)
-
-    def _mapping(self, event: Any, level: int) -> _Part:
-        _check_tag(event, "map")
-        entries: dict[Hashable, Any] = {}
-        merged: dict[Hashable, Any] = {}
-        nodes, depth = 1, 0
-        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
-            merges = isinstance(event, yaml.ScalarEvent) and event.value == "<<" and not event.style
-            key = self._part(event, level + 1)
-            value = self._part(next(self._events), level + 1)
-            nodes, depth = nodes + key.nodes + value.nodes, max(depth, key.depth, value.depth)
-            if merges:
-                for one in value.value if isinstance(value.value, list) else [value.value]:
-                    if not isinstance(one, dict):
-                        raise YamlError(f"is not YAML: << needs a mapping{_line(event)}")
-                    merged = {**one, **merged}
-            elif isinstance(key.value, (dict, list)):
-                raise YamlError(f"is not YAML: a key must be a scalar{_line(event)}")
-            elif key.value in entries:
-                shown = repr(key.value)[:50]
-                raise YamlError(f"is not YAML: the key {shown} is given twice{_line(event)}")
-            else:
-                entries[key.value] = value.value
-        return _Part({**merged, **entries}, nodes, depth + 1)
-
-
-def _line(event: Any) -> str:
-    return f" in line {event.start_mark.line + 1}"
-
-
-def _check_tag(event: Any, kind: str) -> None:
-    if event.tag not in (None, "!", _TAG + kind):
-        raise YamlError(f"is not YAML: the tag {event.tag[:50]} is unknown{_line(event)}")
-
-
-def _scalar(event: Any) -> Any:
-    """Value of a scalar: a text if it is quoted, else by its form, which a tag must confirm."""
-    text: str = event.value
-    tag = (event.tag or "").removeprefix(_TAG)
-    if tag in ("!", "str") or (event.style and not tag):
-        return text
-    value = _plain(text)
-    if not tag:
-        return value
-    if tag not in _TYPES:
-        raise YamlError(f"is not YAML: the tag {tag[:50]} is unknown{_line(event)}")
-    if tag == "float" and type(value) is int:
-        return float(value)
-    if type(value) is not _TYPES[tag]:
-        raise YamlError(f"is not YAML: {text[:50]!r}{_line(event)} is no {tag}, as its tag says")
-    return value
-
-
-def _plain(text: str) -> Any:
-    """Value of a scalar without quotes, by the core schema of YAML 1.2."""
-    if text in _CONSTANTS:
-        return _CONSTANTS[text]
-    if _INTEGER.fullmatch(text):
+    def scalar(self, node: Any) -> Any:
+        """Value of a number, a truth or nothing, whose form its tag confirms."""
+        text, kind = node.value, node.tag.removeprefix(_TAG)
+        form = next((name for name, one in _FORMS.items() if re.fullmatch(one, text)), "")
+        if form != kind and (kind, form) != ("float", "int"):
+            said = f"{text[:50]!r} is no {kind}, as its tag says"
+            raise ConstructorError(problem=said, problem_mark=node.start_mark)
+        if kind in ("null", "bool"):
+            return text.lower() == "true" if kind == "bool" else None
+        if form == "float":
+            return float(text.replace(".", "") if text[-1].isalpha() else text)
         if len(text) > MAXIMUM_DIGITS:
             raise YamlError(f"holds an integer of {len(text)} digits")
-        return int(text, 0 if text[:2] in ("0o", "0x") else 10)
-    if _REAL.fullmatch(text):
-        return float(text.replace(".", "") if text[-1].isalpha() else text)
-    return text
+        value = int(text, 0 if text[:2] in ("0o", "0x") else 10)
+        return float(value) if kind == "float" else value
+
+
+for _name, _form in _FORMS.items():
+    _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_form})$"), None)
+    _Loader.add_constructor(_TAG + _name, _Loader.scalar)
+for _tag, _construct in (
+    ("str", _BASE.construct_yaml_str), ("seq", _BASE.construct_yaml_seq),
+    ("map", _BASE.construct_yaml_map), ("merge", _BASE.construct_yaml_str),
+):  # fmt: skip
+    _Loader.add_constructor(_TAG + _tag, _construct)
+_Loader.add_constructor(None, _BASE.construct_undefined)
+
+
+def _check_size(text: str) -> None:
+    """Refuse what is too long, too deep or another version, before anything recurses."""
+    count = depth = 0
+    for event in yaml.parse(text, Loader=_BASE):
+        if isinstance(event, yaml.DocumentStartEvent) and event.version not in (None, (1, 2)):
+            raise YamlError("is not YAML: a %YAML directive must be 1.2")
+        count += isinstance(event, yaml.NodeEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if count > MAXIMUM_NODES:
+            raise YamlError(f"has more than {MAXIMUM_NODES} entries")
+        if depth > MAXIMUM_DEPTH:
+            raise YamlError(f"is nested more than {MAXIMUM_DEPTH} deep")
+
+
+def _loaded(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _measure(loader, node, {})
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
+def _measure(loader: Any, node: Any, known: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
+    """Number of entries and depth of a node with its aliases expanded, which have limits.
+
+    A node that contains itself, or a mapping with a key that repeats or is no scalar, is refused.
+    """
+    if id(node) in known:
+        if (found := known[id(node)]) is None:
+            raise YamlError("contains an alias of the mapping or list it stands in")
+        return found
+    known[id(node)] = None  # until it ends
+    inside = node.value if isinstance(node, yaml.SequenceNode) else []
+    if isinstance(node, yaml.MappingNode):
+        keys = set()
+        for key, entry in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                problem = "a key must be a scalar"
+                raise ConstructorError(problem=problem, problem_mark=key.start_mark)
+            value = loader.construct_object(key)
+            if value in keys and key.tag != _MERGE:
+                problem = f"the key {value!r:.50} is given twice"
+                raise ConstructorError(problem=problem, problem_mark=key.start_mark)
+            keys.add(value)
+            inside += [key, entry]
+    parts = [_measure(loader, one, known) for one in inside]
+    count = 1 + sum(n for n, _ in parts)
+    depth = max((d for _, d in parts), default=0) + isinstance(node, yaml.CollectionNode)
+    if count > MAXIMUM_NODES:
+        raise YamlError(f"repeats aliases to more than {MAXIMUM_NODES} entries")
+    if depth > MAXIMUM_DEPTH:
+        raise YamlError(f"is nested more than {MAXIMUM_DEPTH} deep by aliases")
+    known[id(node)] = count, depth
+    return count, depth
