@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -119,8 +118,8 @@ class Inputs:
             measured, _, _ = tension_columns(self._last(CableTensions, topic), layout)
             reference = np.where(np.isnan(reference), measured, reference)
         joint_states = self._last(JointState, topics.JOINT_STATES)
-        self._shown = replace(
-            self._shown, stamp_ns=stamp_ns, tension=tension, stddev=stddev, status=status,
+        self._shown = Snapshot(
+            stamp_ns=stamp_ns, tension=tension, stddev=stddev, status=status,
             angle=joint_angles(joint_states, self._joints, self._shown.angle), force=force,
             friction=friction, slip_speed=slip_speed, pulley_status=pulley_status,
             reference=reference,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final, NamedTuple
 
@@ -21,12 +20,11 @@ from cdrj_ros.robot.description import Robot
 Flags = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(NamedTuple):
     """Estimates and references at one time; NaN where a value is unknown."""
 
-    stamp_ns: int
-    """Time of the estimate [ns]; 0 if there is none."""
+    stamp_ns: Any
+    """Time of the estimate [ns], an integer; 0 if there is none."""
     angle: Vector
     """Of every joint [rad] or [m], shape (joints,)."""
     tension: Vector
@@ -163,19 +161,8 @@ class Curves(NamedTuple):
     """At the pulley [m/s]."""
 
 
-class Table(NamedTuple):
-    """Snapshots over time: every field of ``Snapshot`` with a row for each."""
-
-    stamp_ns: NDArray[np.int64]
-    angle: Vector
-    tension: Vector
-    stddev: Vector
-    reference: Vector
-    status: Flags
-    force: NDArray[np.float64]
-    friction: Vector
-    slip_speed: Vector
-    pulley_status: Flags
+class Table(Snapshot):
+    """Snapshots over time: every field has a row for each."""
 
     @property
     def duration_s(self) -> float:
@@ -186,8 +173,7 @@ class Table(NamedTuple):
         """The last snapshot at a time since the first one [s]; the first one before that."""
         wanted = int(self.stamp_ns[0]) + round(time_s * 1e9)
         k = max(int(np.searchsorted(self.stamp_ns, wanted, side="right")) - 1, 0)
-        stamp_ns, *columns = (column[k] for column in self)
-        return Snapshot(int(stamp_ns), *columns)
+        return Snapshot(*(column[k] for column in self))
 
     def curves(self, layout: Layout, chosen: str, zero_ns: int) -> Curves:
         """The curves of an element or a pulley, with its neighbour.
@@ -220,8 +206,7 @@ class Table(NamedTuple):
 
 def stacked(snapshots: Iterable[Snapshot]) -> Table:
     """The table of at least one snapshot."""
-    rows = [tuple(getattr(one, name) for name in Table._fields) for one in snapshots]
-    return Table(*map(np.array, zip(*rows, strict=True)))
+    return Table(*map(np.array, zip(*snapshots, strict=True)))
 
 
 def indices_of(layout: Layout, chosen: str) -> tuple[int, int | None]:

@@ -179,14 +179,14 @@ def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(
     written: Callable[..., str], made_up: Callable[..., BagComparison],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    random, bag = np.random.default_rng(3), made_up(duration_s=120.0, elements=1, nodes=1)
+    random, bag = np.random.default_rng(3), made_up(seconds=120, per_cable=2)
     channels = tuple(
         replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in bag.channels
     )
     page = written(replace(bag, channels=channels))
-    assert page.count("var(--band)") >= 6 * 2 * 2
+    assert page.count("var(--band)") >= 8 * 2 * 2
     assert "within ±2σ" in page
-    assert len(page) < 600_000  # six of 32 channels
+    assert len(page) < 700_000  # eight of 32 channels
     monkeypatch.setattr(html, "PICTURE_BUDGET", 50_000)
     names = [channel.name for channel in bag.channels]
     page = written(replace(bag, path="one"), replace(bag, path="two"))
