@@ -97,7 +97,7 @@ class Recorder:
         """Write the true tensions, forces and efforts with the errors of reference sensors."""
         sensors, layout = self._references, self._model.layout
         generator = np.random.default_rng(self._seed)
-        plan = ReadingTimes(sensors, 0.0, [self._seed, 3]).until(float(truth.time[-1]))
+        plan = ReadingTimes(sensors, [self._seed, 3]).until(float(truth.time[-1]))
 
         def readings_of(values: Table, noise: float, step: float, bias: float = 0.0) -> Table:
             columns = [np.interp(plan.times, truth.time, column) for column in values.T]

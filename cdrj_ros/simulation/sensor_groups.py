@@ -92,7 +92,7 @@ class _Sampler:
     """Columns of the truth at the times at which a sensor reads."""
 
     def __init__(self, sensor: Sampling, columns: Sequence[int], seed: Sequence[int]) -> None:
-        self._times = ReadingTimes(sensor, 0.0, seed)
+        self._times = ReadingTimes(sensor, seed)
         self._columns = list(columns)
         self._before: tuple[Vector, Table] | None = None
 

@@ -6,24 +6,18 @@ comes in stretches.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.robot.description import Sensor
 
-Seed = Sequence[int] | np.random.Generator
-
 MOST_JITTER: Final = 0.45
 """Largest jitter of a stamp as a share of the period, so that stamps keep their order."""
-
-SCHEDULED: Final = 1000
-"""Number of readings that are scheduled at once."""
-
 
 ROUNDING_S: Final = 1e-12
 """Error of rounding in the times of readings [s]."""
@@ -41,8 +35,6 @@ class Sampling:
     """Standard deviation of the stamps about the time of reading [s]."""
     dropout: float = 0.0
     """Share of readings that are lost, in [0, 1)."""
-    burst: float = 0.0
-    """Mean duration of a loss [s]; 0: readings are lost independently."""
     latency: float = 0.0
     """Time from a reading to its message [s]."""
 
@@ -96,91 +88,28 @@ LOAD_CELLS = LoadCells()
 class ReadingTimes:
     """The times at which a sensor reads, with jitter and without lost readings."""
 
-    def __init__(self, sensor: Sampling, begin: float, seed: Seed) -> None:
-        """Start at ``begin`` [s]."""
-        self._parts = self._scheduled(sensor, begin, np.random.default_rng(seed))
-        self._part, self._taken = NONE_YET, 0
-        self.next_s = begin + sensor.phase
-        """Time before which there is no further reading [s]."""
-
-    @staticmethod
-    def _scheduled(
-        sensor: Sampling, begin: float, generator: np.random.Generator
-    ) -> Iterator[Schedule]:
-        """Consecutive schedules of ``SCHEDULED`` readings each."""
-        count = 0
-        burst = sensor.burst * sensor.rate
-        losses = Losses(sensor.dropout, burst, generator) if sensor.dropout > 0.0 else None
-        while True:
-            times = begin + sensor.phase + np.arange(count, count + SCHEDULED) / sensor.rate
-            count += SCHEDULED
-            stamps = times
-            if sensor.jitter > 0.0:
-                most = MOST_JITTER / sensor.rate
-                off = generator.normal(0.0, sensor.jitter, SCHEDULED)
-                stamps = times + np.clip(off, -most, most)
-            if losses is not None:
-                kept = ~losses.take(SCHEDULED)
-                times, stamps = times[kept], stamps[kept]
-            yield Schedule(times, stamps)
+    def __init__(self, sensor: Sampling, seed: Sequence[int]) -> None:
+        """Start at 0."""
+        self._sensor, self._count = sensor, 0
+        self._jitter, self._losses = (np.random.default_rng([*seed, k]) for k in range(2))
 
     def until(self, end: float) -> Schedule:
         """The readings since the last call and up to ``end`` [s]."""
-        found: list[Schedule] = []
-        while self.next_s <= end + ROUNDING_S:
-            times, stamps = self._part
-            first = self._taken
-            self._taken = int(times.searchsorted(end + ROUNDING_S, side="right"))
-            if self._taken > first:
-                found.append(Schedule(times[first : self._taken], stamps[first : self._taken]))
-            while self._taken == self._part.times.size:
-                self._part, self._taken = next(self._parts), 0
-            self.next_s = float(self._part.times[self._taken])
-        if not found:
+        sensor, first = self._sensor, self._count
+        self._count = max(first, 1 + floor((end + ROUNDING_S - sensor.phase) * sensor.rate))
+        size = self._count - first
+        if size == 0:
             return NONE_YET
-        if len(found) == 1:
-            return found[0]
-        return Schedule(*(np.concatenate(column) for column in zip(*found, strict=True)))
-
-
-class Losses:
-    """Which readings are lost, in bursts (Gilbert 1960)."""
-
-    def __init__(self, share: float, burst: float, generator: np.random.Generator) -> None:
-        """Start anywhere.
-
-        Args:
-            share: share of the readings that are lost, in (0, 1).
-            burst: mean number of readings lost together.  Independent losses have bursts of
-                1 / (1 - share) on average; shorter ones are not possible.
-            generator: random generator.
-        """
-        self._share, self._generator = share, generator
-        self._means = (burst * (1.0 - share) / share, burst)  # of readings that arrive, are lost
-        self._bursts = burst > 1.0 / (1.0 - share)
-        self._gone, self._left = False, 0
-        if self._bursts:
-            self._gone = bool(generator.random() < share)
-            self._left = self._length()
-
-    def take(self, count: int) -> NDArray[np.bool_]:
-        """Whether each of the next readings is lost, shape (count,)."""
-        if not self._bursts:
-            return np.asarray(self._generator.random(count) < self._share)
-        lost = np.zeros(count, dtype=np.bool_)
-        at = 0
-        while at < count:
-            end = min(at + self._left, count)
-            lost[at:end] = self._gone
-            self._left -= end - at
-            at = end
-            if self._left == 0:
-                self._gone = not self._gone
-                self._left = self._length()
-        return lost
-
-    def _length(self) -> int:
-        return int(self._generator.geometric(min(1.0 / self._means[self._gone], 1.0)))
+        times = sensor.phase + np.arange(first, self._count) / sensor.rate
+        stamps = times
+        if sensor.jitter > 0.0:
+            most = MOST_JITTER / sensor.rate
+            off = self._jitter.normal(0.0, sensor.jitter, size)
+            stamps = times + np.clip(off, -most, most)
+        if sensor.dropout > 0.0:
+            kept = self._losses.random(size) >= sensor.dropout
+            times, stamps = times[kept], stamps[kept]
+        return Schedule(times, stamps)
 
 
 def angle_of(sensor: Sensor, reading: Vector) -> Vector:

@@ -43,11 +43,11 @@ def test_every_shipped_file_suits_the_prototype(name: str) -> None:
 def test_every_key_sets_what_it_says() -> None:
     rig = parse_rig("""
     motors: {counts: 100, rate: 10, phase: 0.1, noise: 0.2, bias_deg: 90, jitter: 0.3, dropout: 0.4,
-             burst: 0.5, latency: 0.6}
+             latency: 0.6}
     joints: {counts: 200}
     motor_efforts: {noise: 0.7}
     load_cells: {elements: [upper/8, lower/1], rate: 20, noise: 0.8, bias: 0.9, jitter: 0.01,
-                 dropout: 0.02, burst: 0.03, latency: 0.04}
+                 dropout: 0.02, latency: 0.04}
     references: {noise: 1.1, bias: 1.2}
     load: {kind: lift, payload: 2, gravity: -3, damping: 4, stops: [-1, 1]}
     drives: {max_speed: 1, max_torque: 2, rotor_inertia: 3, rotor_damping: 4, command_timeout: 5}
@@ -62,14 +62,13 @@ def test_every_key_sets_what_it_says() -> None:
         SensorSettings(
             replace(
                 MOTOR_ENCODER, counts=100, rate=10.0, phase=0.1, noise=0.2, bias=quarter,
-                jitter=0.3, dropout=0.4, burst=0.5, latency=0.6,
+                jitter=0.3, dropout=0.4, latency=0.6,
             ),
             replace(JOINT_ENCODER, counts=200),
             0.7,
             ("upper/8", "lower/1"),
             LoadCells(
-                rate=20.0, noise=0.8, bias=0.9, jitter=0.01, dropout=0.02,
-                burst=0.03, latency=0.04,
+                rate=20.0, noise=0.8, bias=0.9, jitter=0.01, dropout=0.02, latency=0.04,
             ),
             LoadCells(noise=1.1, bias=1.2),
             250.0,

@@ -30,7 +30,7 @@ EFFORT = 1.0 + ANGLE
 TENSION = np.stack([30.0 + TIME, 20.0 - TIME, *(10.0 + 0 * TIME,) * 4], axis=1)
 TRUTH = truth_table(ANGLE, SPEED, EFFORT, TENSION)
 
-NOISY = Encoder(counts=2**22, rate=1000.0, noise=1e-3, jitter=1e-4, dropout=0.1, burst=0.005)
+NOISY = Encoder(counts=2**22, rate=1000.0, noise=1e-3, jitter=1e-4, dropout=0.1)
 
 
 def model_of(**motor: object) -> Model:

@@ -10,7 +10,6 @@ import pytest
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.sensors import (
     Encoder,
-    Losses,
     ReadingTimes,
     Sampling,
     Schedule,
@@ -33,8 +32,8 @@ def _read(encoder: Encoder) -> np.ndarray:
     return counted(encoder, ANGLE, noise, Sensor())
 
 
-def schedule(sensor: Sampling, begin: float, end: float, seed: int = 5) -> Schedule:
-    return ReadingTimes(sensor, begin, [seed]).until(end)
+def schedule(sensor: Sampling, end: float, seed: int = 5) -> Schedule:
+    return ReadingTimes(sensor, [seed]).until(end)
 
 
 def test_every_reading_is_a_whole_number_of_counts() -> None:
@@ -54,22 +53,24 @@ def test_noise_and_bias_have_the_requested_size() -> None:
 def test_jitter_moves_stamps_and_keeps_their_order() -> None:
     for jitter in (1e-4, 1e-2):
         encoder = replace(ENCODER, jitter=jitter)
-        plan = schedule(encoder, 0.0, 20.0)
+        plan = schedule(encoder, 20.0)
         np.testing.assert_array_equal(plan.times, TIME)
         assert np.all(np.diff(plan.stamps) > 0.0)
         off = plan.stamps - plan.times
         assert off.std() == pytest.approx(jitter, rel=0.03) if jitter < 1e-3 else off.std() > 2e-4
 
 
-@pytest.mark.parametrize("burst", [0.0, 5.0, 50.0])
-def test_the_requested_share_of_readings_is_lost(burst: float) -> None:
-    share = 0.1
-    losses = Losses(share, burst, _generator())
-    gone = np.concatenate([losses.take(1_000) for _ in range(400)])
-    assert gone.mean() == pytest.approx(share, rel=0.12)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], gone.astype(np.int8), [0]])))
-    lengths = edges[1::2] - edges[::2]
-    assert lengths.mean() == pytest.approx(max(burst, 1.0 / (1.0 - share)), rel=0.1)
+def test_the_requested_share_of_readings_is_lost_and_steps_lose_the_same_ones() -> None:
+    encoder = replace(ENCODER, jitter=1e-4, dropout=0.1, phase=3e-4)
+    plan = schedule(encoder, 100.0)
+    assert plan.times.size == pytest.approx(90_000, rel=0.01)
+    count = (plan.times - 3e-4) * 1000.0
+    np.testing.assert_allclose(count, np.round(count), atol=1e-6)
+    stepped = ReadingTimes(encoder, [5])
+    parts = [stepped.until(k / 1000.0) for k in range(1001)]
+    stamps = np.concatenate([part.stamps for part in parts])
+    np.testing.assert_array_equal(stamps, plan.stamps[: stamps.size])
+    assert np.any(schedule(encoder, 1.0, 6).stamps[:500] != stamps[:500])
 
 
 def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:

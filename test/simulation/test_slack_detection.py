@@ -68,7 +68,7 @@ class Watched:
 
 def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Series:
     """Readings of the rig's encoder, with stamps that start at one second."""
-    when = ReadingTimes(encoder, 0.0, [0]).until(time[-1]).times
+    when = ReadingTimes(encoder, [0]).until(time[-1]).times
     stamps = 1_000_000_000 + np.round(when * 1e9).astype(np.int64)
     return Series(stamps, stamps, counted(encoder, np.interp(when, time, angle), 0.0, Sensor()))
 
