@@ -1,29 +1,99 @@
-"""Tests of the commands validate and simulate, run in this process."""
+"""Tests of validate: its figures, its options, and defective recordings."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from support.places import ROBOT, ROOT, SAMPLE
+from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
+import cdrj_ros as cdrj
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation import metrics
-from cdrj_ros.recordings import BagWriter
+from cdrj_ros.evaluation.channels import estimate_channels
+from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.model.loading import load_model
+from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
+SECONDS = 1_000_000_000
 LOW = ROOT / "bags" / "prototype_preload_23_6"
 ODD = ROOT.parent / "shared" / "data" / "odd_bags"
 
-FIGURES = {"unit", "n", *metrics.FIGURES}
+
+def refuse(text: str) -> float:
+    raise AssertionError(f"{text} is no JSON number")
 
 
-def _figures(path: Path) -> dict:  # type: ignore[type-arg]
-    def refuse(text: str) -> float:
-        raise AssertionError(f"{text} is no JSON number")
+def stacked(channels: dict[str, Series], prefix: str) -> tuple[list[str], Series]:
+    """Names of the channels of one topic, and their values as columns."""
+    chosen = {n.removeprefix(prefix): s for n, s in channels.items() if n.startswith(prefix)}
+    first = next(iter(chosen.values()))
+    values = np.stack([series.value for series in chosen.values()], axis=1)
+    return list(chosen), Series(first.stamp_ns, first.log_ns, values)
 
-    return json.loads(path.read_text(), parse_constant=refuse)  # type: ignore[no-any-return]
+
+def write(
+    path: Path,
+    recording: Recording,
+    *,
+    until_s: float = 4.0,
+    passes: int = 1,
+    prefix: str = "",
+    delay_ns: int = 0,
+) -> Path:
+    """Write the first seconds ``passes`` times, with equal stamps and later log times."""
+    topics = Topics()
+    end = recording.start_ns + int(until_s * SECONDS)
+    with BagWriter(path) as bag:
+        for k in range(passes):
+            for topic, channels, start, array in (
+                (topics.motors, recording.motors, "", "position"),
+                (topics.joints, recording.joints, "", "position"),
+                (topics.references[0], recording.references, "tension/", "tension"),
+                (topics.references[2], recording.references, "effort/", "effort"),
+            ):
+                names, series = stacked(dict(channels), start)
+                part = series.log_ns < end
+                log_ns = series.log_ns[part] + delay_ns + k * (end - recording.start_ns + SECONDS)
+                arguments: Any = (prefix + topic, series.stamp_ns[part], names)
+                values = {array: series.value[part]}
+                if array == "tension":
+                    bag.write_tensions(*arguments, series.value[part], log_ns=log_ns)
+                else:
+                    bag.write_joint_states(*arguments, **values, log_ns=log_ns)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return read_recording(SAMPLE)
+
+
+@pytest.fixture(scope="module")
+def short(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("bags") / "short", recording)
+
+
+def run(out: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
+    """Exit code and figures."""
+    json_file = out / "figures.json"
+    code = validate.main([*map(str, arguments), "--robot", ROBOT, "--json", str(json_file)])
+    return code, json.loads(json_file.read_text()) if json_file.exists() else {}
+
+
+def one_line(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> None:
+    error = capsys.readouterr().err
+    lines = [line for line in error.splitlines() if not line.startswith("validating: ")]
+    assert len(lines) == 1, error
+    for word in words:
+        assert word in lines[0]
 
 
 @pytest.mark.parametrize(
@@ -35,15 +105,13 @@ def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     out = tmp_path / "figures.json"
-
     assert validate.main([str(bag), "--robot", ROBOT, "--json", str(out), *preload]) == 0
-
-    figures = _figures(out)
+    figures = json.loads(out.read_text(), parse_constant=refuse)
     assert figures["bags"][0]["duration_s"] == pytest.approx(60.0, abs=0.1)
     left_out = capsys.readouterr().out.splitlines()[0]
     assert left_out.endswith(" reference values before the first or after the last estimate")
     channels = figures["all"]["channels"]
-    assert all(set(channel) == FIGURES for channel in channels.values())
+    assert all(set(channel) == {"unit", "n", *metrics.FIGURES} for channel in channels.values())
     tensions = {name: c for name, c in channels.items() if name.startswith("tension/")}
     assert len(tensions) == 16
     assert tensions["tension/upper/8"]["mean_relative_error"] <= last_element
@@ -54,30 +122,180 @@ def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
     assert channels["effort/winch"]["r2"] > 0.999
 
 
-def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
-    error = capsys.readouterr().err
-    lines = [line for line in error.splitlines() if not line.startswith("validating: ")]
-    assert len(lines) == 1, error
-    for word in words:
-        assert word in lines[0]
+def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
+    recording: Recording, short: Path, tmp_path: Path
+) -> None:
+    looped = write(tmp_path / "looped", recording, passes=3)
+    code, figures = run(tmp_path, looped, "--write-bag", tmp_path / "written")
+    assert code == 0
+    once = run(tmp_path, short)[1]["bags"][0]["channels"]
+    (bag,) = figures["bags"]
+    assert any("The clock went back 2 times" in note for note in bag["notes"])
+    for name, channel in bag["channels"].items():
+        # between passes, readings that wait for the other topic may be lost
+        assert channel["n"] == pytest.approx(once[name]["n"], abs=6)
+        assert channel["rmse"] == pytest.approx(once[name]["rmse"], rel=0.02)
+
+
+@pytest.mark.usefixtures("few_pictures")
+def test_limits_decide_the_exit_code_and_violations_are_listed(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("channels: {tension/*: {mean_relative_error: {max: 0.05}, r2: {max: 1.0}}}")
+    code, figures = run(tmp_path, short, "--limits", limits)
+    assert code == 0
+    assert figures["limits"] == {"file": str(limits), "checked": 32, "outside": []}
+    capsys.readouterr()
+    limits.write_text("channels: {tension/upper/8: {rmse: {max: 1.0e-6}}}")
+    code, figures = run(tmp_path, short, "--limits", limits, "--html", tmp_path / "r.html")
+    assert code == 1
+    (outside,) = figures["limits"]["outside"]
+    rmse = figures["all"]["channels"]["tension/upper/8"]["rmse"]
+    assert outside == {
+        "where": str(short), "channel": "tension/upper/8", "figure": "rmse",
+        "value": rmse, "max": 1e-6, "by": pytest.approx(rmse - 1e-6),
+    }  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "1 of 1 figures is outside" in printed
+    assert "tension/upper/8" in printed
+    assert "1 of 1 figures is outside" in (tmp_path / "r.html").read_text()
+    limits.write_text("channels: {tension/*: {rsme: {max: 0.05}}}")  # before any bag is read
+    assert run(tmp_path, "/no/such/bag", "--limits", limits)[0] == 2
+    one_line(capsys, ["channels.tension/*.rsme is not a known key", "'rmse'"])
+
+
+@pytest.fixture(scope="module")
+def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
+
+
+def test_references_on_other_topics_are_found_by_their_type_and_named(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    default = run(tmp_path, second)[1]["all"]["channels"]
+    capsys.readouterr()
+    references = dict(read_recording(second).references)
+    truth = tmp_path / "truth"
+    with BagWriter(truth) as bag:
+        bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
+        for topic in ("/truth/tensions", "/cdrj/tensions"):
+            names, one = stacked(references, "tension/")
+            bag.write_tensions(topic, one.stamp_ns, names, one.value, log_ns=one.log_ns)
+        for topic in ("/truth/states", "/arm/states"):
+            names, one = stacked(references, "effort/")
+            bag.write_joint_states(topic, one.stamp_ns, names, effort=one.value, log_ns=one.log_ns)
+    code, figures = run(tmp_path, truth)
+    assert code == 0
+    assert figures["all"]["channels"] == default
+    note = "References by message type: /truth/tensions, /truth/states."
+    assert figures["bags"][0]["notes"] == [note]
+    assert note in capsys.readouterr().out
+
+
+def test_names_in_a_bag_do_not_control_the_terminal(
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.copy(second)
+        bag.write_tensions("/truth", [1, 2], ["\x1b[31mupper/9"], np.ones((2, 1)), log_ns=[1, 2])
+    out = (tmp_path / "bag").rename(tmp_path / "\x1b[2Jbag")
+    topics = ["--reference", "/truth", "--reference", "/reference/tensions"]
+    assert run(tmp_path, out, *topics)[0] == 0
+    printed = capsys.readouterr()
+    assert "\\x1b[31mupper/9" in printed.out
+    assert "\x1b" not in printed.out + printed.err
+    limits = tmp_path / "limits.yaml"
+    limits.write_text('channels: {"tension/\\e[31m*": {rmse: {max: 1.0e-6}}}')
+    assert run(tmp_path, second, "--limits", limits)[0] == 1
+    printed = capsys.readouterr()
+    assert "tension/\\x1b[31m*" in printed.out
+    assert "\x1b" not in printed.out + printed.err
+
+
+def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
+    recording: Recording, tmp_path: Path
+) -> None:
+    late = 1_000_000 * SECONDS + 5_000_000  # log times of another clock
+    original = write(tmp_path / "original", recording, delay_ns=late)
+    out = tmp_path / "out"
+    code, figures = run(tmp_path, original, "--write-bag", out)
+    assert code == 0
+    assert figures["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
+    model = load_model(ROBOT)
+    read = read_inputs(str(original), Topics(), model)
+    expected = estimate(model, condition_recording(model, read))
+    named = estimate_channels(model.layout, expected.values)
+    again = read_recording(out, Topics(references=OUTPUTS), force_vectors=True)
+    assert again.notes == ()
+    for name, series in again.references.items():
+        np.testing.assert_array_equal(series.stamp_ns, expected.stamp_ns)
+        np.testing.assert_array_equal(series.log_ns, expected.stamp_ns + late)
+        np.testing.assert_array_equal(series.value, named[name])
+    assert set(again.references) == set(named)
+    before, after = read_recording(original), read_recording(out)
+    assert set(before.references) == set(after.references)
+    for name, series in before.references.items():
+        np.testing.assert_array_equal(after.references[name].value, series.value)
+
+
+def test_a_written_bag_replaces_older_estimates_and_no_folder(
+    recording: Recording, second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once, several = tmp_path / "once", tmp_path / "several"
+    assert run(tmp_path, second, "--write-bag", once)[0] == 0
+    assert run(tmp_path, second, once, "--write-bag", several)[0] == 0
+    topics = Topics(references=OUTPUTS)
+    one, other = (read_recording(path, topics).references for path in (once, several / "once"))
+    assert one["tension/upper/1"].value.size == other["tension/upper/1"].value.size
+    assert {path.name for path in several.iterdir()} == {"second", "once"}
+    capsys.readouterr()
+    assert run(tmp_path, second, "--write-bag", several)[0] == 2
+    one_line(capsys, [f"{several} exists already"])
+
+
+def test_a_prefix_chooses_one_of_several_robots(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left = write(tmp_path / "left", recording, prefix="/left")
+    both = tmp_path / "both"
+    with BagWriter(both) as bag:
+        bag.copy(left)
+        bag.copy(write(tmp_path / "right", recording, until_s=2.0, prefix="/right"))
+    counts = [
+        run(tmp_path, both, "--topic-prefix", side)[1]["all"]["channels"]["effort/winch"]["n"]
+        for side in ("/left", "right/")
+    ]
+    assert counts[0] > 1.8 * counts[1]
+    capsys.readouterr()
+    assert run(tmp_path, both)[0] == 2
+    one_line(capsys, ["no topic /cdrj/motor_states", "/left/cdrj/motor_states"])
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["/no/such/bag"], ["/no/such/bag", "does not exist"]),
-        ([str(SAMPLE), "--motor-topic", "/x"], ["no topic /x", "/cdrj/motor_states"]),
-        ([str(SAMPLE), "--motor-topic", "/reference/tensions"], ["JointState", "CableTensions"]),
-        ([str(SAMPLE), "--reference", "/nothing"], ["no references", "--reference"]),
-        ([str(SAMPLE), "--preload", "1,2,3"], ["preload needs 2"]),
-        ([str(SAMPLE), "--json", "/no/such/folder/f.json"], ["/no/such/folder"]),
+        (["--motor-topic", "/x"], ["no topic /x", "/cdrj/motor_states"]),
+        (["--motor-topic", "/reference/tensions"], ["JointState", "CableTensions"]),
+        (["--reference", "/nothing"], ["no references", "--reference"]),
+        (["--preload", "1,2,3"], ["preload needs 2"]),
+        (["--html", "/no/such/folder/f.html"], ["/no/such/folder"]),
+        (["--start", "-1"], ["--start must be at least 0"]),
+        (["--start", "nan"], ["--start must be at least 0"]),
+        (["--duration", "0"], ["--duration must be more than 0"]),
+        (["--start", "1000"], ["no references in that time"]),
+        (["--jobs", "-1"], ["--jobs must be from 0 to"]),
+        (["--limits", "/no/such/file"], ["cannot read the file of limits /no/such/file"]),
     ],
 )
-def test_wrong_arguments_are_one_line_and_exit_code_2(
-    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert validate.main([*arguments, "--robot", ROBOT]) == 2
-    _one_line(capsys, *words)
+def test_invalid_arguments_are_refused_in_one_line(
+    second: Path, arguments: list[str], words: list[str], tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    bags = [] if arguments[0].startswith("/") else [second]
+    assert run(tmp_path, *bags, *arguments)[0] == 2
+    one_line(capsys, words)
 
 
 @pytest.mark.skipif(not ODD.exists(), reason=f"{ODD} is absent")
@@ -88,7 +306,7 @@ def test_a_motor_that_is_missing_on_a_shared_topic_is_named(
         f"{option}=/joint_states" for option in ("--motor-topic", "--joint-topic", "--reference")
     ]
     assert validate.main([str(ODD / "plain"), *arguments, "--robot", ROBOT]) == 2
-    _one_line(capsys, "no motor named winch", "motor")
+    one_line(capsys, ["no motor named winch"])
 
 
 def test_a_bag_whose_readings_are_all_refused_is_an_error(
@@ -101,4 +319,32 @@ def test_a_bag_whose_readings_are_all_refused_is_an_error(
         bag.write_joint_states("/cdrj/joint_states", stamps, ("elbow",), position=nan)
         bag.write_tensions("/reference/tensions", stamps, ("upper/1",), [[1.0]] * 3)
     assert validate.main([str(tmp_path / "bag"), "--robot", ROBOT]) == 2
-    _one_line(capsys, "not one sample")
+    one_line(capsys, ["not one sample"])
+
+
+def test_every_bag_may_have_its_own_preloads(
+    second: Path, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    low = write(tmp_path / "low", read_recording(LOW))
+    code, one = run(tmp_path, short, low)
+    assert code == 0
+    assert one["all"]["channels"]["tension/lower/8"]["mean_relative_error"] > 0.3
+    (note,) = (note for note in one["bags"][1]["notes"] if "cable lower" in note)
+    assert "its preload is 26.26 N here" in note
+    assert not any("preload" in note for note in one["bags"][0]["notes"])
+    preloads = ["--preload", "36.85,26.26", "--preload", "23.52,6.66"]
+    code, both = run(tmp_path, short, low, *preloads)
+    assert code == 0
+    assert both["all"]["channels"]["tension/lower/8"]["mean_relative_error"] < 0.02
+    assert [bag["facts"]["preload"] for bag in both["bags"]] == ["36.85,26.26 N", "23.52,6.66 N"]
+    capsys.readouterr()
+    assert run(tmp_path, short, low, second, *preloads)[0] == 2
+    one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
+
+
+def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> None:
+    off, on = (cdrj.validate(PROTOTYPE, short, uncertainty=known).pooled for known in (False, True))
+    for name, error in off.items():
+        assert error.coverage is None
+        assert 0.0 <= (on[name].coverage or 0.0) <= 1.0
+        assert error == replace(on[name], coverage=None)
