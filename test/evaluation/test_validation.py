@@ -11,18 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.compared import compare
+from support.motor_alone import without_encoder
 from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation import estimating
-from cdrj_ros.evaluation.channels import estimate_channels
+from cdrj_ros.evaluation.channels import FrictionSums, estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_of, write_estimates
-from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.evaluation.validation import (
-    MAX_GAP_NS,
-    Validation,
-)
+from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless, read_inputs
+from cdrj_ros.evaluation.validation import MAX_GAP_NS, BagTask, Validation, compare_bag
+from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings import Series, Topics, read_recording
@@ -152,3 +151,49 @@ def test_what_was_not_compared_is_counted_and_named() -> None:
         "Recorded but not estimated, so not compared: tension/third/1.",
         "No reference sample has an estimate beside it: effort/elbow.",
     )
+
+
+def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
+    model = without_encoder("prototype", "elbow")
+    compared = compare_bag(BagTask(BAG, Topics(), window=(1.0, 20.0)), model=model)
+    channels = {channel.name: channel for channel in compared.channels}
+    assert "effort/winch" not in channels
+    assert "effort/winch is an input here, and not compared." in compared.notes
+    angle = channels["angle/elbow"]
+    assert angle.unit == "rad"
+    assert np.sqrt(np.mean((angle.estimate - angle.reference) ** 2)) < 5e-3
+    assert np.ptp(angle.reference) > 0.5
+    assert angle.stddev is not None
+
+
+def test_a_bag_without_efforts_is_refused() -> None:
+    robot = without_encoder("prototype", "elbow").robot
+    with pytest.raises(BagError, match="no efforts of winch, from which elbow"):
+        read_encoderless(BAG, Topics(references=()), robot)
+
+
+def test_shares_are_of_the_larger_tension() -> None:
+    layout = load_model(ROBOT).layout
+    n, elements = 200, len(layout.elements)
+    tension = np.full((n, elements), 10.0)
+    tension[:, layout.elements.index("upper/4")] = 8.0
+    tension[:100, layout.elements.index("lower/1")] = 0.0
+    tension[:100, layout.elements.index("lower/2")] = 0.0
+    place = {name: k for k, name in enumerate(layout.elements)}
+    after = [place[name] for name in layout.pulleys]
+    friction = tension[:, after] - tension[:, [k - 1 for k in after]]
+    values = np.zeros((n, layout.size))
+    values[:, layout.tension], values[:, layout.friction] = tension, friction
+    sums = FrictionSums(layout)
+    for part in (slice(0, 70), slice(70, n)):
+        sums.add(values[part])
+    found = {one.name: one for one in sums.result()}
+    assert list(found) == list(layout.pulleys)
+    for name in ("upper/4", "upper/5"):
+        assert found[name].mean == pytest.approx(2.0)
+        assert found[name].mean_share == pytest.approx(0.2)
+    assert found["upper/3"].largest_share == 0.0
+    # samples of a slack cable do not count in the mean
+    assert found["lower/2"].mean_share == 0.0
+    # half of the time one side is slack, with share 1, and then the share is 0
+    assert found["lower/3"].mean_share == pytest.approx(0.5)

@@ -52,8 +52,6 @@ def write_mcap(
     messages: Iterable[tuple[str, int, bytes]],
     *,
     msgtype: str = JOINT_STATE,
-    definition: str | None = None,
-    definition_encoding: str = "ros2msg",
     encoding: str = "cdr",
     compression: CompressionType = CompressionType.NONE,
     chunked: bool = True,
@@ -61,8 +59,7 @@ def write_mcap(
     indexed: bool = True,
 ) -> Path:
     """Write messages (topic, log_ns, payload) to an MCAP file with the writer of mcap."""
-    if definition is None:
-        definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
+    definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
     with path.open("wb") as stream:
         writer = Writer(
             stream,
@@ -76,7 +73,7 @@ def write_mcap(
             index_types=IndexType.ALL if indexed else IndexType.NONE,
         )
         writer.start(profile="ros2")
-        schema = writer.register_schema(msgtype, definition_encoding, definition.encode())
+        schema = writer.register_schema(msgtype, "ros2msg", definition.encode())
         channels: dict[str, int] = {}
         for topic, log_ns, payload in messages:
             if topic not in channels:
