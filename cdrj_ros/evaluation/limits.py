@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -46,25 +47,15 @@ SCHEMA: Final = {
 
 
 @dataclass(frozen=True)
-class Limit:
-    """Bounds on one figure of the channels that match a pattern."""
-
-    pattern: str
-    """A channel's name, which may contain the wildcards ``*``, ``?`` and ``[...]``; or a quantity
-    alone ("tension"), which denotes the mean over its channels."""
-    figure: str
-    """One of LIMITED."""
-    least: float | None = None
-    most: float | None = None
-
-
-@dataclass(frozen=True)
 class Limits:
     """The content of one file."""
 
     source: str
     """Name of the file."""
-    limits: tuple[Limit, ...]
+    channels: Mapping[str, Mapping[str, Mapping[str, float]]]
+    """``min`` and ``max`` by figure, one of LIMITED, by a channel's name, which may contain the
+    wildcards ``*``, ``?`` and ``[...]``; or by a quantity alone ("tension"), which denotes the mean
+    over its channels."""
     each: bool = False
     """Whether every recording is also judged individually."""
 
@@ -119,8 +110,8 @@ def parse_limits(text: str, source: str) -> Limits:
     """
     document = yaml_mapping(text, source, "channels and judge")
     check_document(document, SCHEMA, source)
-    limits = []
-    for pattern, figures in document.get("channels", {}).items():
+    channels = document.get("channels", {})
+    for pattern, figures in channels.items():
         prefix = str(pattern).partition("/")[0]
         if prefix not in QUANTITIES and not any(character in prefix for character in "*?["):
             known = ", ".join(f"{key}, {key}/…" for key in QUANTITIES)
@@ -128,20 +119,21 @@ def parse_limits(text: str, source: str) -> Limits:
                 f"channels.{printable(pattern)} names no channel; names are {known} ({source})"
             )
         for figure, bounds in figures.items():
-            least, most = bounds.get("min"), bounds.get("max")
-            if least is not None and most is not None and least > most:
+            if len(bounds) == 2 and bounds["min"] > bounds["max"]:
                 raise RobotFileError(
-                    f"channels.{pattern}.{figure}.min must be at most max = {most:g}, "
-                    f"got {least:g} ({source})"
+                    f"channels.{pattern}.{figure}.min must be at most max = {bounds['max']:g}, "
+                    f"got {bounds['min']:g} ({source})"
                 )
-            limits.append(Limit(pattern, figure, least, most))
-    if not limits:
+    if not any(channels.values()):
         raise RobotFileError(f"channels names no limit ({source})")
-    return Limits(source, tuple(limits), document.get("judge") == "each")
+    return Limits(source, channels, document.get("judge") == "each")
 
 
 def check_limits(limits: Limits, errors: Errors) -> LimitCheck:
-    """Compare the figures with their limits; an unknown figure counts as outside."""
+    """Compare the figures with their limits.
+
+    An unknown figure counts as outside, and so does a pattern without a match.
+    """
     judged = [("all recordings", errors.pooled)]
     if len(errors.bags) == 1:
         judged = [(errors.bags[0].path, errors.pooled)]
@@ -149,30 +141,21 @@ def check_limits(limits: Limits, errors: Errors) -> LimitCheck:
         judged += [(bag.path, own) for bag, own in zip(errors.bags, errors.of_bags, strict=True)]
     checked = 0
     outside: list[Outside] = []
-    for where, figures in judged:
-        for limit in limits.limits:
-            count, found = _check(limit, where, _matching(limit.pattern, figures))
-            checked += count
-            outside += found
+    for (where, errors_by_name), (pattern, figures) in product(judged, limits.channels.items()):
+        matching = _matching(pattern, errors_by_name)
+        for figure, bounds in figures.items():
+            for key, bound in bounds.items():
+                checked += max(len(matching), 1)
+                least = key == "min"
+                if not matching:
+                    outside.append(Outside(where, pattern, figure, None, bound, least))
+                for name, error in matching.items():
+                    value = getattr(error, figure)
+                    if value is None or (value < bound if least else value > bound):
+                        outside.append(
+                            Outside(where, name, figure, value, bound, least, error.unit)
+                        )
     return LimitCheck(limits.source, checked, tuple(outside))
-
-
-def _check(
-    limit: Limit, where: str, matching: Mapping[str, ChannelError]
-) -> tuple[int, list[Outside]]:
-    """Number of checked figures, and those outside; a pattern without a match is outside."""
-    checked, outside = 0, []
-    for bound, least in ((limit.least, True), (limit.most, False)):
-        if bound is None:
-            continue
-        checked += max(len(matching), 1)
-        if not matching:
-            outside.append(Outside(where, limit.pattern, limit.figure, None, bound, least))
-        for name, error in matching.items():
-            value = getattr(error, limit.figure)
-            if value is None or (value < bound if least else value > bound):
-                outside.append(Outside(where, name, limit.figure, value, bound, least, error.unit))
-    return checked, outside
 
 
 def _matching(pattern: str, errors: Mapping[str, ChannelError]) -> dict[str, ChannelError]:

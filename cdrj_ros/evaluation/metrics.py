@@ -10,7 +10,7 @@ and not by averaging their figures, so that long recordings weigh more than shor
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
@@ -67,18 +67,7 @@ class ChannelError:
     """Unit of the channel, "N or N·m" for several; empty for that of its quantity."""
 
 
-FIGURES: Final = (
-    "mean_abs_error",
-    "mean_relative_error",
-    "rmse",
-    "max_abs_error",
-    "r2",
-    "reversal_error",
-    "smooth_error",
-    "coverage",
-    "mean_direction_error_deg",
-    "max_direction_error_deg",
-)
+FIGURES: Final = tuple(one.name for one in fields(ChannelError) if one.name not in ("n", "unit"))
 """Names of ChannelError's figures, in display order."""
 
 NO_SAMPLES: Final = ChannelError(0, None, None, None, None, None)
