@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.entry import DONE, run_command
@@ -172,35 +172,6 @@ def provenance_section(outcome: Outcome) -> str:
     return "\n".join(lines)
 
 
-def as_json(outcome: Outcome) -> dict[str, Any]:
-    """All printed results in SI units."""
-    found = outcome.found
-    return {
-        "parameters": [
-            {
-                "paths": list(unknown.paths),
-                "factors": list(unknown.factors),
-                "start": unknown.start,
-                "value": outcome.values[unknown.paths[0]],
-                "stddev": float(stddev),
-                "lower": unknown.lower,
-                "upper": unknown.upper,
-            }
-            for unknown, stddev in zip(found.unknowns, found.stddev, strict=True)
-        ],
-        "correlation": found.correlation.tolist(),
-        "findings": list(found.findings),
-        "references": list(found.channels),
-        "samples": found.samples,
-        "seconds": outcome.fitting_s,
-        "bags": list(outcome.bags),
-        **{
-            section: {name: vars(error) for name, error in compared.after.items()}
-            for section, compared in outcome.sections.items()
-        },
-    }
-
-
 def _body(argv: Sequence[str]) -> int:
     arguments = parser().parse_args(argv)
     task = task_of(arguments)
@@ -215,9 +186,7 @@ def _corrected(arguments: argparse.Namespace, task: Task) -> int:
     recordings = _read(task.bags, task.topics, prepare(parse_robot(text, task.source)))
     text = with_residuals(text, task, recordings)
     if arguments.out:
-        text = moved(text, task.source, arguments.out)
-        parse_document(text, arguments.out)
-        write_text(arguments.out, text)
+        _write(arguments.out, text, task)
         say(f"robot file: {arguments.out}")
     return DONE
 
@@ -265,13 +234,13 @@ def _identified(arguments: argparse.Namespace, task: Task) -> int:
     text = _with_uncertainty(text, task, found, unseen)
     if arguments.residual:
         text = with_residuals(text, task, recordings)
-    _write(arguments, outcome, moved(text, task.source, arguments.out or task.source))
+    if arguments.out:  # before anything is printed: standard output may be closed
+        _write(arguments.out, with_section(text, "identified", provenance_section(outcome)), task)
     print_outcome(outcome)
     if arguments.out and len(outcome.found.by_path) > COVARIANCE_LIMIT:
         print(f"note: more than {COVARIANCE_LIMIT} numbers; their covariance is not written")
-    for name, written in (("robot file", arguments.out), ("figures", arguments.json)):
-        if written:
-            say(f"{name}: {written}")
+    if arguments.out:
+        say(f"robot file: {arguments.out}")
     return DONE
 
 
@@ -378,14 +347,11 @@ def _with_uncertainty(
     )
 
 
-def _write(arguments: argparse.Namespace, outcome: Outcome, text: str) -> None:
-    """Write the files before anything is printed: standard output may be closed."""
-    if arguments.out:
-        text = with_section(text, "identified", provenance_section(outcome))
-        parse_document(text, arguments.out)
-        write_text(arguments.out, text)
-    if arguments.json:
-        write_text(arguments.json, json.dumps(as_json(outcome), indent=2) + "\n")
+def _write(out: str, text: str, task: Task) -> None:
+    """Write a robot file that may be in another folder than the one that it comes from."""
+    text = moved(text, task.source, out)
+    parse_document(text, out)
+    write_text(out, text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -88,7 +88,6 @@ def parser() -> argparse.ArgumentParser:
         "--force", action="store_true",
         help="replace an existing --out, also the file given by --robot",
     )  # fmt: skip
-    parser.add_argument("--json", metavar="FILE", help="file of the figures, which is replaced")
     parser.add_argument(
         "--quick", action="store_true",
         help="use only samples thinned to about 100 Hz; omit the last round with all samples",
@@ -151,7 +150,7 @@ def task_of(arguments: argparse.Namespace) -> Task:
     """
     path = robot_path(_chosen_file(arguments))
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
-    _check_files(arguments, path, held_out)
+    _check_files(arguments, held_out)
     chosen = load_settings(arguments.settings)
     document, source = load_document(path)
     if document.pop("residual", None) and not arguments.residual:
@@ -184,7 +183,6 @@ def _chosen_file(arguments: argparse.Namespace) -> str:
         needs_fit = {
             "hold-out": arguments.hold_out,
             "cross-validate": arguments.cross_validate is not None,
-            "json": arguments.json,
             "free": arguments.free,
         }
         for option, given in needs_fit.items():
@@ -257,11 +255,9 @@ def _folds(arguments: argparse.Namespace) -> dict[str, tuple[int, ...]]:
     return folds
 
 
-def _check_files(arguments: argparse.Namespace, robot: Path, held_out: Sequence[str]) -> None:
+def _check_files(arguments: argparse.Namespace, held_out: Sequence[str]) -> None:
     """Refuse outputs that cannot be written or that would replace an input."""
-    bags = [*arguments.bags, *held_out]
-    check_outputs({"--out": arguments.out, "--json": arguments.json}, bags)
-    check_outputs({"--json": arguments.json}, [robot])
+    check_outputs({"--out": arguments.out}, [*arguments.bags, *held_out])
     check_new({"--out": arguments.out}, force=arguments.force)
 
 
