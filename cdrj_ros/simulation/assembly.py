@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import Model, poses_in_range, prepare
+from cdrj_ros.model.prepared import Layout, Model, poses_in_range, prepare
 from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.description import Node, Pulley, Robot, Winch
 from cdrj_ros.simulation.faults import Fault, Wiring, wire
@@ -79,8 +79,7 @@ class SlackError(MotionError):
     def __init__(self, element: str, time: float, pose: str) -> None:
         self.element, self.time, self.pose = element, time, pose
         super().__init__(
-            f"a cable becomes slack: element {element} has no tension at "
-            f"t = {time:.4g} s{', ' + pose if pose else ''}"
+            f"a cable becomes slack: element {element} has no tension at t = {time:.4g} s{pose}"
         )
 
 
@@ -126,6 +125,12 @@ def joint_text(robot: Robot, joint: int, value: float) -> str:
     return f"{name} = {value:.4g} {'m' if name in robot.prismatic_joints else 'rad'}"
 
 
+def _pose(layout: Layout, joint_angle: Vector) -> str:
+    """``, elbow = 0.35`` for every joint."""
+    named = zip(layout.joints, joint_angle, strict=True)
+    return "".join(f", {name} = {angle:.4g}" for name, angle in named)
+
+
 def require_taut(
     rig: Rig, time: Vector, joints: Table, estimates: Table, allow_slack: bool
 ) -> None:
@@ -143,12 +148,6 @@ def require_taut(
         UsageError: a cable that cannot be solved.
     """
     layout = rig.lumped.layout
-
-    def pose(k: int) -> str:
-        return ", ".join(
-            f"{name} = {angle:.4g}" for name, angle in zip(layout.joints, joints[k], strict=True)
-        )
-
     status = estimates[:, rig.fine.layout.status].astype(np.int64)
     broken = np.argwhere(status & INVALID)
     if broken.size:
@@ -156,8 +155,7 @@ def require_taut(
         name = rig.fine.layout.elements[element].split("/")[0]
         raise UsageError(
             f"cable {name} has no valid state at t = {time[k]:.4g} s"
-            f"{', ' + pose(k) if pose(k) else ''}: it is wound in entirely, or its path is "
-            "impossible"
+            f"{_pose(layout, joints[k])}: it is wound in entirely, or its path is impossible"
         )
     if allow_slack or rig.wiring.faults:
         return
@@ -165,7 +163,7 @@ def require_taut(
     slack = np.argwhere(tension <= 0.0)
     if slack.size:
         k, element = slack[0]
-        raise SlackError(layout.elements[element], float(time[k]), pose(k))
+        raise SlackError(layout.elements[element], float(time[k]), _pose(layout, joints[k]))
 
 
 def read_out(rig: Rig, estimates: Table) -> tuple[Table, NDArray[np.float64], Table, Table]:
@@ -281,10 +279,7 @@ def course(model: Model, joint_angle: Table) -> Course:
     wrap, arc, track = (np.empty((n, sizes.pulleys)) for _ in range(3))
     done = model.core.course(joint_angle, length, lever_arm, wrap, arc, track)
     if done < n:
-        pose = ", ".join(
-            f"{name} = {angle:.4g}"
-            for name, angle in zip(model.layout.joints, joint_angle[done], strict=True)
-        )
+        pose = _pose(model.layout, joint_angle[done]).removeprefix(", ")
         raise UsageError(f"the path of a cable is impossible at {pose}")
     arms = lever_arm.reshape(n, sizes.elements, sizes.joints)
     return Course(length, arms, wrap, arc, track)
