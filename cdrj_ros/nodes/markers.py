@@ -25,6 +25,7 @@ from cdrj_ros.nodes.settings import (
 )
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
+from cdrj_ros.report.visuals import Wxyz, quaternion_to
 from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, middle_of, picture_of
 
 Namespace = Literal["cables", "bodies", "links", "visuals", "forces", "labels"]
@@ -125,7 +126,7 @@ class MarkersNode(Node):
             marker = self._marker("bodies", k, Marker.SPHERE if ball else Marker.CYLINDER)
             marker.pose.position = _points(body.centre)[0]
             size = 2.0 * body.radius
-            marker.pose.orientation = _turned_to(body.axis)
+            marker.pose.orientation = _quaternion(quaternion_to(body.axis))
             marker.scale = Vector3(x=size, y=size, z=size if ball else body.length)
             marker.color = _rgba(look.colour, BODY)
             yield marker
@@ -136,7 +137,7 @@ class MarkersNode(Node):
             marker = self._marker("links", k, Marker.CYLINDER)
             length, size = float(np.linalg.norm(end - start)), 2.0 * picture.link_width
             marker.pose.position = _points(0.5 * (start + end))[0]
-            marker.pose.orientation = _turned_to((end - start) / length)
+            marker.pose.orientation = _quaternion(quaternion_to((end - start) / length))
             marker.scale = Vector3(x=size, y=size, z=length)
             marker.color = _rgba(LINKS, BODY)
             yield marker
@@ -149,9 +150,8 @@ class MarkersNode(Node):
         }  # fmt: skip
         for k, look in enumerate(picture.visuals):
             marker = self._marker("visuals", k, kinds[look.shape])
-            w, x, y, z = look.quaternion
             marker.pose.position = _points(look.centre)[0]
-            marker.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+            marker.pose.orientation = _quaternion(look.quaternion)
             x, y, z = look.size.tolist()
             if look.shape in ("cylinder", "sphere"):  # RViz takes diameters
                 x, y, z = 2.0 * x, 2.0 * y, z if look.shape == "cylinder" else 2.0 * z
@@ -173,13 +173,9 @@ class MarkersNode(Node):
             yield marker
 
 
-def _turned_to(axis: NDArray[np.float64]) -> Quaternion:
-    """The rotation that turns the z axis to a unit vector."""
-    x, y, z = axis.tolist()
-    if z < -1.0 + 1e-12:
-        return Quaternion(x=1.0, y=0.0, z=0.0, w=0.0)
-    w = float(np.sqrt(0.5 * (1.0 + z)))
-    return Quaternion(x=-0.5 * y / w, y=0.5 * x / w, z=0.0, w=w)
+def _quaternion(wxyz: Wxyz) -> Quaternion:
+    w, x, y, z = wxyz
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def _points(path: NDArray[np.float64]) -> list[Point]:

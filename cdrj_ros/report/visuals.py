@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from itertools import product
-from math import pi
+from math import pi, sqrt
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -20,6 +20,9 @@ from cdrj_ros.robot.visuals import MESHES, Visual, VisualShape
 
 FramePose = tuple[Vector, NDArray[np.float64]]
 """Origin [m] and orientation of a frame in the base, shapes (3,) and (3, 3)."""
+
+Wxyz = tuple[float, float, float, float]
+"""A unit quaternion: w, x, y, z."""
 
 LARGEST_MESH: Final = 20_000_000
 """Largest file of a mesh that is read [bytes]."""
@@ -59,12 +62,21 @@ class PlacedVisual:
         return self.centre + _own_points(self.shape, self.mesh) * self.size @ self.rotation.T
 
     @property
-    def quaternion(self) -> tuple[float, float, float, float]:
-        """Its orientation: w, x, y, z."""
+    def quaternion(self) -> Wxyz:
+        """Its orientation."""
         from scipy.spatial.transform import Rotation  # slow
 
         x, y, z, w = map(float, Rotation.from_matrix(self.rotation).as_quat())
         return w, x, y, z
+
+
+def quaternion_to(axis: Vector) -> Wxyz:
+    """The rotation that turns the z axis to a unit vector, shape (3,)."""
+    x, y, z = map(float, axis)
+    if z < -1.0 + 1e-12:
+        return 0.0, 1.0, 0.0, 0.0
+    w = sqrt(0.5 * (1.0 + z))
+    return w, -0.5 * y / w, 0.5 * x / w, 0.0
 
 
 def placed_visuals(

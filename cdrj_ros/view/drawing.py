@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import Colour, across
-from cdrj_ros.report.visuals import Mesh, mesh_in
+from cdrj_ros.report.scene import Colour
+from cdrj_ros.report.visuals import PlacedVisual, Wxyz, mesh_in, quaternion_to
 from cdrj_ros.view.picture import (
     LINKS,
     DrawnBody,
@@ -25,9 +25,6 @@ from cdrj_ros.view.picture import (
 
 SIDES: Final = 8
 """Number of flat sides of a tube."""
-
-RIM: Final = 32
-"""Number of flat sides of a cylinder."""
 
 POINTS: Final = 33
 """Number of points of a tube's centre line, so that its faces never change."""
@@ -60,33 +57,6 @@ def dashed_tube(ends: Points, radius: float) -> tuple[Points, Faces]:
     """
     dashes = len(ends) // 2
     return _around(ends.reshape(dashes, 2, 3), radius), _faces(dashes, 2)
-
-
-def cylinder(centre: Points, axis: Points, radius: float, length: float) -> Mesh:
-    """Mesh of a cylinder, or a disc if it is short.
-
-    Args:
-        centre: [m], shape (3,).
-        axis: unit vector, shape (3,).
-        radius: [m].
-        length: along the axis [m].
-    """
-    unit = _unit_mesh("cylinder")
-    own = unit.vertices * np.array([radius, radius, length])
-    return Mesh(centre + own @ np.array([*across(axis), axis]), unit.faces)
-
-
-@cache
-def _unit_mesh(shape: Literal["box", "cylinder", "sphere"]) -> Mesh:
-    """A box with edges of 1, a cylinder of radius and length 1 along z, a sphere of radius 1."""
-    from trimesh import creation  # of viser
-
-    made: Any
-    if shape == "cylinder":
-        made = creation.cylinder(1.0, 1.0, sections=RIM)
-    else:
-        made = creation.box() if shape == "box" else creation.icosphere()
-    return Mesh(np.array(made.vertices, float), np.array(made.faces, np.uint32))
 
 
 def _around(lines: NDArray[np.float64], radius: float) -> Points:
@@ -136,6 +106,9 @@ ARROWS: Final[Colour] = (0.45, 0.45, 0.50)
 """Colour of forces, visible on white and on black."""
 
 
+UNLIT: Final = {"cast_shadow": False, "receive_shadow": False}
+"""How all nodes are lit."""
+
 LEAST: Final = 0.006
 """Least radius of a taut cable in the units of the scene."""
 
@@ -153,6 +126,18 @@ def rgb(colour: Colour) -> Bytes:
     """A colour with components from 0 to 255."""
     red, green, blue = (round(255.0 * part) for part in colour)
     return red, green, blue
+
+
+def _moved(
+    nodes: dict[Any, Any], key: Any, add: Callable[[], Any], position: Vector, wxyz: Wxyz
+) -> Any:
+    """The node of a scene with this key, added if there is none, at a place."""
+    handle = nodes.get(key) or add()
+    if handle is not None:
+        nodes[key] = handle
+        if not (np.array_equal(handle.position, position) and np.array_equal(handle.wxyz, wxyz)):
+            handle.position, handle.wxyz = position, np.array(wxyz)
+    return handle
 
 
 def layers_of(model: Model) -> dict[str, int]:
@@ -243,8 +228,7 @@ class Drawing:
         if handle is None or self._dashed[look.name] != look.dashed:
             handle = self._scene.add_mesh_simple(
                 f"/cables/{look.name}", vertices.astype(np.float32), faces,
-                color=rgb(look.colour), opacity=look.opacity, side="double",
-                cast_shadow=False, receive_shadow=False,
+                color=rgb(look.colour), opacity=look.opacity, side="double", **UNLIT,
             )  # fmt: skip
             name = look.name
             handle.on_click(lambda _: self._on_click(f"element {name}"))
@@ -273,71 +257,62 @@ class Drawing:
             handle.position = middle
 
     def _draw_body(self, look: DrawnBody, chosen: bool) -> None:
-        """A mesh of a disc or cylinder, a ball of a sphere or point.
-
-        A mesh is moved by its vertices, as the cables are: browsers show those later than
-        positions.
-        """
-        body = look.body
-        centre, ball = self._placed(body.name, body.centre), body.shape in ("sphere", "point")
+        """A cylinder of a disc or cylinder, a ball of a sphere or point."""
+        body, colour = look.body, rgb(look.colour)
         radius, length = self._scale * body.radius, self._scale * body.length
-        handle: Any = self.bodies.get(body.name)
-        if ball and handle is None:
-            handle = self._scene.add_icosphere(
-                f"/bodies/{body.name}", radius, rgb(look.colour), position=centre, opacity=CLEAR,
-                cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
-        elif ball and not np.array_equal(handle.position, centre):
-            handle.position = centre
-        elif not ball:
-            mesh = cylinder(centre, body.axis, radius, length)
-            handle = self._mesh(handle, f"/bodies/{body.name}", mesh, look.colour)
-        if body.name not in self.bodies:
-            self.bodies[body.name] = handle
+        name, ball = f"/bodies/{body.name}", body.shape in ("sphere", "point")
+
+        def add() -> Any:
+            if ball:
+                handle = self._scene.add_icosphere(name, radius, colour, **UNLIT)
+            else:
+                handle = self._scene.add_cylinder(name, radius, length, colour, **UNLIT)
             if body.kind == "pulley":
                 handle.on_click(lambda _: self._on_click(f"pulley {body.name}"))
-        handle.color = rgb(look.colour)
-        handle.opacity = 1.0 if chosen else CLEAR
+            return handle
+
+        at = self._placed(body.name, body.centre)
+        handle = _moved(self.bodies, body.name, add, at, quaternion_to(body.axis))
+        if not ball and handle.height != length:
+            handle.height = length
+        handle.color, handle.opacity = colour, 1.0 if chosen else CLEAR
 
     def _draw_links(self, picture: Picture) -> None:
         """Links of the robot, behind cables in the plane."""
+        radius = self._scale * picture.link_width
         for k, ends in enumerate(picture.links):
             start, end = self._placed("", ends)
-            length = float(np.linalg.norm(end - start))
-            mesh = cylinder(
-                0.5 * (start + end), (end - start) / max(length, 1e-12),
-                self._scale * picture.link_width, length,
+            way = end - start
+            length = max(float(np.linalg.norm(way)), 1e-12)
+            add = partial(
+                self._scene.add_cylinder, f"/links/{k}", radius, length, rgb(LINKS), opacity=CLEAR,
+                **UNLIT,
             )  # fmt: skip
-            self._links[k] = self._mesh(self._links.get(k), f"/links/{k}", mesh, LINKS)
+            middle = 0.5 * (start + end)
+            handle = _moved(self._links, k, add, middle, quaternion_to(way / length))
+            if handle.height != length:
+                handle.height = length
 
     def _draw_visuals(self, picture: Picture) -> None:
         """Shapes of bodies, pale behind the cables; a mesh that cannot be read is left out."""
         for k, look in enumerate(picture.visuals):
-            position, wxyz = self._placed("", look.centre), look.quaternion
-            handle = self.visuals.get(k)
-            mesh = mesh_in(look.mesh) if look.shape == "mesh" else _unit_mesh(look.shape)
-            if handle is None and mesh is not None:
-                self.visuals[k] = self._scene.add_mesh_simple(
-                    f"/visuals/{k}", (mesh.vertices * look.size * self._scale).astype(np.float32),
-                    mesh.faces, color=rgb(LINKS), opacity=BEHIND, side="double", position=position,
-                    wxyz=wxyz, flat_shading=look.shape == "box", cast_shadow=False,
-                    receive_shadow=False,
-                )  # fmt: skip
-            elif handle is not None and not (
-                np.array_equal(handle.position, position) and np.array_equal(handle.wxyz, wxyz)
-            ):
-                handle.position, handle.wxyz = position, np.array(wxyz)
+            at = self._placed("", look.centre)
+            _moved(self.visuals, k, partial(self._visual, k, look), at, look.quaternion)
 
-    def _mesh(self, handle: Any, name: str, mesh: Mesh, colour: Colour) -> Any:
-        """Add a mesh that is seen through, or move it."""
-        vertices, faces = mesh[0].astype(np.float32), mesh[1]
-        if handle is None:
-            return self._scene.add_mesh_simple(
-                name, vertices, faces, color=rgb(colour), opacity=CLEAR, flat_shading=False,
-                cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
-        handle.vertices = vertices
-        return handle
+    def _visual(self, k: int, look: PlacedVisual) -> Any:
+        """Add a shape; None if it is a mesh that cannot be read."""
+        name, size = f"/visuals/{k}", self._scale * look.size
+        how = {"color": rgb(LINKS), "opacity": BEHIND, "side": "double", **UNLIT}
+        if look.shape == "box":
+            return self._scene.add_box(name, dimensions=size, **how)
+        if look.shape == "cylinder":
+            return self._scene.add_cylinder(name, size[0], size[2], **how)
+        if look.shape == "sphere":
+            return self._scene.add_icosphere(name, size[0], **how)
+        mesh = mesh_in(look.mesh)
+        if mesh is None:
+            return None
+        return self._scene.add_mesh_simple(name, mesh.vertices * size, mesh.faces, **how)
 
     def _draw_arrows(self, picture: Picture, wanted: bool) -> None:
         known = [a for a in picture.arrows if wanted and not np.isnan(a.end).any()]
