@@ -36,23 +36,15 @@ class Installation:
     elsewhere: Path
     """An empty working directory."""
 
-    def start(self, name: str, *arguments: str) -> subprocess.Popen[str]:
-        """Start a program of the installation with a minimal set of environment variables."""
-        return subprocess.Popen(
-            [self.folder / "bin" / name, *arguments],
-            cwd=self.elsewhere,
-            env={"PATH": "/usr/bin:/bin", "HOME": str(self.elsewhere)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
     def run(self, name: str, *arguments: str) -> str:
-        """Run a program and return what it prints."""
-        process = self.start(name, *arguments)
-        output, _ = process.communicate()
-        assert process.returncode == 0, output
-        return output
+        """Run a program with few environment variables and return what it prints."""
+        done = subprocess.run(
+            [self.folder / "bin" / name, *arguments], cwd=self.elsewhere, text=True, check=False,
+            env={"PATH": "/usr/bin:/bin", "HOME": str(self.elsewhere)},
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout
+        return done.stdout
 
 
 def build(hook: str, sources: Path, target: Path) -> Path:
