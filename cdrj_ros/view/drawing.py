@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -18,7 +18,6 @@ from cdrj_ros.view.picture import (
     DrawnBody,
     DrawnCable,
     Picture,
-    dashes_of,
     extent_of,
     middle_of,
 )
@@ -30,63 +29,41 @@ POINTS: Final = 33
 """Number of points of a tube's centre line, so that its faces never change."""
 
 
-def tube(path: Points, radius: float) -> tuple[Points, Faces]:
-    """Mesh of one tube along a path.
+def tube(path: Points, radius: float) -> Points:
+    """Vertices of a tube with ``FACES``.
 
     Args:
         path: centre line [m], shape (n, 3).
         radius: [m].
 
     Returns:
-        Vertices [m], shape (POINTS * SIDES, 3), and faces, shape (f, 3).
+        Rings around ``POINTS`` points of the line [m], shape (POINTS * SIDES, 3).
     """
     at = np.linspace(0.0, len(path) - 1.0, POINTS)  # dense where the path is, on the arcs
     line = np.column_stack([np.interp(at, np.arange(len(path)), path[:, k]) for k in range(3)])
-    return _around(line[None], radius), _faces(1, POINTS)
-
-
-def dashed_tube(ends: Points, radius: float) -> tuple[Points, Faces]:
-    """Mesh of dashes.
-
-    Args:
-        ends: first and last point of every dash in turn [m], shape (2 * dashes, 3).
-        radius: [m].
-
-    Returns:
-        Vertices [m], shape (2 * dashes * SIDES, 3), and faces, shape (f, 3).
-    """
-    dashes = len(ends) // 2
-    return _around(ends.reshape(dashes, 2, 3), radius), _faces(dashes, 2)
-
-
-def _around(lines: NDArray[np.float64], radius: float) -> Points:
-    """Rings around every point of several lines, shape (lines, points, 3)."""
-    along = np.gradient(lines, axis=1)
+    along = np.gradient(line, axis=0)
     length = np.linalg.norm(along, axis=-1, keepdims=True)
     along = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
     # the axis that is farthest from parallel to any piece is across all of them
-    axis = np.eye(3)[np.argmin(np.abs(along).max(axis=(0, 1)))]
+    axis = np.eye(3)[np.argmin(np.abs(along).max(axis=0))]
     across = np.cross(along, axis)
     size = np.linalg.norm(across, axis=-1, keepdims=True)
     across = np.divide(across, size, out=np.zeros_like(across), where=size > 1e-9)
-    other = np.cross(along, across)
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)[:, None]
-    rings = np.cos(angle) * across[:, :, None] + np.sin(angle) * other[:, :, None]
-    return np.asarray((lines[:, :, None] + radius * rings).reshape(-1, 3))
+    rings = np.cos(angle) * across[:, None] + np.sin(angle) * np.cross(along, across)[:, None]
+    return np.asarray((line[:, None] + radius * rings).reshape(-1, 3), np.float32)
 
 
-@cache
-def _faces(lines: int, points: int) -> Faces:
+def _faces() -> Faces:
     """Two triangles per side between neighbouring rings."""
-    ring, side = np.meshgrid(np.arange(points - 1), np.arange(SIDES), indexing="ij")
-    following = (side + 1) % SIDES
-    a, b = ring * SIDES + side, ring * SIDES + following
-    one = np.stack([a, a + SIDES, b, b, a + SIDES, b + SIDES], axis=-1).reshape(-1, 3)
-    offsets = np.arange(lines)[:, None, None] * points * SIDES
-    faces = (one[None] + offsets).reshape(-1, 3).astype(np.uint32)
-    faces.setflags(write=False)
-    return faces
+    ring, side = np.meshgrid(np.arange(POINTS - 1), np.arange(SIDES), indexing="ij")
+    a, b = ring * SIDES + side, ring * SIDES + (side + 1) % SIDES
+    pairs = np.stack([a, a + SIDES, b, b, a + SIDES, b + SIDES], axis=-1)
+    return pairs.reshape(-1, 3).astype(np.uint32)
 
+
+FACES: Final = _faces()
+"""Faces of every tube, shape (f, 3)."""
 
 OnClick = Callable[[str], None]
 """Called with what has been clicked, as ``history.indices_of`` takes it."""
@@ -168,7 +145,6 @@ class Drawing:
         self.visuals: dict[int, Any] = {}
         """Mesh of every shape of a body that is known, by its index."""
         self._labels: dict[str, Any] = {}
-        self._dashed: dict[str, bool] = {}
         self._arrows: Any = None
         self._width = 0.0
         """Of a taut cable as it is drawn [m]."""
@@ -218,25 +194,17 @@ class Drawing:
         return np.asarray(self._scale * (points - self._middle + ahead))
 
     def _draw_cable(self, look: DrawnCable, chosen: bool) -> None:
+        """A tube, as a net where the tension must not be used."""
         radius = self._scale * self._wider * look.width * (CHOSEN if chosen else 1.0)
-        path = self._placed(look.name, look.path)
-        if look.dashed:
-            vertices, faces = dashed_tube(dashes_of(path), radius)
-        else:
-            vertices, faces = tube(path, radius)
+        vertices = tube(self._placed(look.name, look.path), radius)
         handle = self.cables.get(look.name)
-        if handle is None or self._dashed[look.name] != look.dashed:
-            handle = self._scene.add_mesh_simple(
-                f"/cables/{look.name}", vertices.astype(np.float32), faces,
-                color=rgb(look.colour), opacity=look.opacity, side="double", **UNLIT,
-            )  # fmt: skip
-            name = look.name
-            handle.on_click(lambda _: self._on_click(f"element {name}"))
-            self.cables[name], self._dashed[name] = handle, look.dashed
-            return
-        handle.vertices = vertices.astype(np.float32)
-        handle.color = rgb(look.colour)
-        handle.opacity = look.opacity
+        if handle is None:
+            handle = self.cables[look.name] = self._scene.add_mesh_simple(
+                f"/cables/{look.name}", vertices, FACES, side="double", **UNLIT
+            )
+            handle.on_click(lambda _: self._on_click(f"element {look.name}"))
+        handle.vertices, handle.wireframe = vertices, look.dashed
+        handle.color, handle.opacity = rgb(look.colour), look.opacity
 
     def _draw_label(self, look: DrawnCable, wanted: bool) -> None:
         handle = self._labels.get(look.name)

@@ -191,7 +191,8 @@ def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page: Scene) ->
     )
     wait_for(lambda: page.red() < 0.001, "no red pixels")
     page.status = INVALID
-    wait_for(lambda: all(page.view.page.drawing._dashed.values()), "dashes")
+    cables = page.view.page.drawing.cables.values()
+    wait_for(lambda: all(cable.wireframe for cable in cables), "nets")
     page.status = 0
     page.tension = 18.0
 
@@ -200,7 +201,7 @@ def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
     from selenium.webdriver import ActionChains
 
     view = page.view.page
-    wait_for(lambda: not any(view.drawing._dashed.values()), "full lines")
+    wait_for(lambda: not any(cable.wireframe for cable in view.drawing.cables.values()), "tubes")
     wanted = "extensor/1"
     canvas = page.canvas
 
