@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
@@ -108,19 +106,6 @@ def path(model: Model) -> Samples:
     return _path(model, "prototype_preload_36_26")
 
 
-def _part(path: Samples, part: slice) -> Samples:
-    return Samples(path.stamp_ns[part], path.motor_angle[part], path.joint_angle[part])
-
-
-def _samples(samples: Samples) -> Sequence[Sample]:
-    return [
-        Sample(int(stamp), motor, joint)
-        for stamp, motor, joint in zip(
-            samples.stamp_ns, samples.motor_angle, samples.joint_angle, strict=True
-        )
-    ]
-
-
 @pytest.mark.parametrize("seen", [True, False])
 def test_in_one_call_estimate_and_spread_are_the_same(
     model: Model, path: Samples, seen: bool
@@ -128,7 +113,7 @@ def test_in_one_call_estimate_and_spread_are_the_same(
     one, state_one = Ensemble(model), initial_state(model)
     two, state_two = Ensemble(model), initial_state(model)
     unseen = ALL_SEEN if seen else np.full((2, 2), 1e-3)
-    with_a_gap = [*_samples(_part(path, slice(0, 200))), *_samples(_part(path, slice(2000, 2100)))]
+    with_a_gap = [path.at(k) for k in (*range(200), *range(2000, 2100))]
     for sample in with_a_gap:
         read = sample._replace(unseen=unseen)
         state_one, estimate = one.step(state_one, read)

@@ -74,16 +74,6 @@ def motion(model: Model, size: int, seed: int = 0) -> Samples:
     return Samples(stamps, motor, joint)
 
 
-def part(samples: Samples, begin: int, end: int) -> Samples:
-    return Samples(
-        samples.stamp_ns[begin:end], samples.motor_angle[begin:end], samples.joint_angle[begin:end]
-    )
-
-
-def sample(samples: Samples, k: int) -> Sample:
-    return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
-
-
 MODELS = {law: law_of(law) for law in FRICTION_LAWS} | {"routed": ROUTED_MODEL}
 
 
@@ -94,7 +84,7 @@ def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
     state = initial_state(model)
     rows = []
     for k in range(800):
-        state, estimate = step(model, state, sample(samples, k))
+        state, estimate = step(model, state, samples.at(k))
         assert estimate.stamp_ns == state.stamp_ns == samples.stamp_ns[k]
         rows.append(estimate.values.copy())
     stepped = np.array(rows)
@@ -102,7 +92,7 @@ def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
     for cuts in ((0, 800), (0, 1, 800), (0, 333, 333, 700, 800)):
         resumed, parts = initial_state(model), []
         for begin, end in pairwise(cuts):
-            resumed, estimates = run(model, resumed, part(samples, begin, end))
+            resumed, estimates = run(model, resumed, samples.part(slice(begin, end)))
             parts.append(estimates.values)
         assert np.concatenate(parts).tobytes() == stepped.tobytes()
         assert resumed.values.tobytes() == state.values.tobytes()
@@ -112,13 +102,13 @@ def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
 def test_states_and_samples_are_never_changed_in_place() -> None:
     samples = motion(ROUTED_MODEL, 300)
     copies = [column.copy() for column in vars(samples).values()]
-    state, _ = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), part(samples, 0, 100))
+    state, _ = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), samples.part(slice(0, 100)))
     kept = state.values.copy()
-    first = run(ROUTED_MODEL, state, part(samples, 100, 300))[1].values
-    again = run(ROUTED_MODEL, state, part(samples, 100, 300))[1].values
+    first = run(ROUTED_MODEL, state, samples.part(slice(100, 300)))[1].values
+    again = run(ROUTED_MODEL, state, samples.part(slice(100, 300)))[1].values
     assert first.tobytes() == again.tobytes(), "the same state may be used twice"
-    _, one = step(ROUTED_MODEL, state, sample(samples, 100))
-    _, other = step(ROUTED_MODEL, state, sample(samples, 100))
+    _, one = step(ROUTED_MODEL, state, samples.at(100))
+    _, other = step(ROUTED_MODEL, state, samples.at(100))
     assert one.values.tobytes() == other.values.tobytes()
     assert state.values.tobytes() == kept.tobytes()
     for column, copy in zip(vars(samples).values(), copies, strict=True):

@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.health_monitor import HealthMonitor
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
 
@@ -87,7 +87,7 @@ def watch(
             monitor.read_efforts(stamp, ["winch"], effort)
         if "cells" in sensors:
             monitor.read_tensions(stamp, CELLS, cells, [CELL_NOISE] * 2)
-        monitor.follow(Sample(stamp, motion.motor_angle[k], motion.joint_angle[k]))
+        monitor.follow(motion.at(k))
     return monitor
 
 
@@ -183,8 +183,8 @@ def test_a_sudden_loss_of_preload_is_told_from_an_old_one(model: Model, motion: 
 
 def test_angles_alone_are_said_to_show_nothing(model: Model, motion: Samples) -> None:
     monitor = HealthMonitor(model)
-    for k, stamp in enumerate(motion.stamp_ns[:200].tolist()):
-        monitor.follow(Sample(stamp, motion.motor_angle[k], motion.joint_angle[k]))
+    for k in range(200):
+        monitor.follow(motion.at(k))
     assert "angles alone" in monitor.report().message
     assert monitor.report().level == "ok"
 
@@ -264,5 +264,5 @@ def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Sa
     monitor = HealthMonitor(model)
     for k, stamp in enumerate(motion.stamp_ns.tolist()):
         monitor.read_efforts(stamp, ["winch"], [0.0])
-        monitor.follow(Sample(stamp, motion.motor_angle[k], motion.joint_angle[k]))
+        monitor.follow(motion.at(k))
     assert monitor.report().level == "ok"

@@ -30,7 +30,7 @@ from cdrj_ros.estimation.draws import standard
 from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, SensorState
 from cdrj_ros.estimation.lasting_error import CELL as CELL_ERRORS
 from cdrj_ros.estimation.lasting_error import LastingError
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.model.state import UNSURE
@@ -238,7 +238,7 @@ def _run(
     generator = np.random.default_rng(3)
     off = 0.0
     for k in range(2 * calm):
-        sample = Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
+        sample = samples.at(k)
         for cell in ("upper/3", "upper/8"):
             true = float(tension[k, model.layout.elements.index(cell)])
             change = CHANGE if k >= calm and cell in changed else 0.0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation import estimator
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
@@ -49,10 +49,6 @@ def beside(model: Model, recorded: Callable[[Model, int], Samples]) -> Beside:
     return Beside(samples, tension, tension[:, model.layout.elements.index(CELL)])
 
 
-def _sample(samples: Samples, k: int) -> Sample:
-    return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])
-
-
 Lie = Callable[[Beside, int], float]
 
 LIES: dict[str, Lie] = {
@@ -86,7 +82,7 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     found = -1
     for k in range(beside.cell.size):
         _feed_cell(live, beside, k, LIES[lie])
-        output = live.take(_sample(beside.samples, k))
+        output = live.take(beside.samples.at(k))
         off = np.abs(output.tension - beside.tension[k])[:8].max()
         if k < CALM:
             taught = off
@@ -103,7 +99,7 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
     used, refused = health.used, health.refused
     assert refused > 200, "it stays dropped"
     _feed_cell(live, beside, 2998, LIES[lie])
-    live.take(_sample(beside.samples, 2999)._replace(stamp_ns=int(beside.samples.stamp_ns[-1]) + 1))
+    live.take(beside.samples.at(2999)._replace(stamp_ns=int(beside.samples.stamp_ns[-1]) + 1))
     assert (health.used, health.refused) == (used, refused + 1)
     assert np.array_equal(live.state.values, live.uncorrected.values)
 
@@ -117,7 +113,7 @@ def test_a_single_outlier_is_refused_and_drops_no_sensor(
     for k in range(CALM + 600):
         sudden = off if k == CALM else 0.0
         _feed_cell(live, beside, k, lambda _b, k, add=sudden: 1.05 * beside.cell[k] + add, 1.05)
-        live.take(_sample(beside.samples, k))
+        live.take(beside.samples.at(k))
     assert live.fusion is not None
     health = live.fusion.health[CELL]
     assert health.dropped == ""
@@ -130,7 +126,7 @@ def test_persistent_outliers_drop_a_sensor(model: Model, beside: Beside) -> None
     live = LiveEstimator(model, MEASURED)
     for k in range(CALM + 200):
         _feed_cell(live, beside, k, lambda b, k: SCALE * b.cell[k] + 100.0 * (k % 6 == 0))
-        live.take(_sample(beside.samples, k))
+        live.take(beside.samples.at(k))
     assert "readings more than 10 standard deviations" in _dropped(live)
 
 
@@ -142,7 +138,7 @@ def test_a_dropped_sensor_stays_dropped(
     live = LiveEstimator(model, MEASURED)
     for k in range(CALM + 200):
         _feed_cell(live, beside, k, LIES["says zero"])
-        live.take(_sample(beside.samples, k))
+        live.take(beside.samples.at(k))
     why = _dropped(live)
     assert why
     if how == "restart":
@@ -151,7 +147,7 @@ def test_a_dropped_sensor_stays_dropped(
         read_state(live, tmp_path / "state")
     else:
         for k in range(40):
-            sample = _sample(beside.samples, CALM + 200 + k)
+            sample = beside.samples.at(CALM + 200 + k)
             stamp = sample.stamp_ns - (3600 * 10**9 if k >= 20 else 0)
             live.feed("joints", stamp, ("elbow",), sample.joint_angle)
             live.feed("motors", stamp, ("winch",), sample.motor_angle)

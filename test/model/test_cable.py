@@ -11,7 +11,7 @@ import pytest
 from bench.scaling import chain
 from cdrj_ros._core import acceptable, tolerance
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, state_views
@@ -183,7 +183,7 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
     total = np.empty((samples.stamp_ns.size, 2))
     loose = 0
     for k in range(samples.stamp_ns.size):
-        state, estimate = step(model, state, sample_at(samples, k))
+        state, estimate = step(model, state, samples.at(k))
         loose += bool((estimate.tension <= 0.0).any())
         parts = state_views(model.sizes, state.values)
         material = parts.material.reshape(2, -1).sum(axis=1)
@@ -191,7 +191,3 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
             total[k, c] = material[c] + drum.material[int(drum.points) - 1]
     assert loose > 1000
     np.testing.assert_allclose(total, np.broadcast_to(total[0], total.shape), rtol=0, atol=1e-12)
-
-
-def sample_at(samples: Samples, k: int) -> Sample:
-    return Sample(int(samples.stamp_ns[k]), samples.motor_angle[k], samples.joint_angle[k])

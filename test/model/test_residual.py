@@ -12,7 +12,7 @@ from support.places import ROBOTS
 
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import RobotFileError
@@ -121,20 +121,16 @@ def test_a_node_and_its_next_start_give_what_the_whole_recording_gives(tmp_path:
     found = estimates_of(BOTH)
     first, second = LiveEstimator(BOTH), LiveEstimator(BOTH)
     for k in range(400):
-        assert_same(first.take(sample_at(k)), found, k)
+        assert_same(first.take(MOTION.at(k)), found, k)
     assert write_state(first, tmp_path / "state")
     assert read_state(second, tmp_path / "state").startswith("continues")
     for k in range(400, 800):
-        assert_same(second.take(sample_at(k)), found, k)
+        assert_same(second.take(MOTION.at(k)), found, k)
 
 
 def assert_same(estimate: Estimate, found: Estimates, k: int) -> None:
     np.testing.assert_array_equal(estimate.tension, found.tension[k])
     np.testing.assert_array_equal(estimate.motor_effort, found.motor_effort[k])
-
-
-def sample_at(k: int) -> Sample:
-    return Sample(int(MOTION.stamp_ns[k]), MOTION.motor_angle[k], MOTION.joint_angle[k])
 
 
 def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_elsewhere() -> None:
