@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, Literal
 
 import numpy as np
@@ -116,18 +117,14 @@ def program_of(
         return None
     angle_at = _angle_of(model.robot.joints[joint], kind, seed)
     reference = model.robot.reference_pose
-    first, angles = -1, np.empty((0, len(model.robot.motors)))
 
-    def program(step: int) -> np.ndarray:
-        nonlocal first, angles
-        if first < 0 or not first <= step < first + AHEAD:
-            first = step
-            poses = np.tile(reference, (AHEAD, 1))
-            poses[:, joint] = angle_at(np.arange(step, step + AHEAD) / rate)
-            angles = follow_joints(model, poses).motor_angle
-        return angles[step - first].copy()
+    @lru_cache(maxsize=1)
+    def block(number: int) -> Table:
+        poses = np.tile(reference, (AHEAD, 1))
+        poses[:, joint] = angle_at(np.arange(number * AHEAD, (number + 1) * AHEAD) / rate)
+        return follow_joints(model, poses).motor_angle
 
-    return program
+    return lambda step: block(step // AHEAD)[step % AHEAD].copy()
 
 
 def _angle_of(axis: Joint, kind: motion.MotionKind, seed: int) -> Callable[[Vector], Vector]:

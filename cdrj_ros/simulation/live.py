@@ -46,8 +46,6 @@ class LiveSettings:
     """Lower end stop of the free joint [rad] or [m]; None for the end of its range."""
     upper: float | None = None
     """Upper end stop [rad] or [m]; None for the end of its range."""
-    start: float | None = None
-    """Angle at which the joint is released at rest [rad]; None for its equilibrium or end stop."""
     faults: tuple[Fault, ...] = ()
     """Faults that happen by themselves, at their times after the start and after every reset."""
 
@@ -98,12 +96,9 @@ class LiveRig:
         self.motor_angle = self.robot.reference_motors
         pose = self.robot.reference_pose
         drums = self._rig.drums(self.motor_angle[None])
-        start = self.settings.start
-        if start is None:
-            start = resting_start(
-                self._rig, drums[0], pose, self.settings.joint, self.load,
-                (self.lower, self.upper),
-            )  # fmt: skip
+        start = resting_start(
+            self._rig, drums[0], pose, self.settings.joint, self.load, (self.lower, self.upper)
+        )
         pose[self.settings.joint] = start
         self.at_stop = start in (self.lower, self.upper)
         self._pose = pose

@@ -68,11 +68,11 @@ def run_of(robot: Robot, load: Load = LOAD, **limits: float) -> Run:
 def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:
     robot = robots.prototype("none")
     load = make_load("rolling", 0.3)
-    rig = live(robot, load, cells=1, start=0.002)
+    rig = live(robot, load, cells=1)
     drives = Drives(
         drive_limits(robot, RATE, rotor_damping=0.0, command_timeout=1e3, max_speed=60.0)
     )
-    torque = -rig.motor_effort[0]
+    torque = 0.1 - rig.motor_effort[0]
     run = Run(rig, drives).tell("effort", torque)
     model, inertia = prepare(robot), drives.limits.inertia[0]
     stiffness = np.array([cable.axial_stiffness for cable in robot.cables])
