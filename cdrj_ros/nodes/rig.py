@@ -260,13 +260,12 @@ class RigNode(Node):
             level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"
         elif faults:
             level, message = DiagnosticStatus.WARN, f"broken: {', '.join(faults)}"
-        modes = zip(self.options.limits.motors, self.drives.modes, strict=True)
         values = {
             "real-time factor": f"{factor:.3f}",
             "computing time per second of the rig [s]": f"{busy:.3f}",
             "time left out [s]": f"{self._left_out_s:.3f}",
             "steps": str(self._done),
-            "motors": ", ".join(f"{name} {mode}" for name, mode in modes),
+            "mode of the motors": self.drives.mode,
             "at the stop": "yes" if rig.at_stop else "no",
             "faults": ", ".join(faults) or "none",
             "steps not solved": str(rig.unsolved),
@@ -290,7 +289,7 @@ def _body(argv: Sequence[str]) -> int:
         SETTINGS,
         "rig [--supervised] --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
         "A simulated robot in real time. Topics in the namespace /cdrj: in commands/position, "
-        "commands/velocity, commands/effort, motor_commands; out motor_states, "
+        "commands/velocity, commands/effort; out motor_states, "
         "joint_states, on request tension_sensors, truth/tensions, truth/nodal_forces, "
         "truth/states and /clock; /diagnostics. Services: ~/inject_fault, ~/push, ~/reset.",
         lambda: (RigNode(), None),

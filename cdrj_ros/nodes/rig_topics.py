@@ -34,7 +34,6 @@ from cdrj_ros.simulation.commands import (
     DriveLimits,
     Mode,
     checked_command,
-    command_of_states,
 )
 from cdrj_ros.simulation.live import LiveRig
 from cdrj_ros.simulation.sensor_groups import CellGroup, encoder_groups, truth_table
@@ -233,7 +232,6 @@ class CommandListener:
         self.refused: dict[Cause, int] = dict.fromkeys(CAUSES, 0)
         for mode in MODES:
             self._listen_to_arrays(f"commands/{mode}", mode)
-        node.create_subscription(JointState, "motor_commands", self._on_states, DEPTH)
         if controllers:
             for mode, topic in FORWARD.items():
                 self._listen_to_arrays(topic, mode, published=True)
@@ -251,19 +249,11 @@ class CommandListener:
                         _of_motor(motor, mode, value)
                         for motor, value in zip(self._motors, values, strict=True)
                     ]
-                return checked_command(self._limits, mode, None, values)
+                return checked_command(self._limits, mode, values)
 
             self._take(topic, read)
 
         self._node.create_subscription(Float64MultiArray, topic, on_array, DEPTH)
-
-    def _on_states(self, message: JointState) -> None:
-        self._take(
-            "motor_commands",
-            lambda: command_of_states(
-                self._limits, message.name, message.position, message.velocity, message.effort
-            ),
-        )
 
     def _take(self, topic: str, read: Callable[[], Command]) -> None:
         """Execute a command, or refuse it as a whole."""

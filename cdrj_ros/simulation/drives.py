@@ -81,11 +81,10 @@ def drive_limits(
                 f"{rotor_inertia:g}: steps at {rate:g} Hz do not resolve a lighter rotor on cables"
             )
         inertias.append(max(USUAL_INERTIA, least) if rotor_inertia is None else rotor_inertia)
+    signs = np.array([float(motor.effort_sign) for motor in robot.motors])
     return DriveLimits(
-        tuple(motor.name for motor in robot.motors),
-        tuple(robot.reference_motors.tolist()),
-        tuple(motor.effort_sign for motor in robot.motors),
-        tuple(speeds), tuple(torques), tuple(inertias), rotor_damping, command_timeout,
+        tuple(motor.name for motor in robot.motors), robot.reference_motors, signs,
+        np.array(speeds), np.array(torques), np.array(inertias), rotor_damping, command_timeout,
     )  # fmt: skip
 
 
@@ -102,7 +101,7 @@ def _stiffness(robot: Robot, motor: int) -> float:
 
 
 class Drives:
-    """All motors of a rig, each with its own mode."""
+    """All motors of a rig."""
 
     def __init__(self, limits: DriveLimits, program: Program | None = None) -> None:
         """Start at rest at the reference angles.
@@ -117,27 +116,21 @@ class Drives:
 
     def reset(self) -> None:
         """Discard all commands and restart the program."""
-        count = len(self.limits.motors)
-        self.angle = np.array(self.limits.reference, dtype=np.float64)
+        self.angle = self.limits.reference.copy()
         """Angles of all motors [rad], shape (motors,)."""
-        self.speed = np.zeros(count)
+        self.speed = np.zeros(self.angle.size)
         """Speeds of all motors [rad/s], shape (motors,)."""
-        self.modes: list[Mode] = [HOLDING] * count
+        self.mode: Mode = HOLDING
         self._target = self.angle.copy()
-        self._heard_s = np.zeros(count)
+        self._heard_s = 0.0
         self.program = self._program
         self.timeouts = 0
-        """Number of timeouts of motors in velocity or effort mode."""
+        """Number of timeouts in velocity or effort mode."""
 
     def command(self, command: Command, now_s: float) -> None:
-        """Apply a command; motors that it does not name keep their previous commands."""
-        motors = list(command.motors)
+        """Apply a command; a torque accelerates a rotor from its current speed."""
         self.program = None
-        self._heard_s[motors] = now_s
-        for motor, value in zip(motors, command.values, strict=True):
-            # a torque accelerates the rotor from its current speed
-            self.modes[motor] = command.mode
-            self._target[motor] = value
+        self.mode, self._target, self._heard_s = command.mode, command.values, now_s
 
     def next(self, step: int, now_s: float, dt: float, effort: Vector) -> Vector:
         """Angles of all motors after a step [rad], shape (motors,).
@@ -151,17 +144,14 @@ class Drives:
         """
         if self.program is not None:
             self._target = self.program(step)
-        for motor in range(self.angle.size):
-            mode = self.modes[motor]
-            if mode != HOLDING and now_s - self._heard_s[motor] > self.limits.timeout_s:
-                self.timeouts += 1
-                self._target[motor] = self.angle[motor]
-                mode = self.modes[motor] = HOLDING
-            torque = self.limits.effort_sign[motor] * float(effort[motor])
-            if mode == "effort":
-                self._accelerate(motor, torque, dt)
-            else:
-                self._turn(motor, mode, torque, dt)
+        if self.mode != HOLDING and now_s - self._heard_s > self.limits.timeout_s:
+            self.timeouts += 1
+            self.mode, self._target = HOLDING, self.angle
+        torque = self.limits.effort_sign * effort
+        if self.mode == "effort":
+            self._accelerate(torque, dt)
+        else:
+            self._turn(torque, dt)
         return self.angle.copy()
 
     def stopped(self, angle: Vector) -> None:
@@ -169,28 +159,19 @@ class Drives:
         self.angle = angle.copy()
         self.speed[:] = 0.0
 
-    def _turn(self, motor: int, mode: Mode, torque: float, dt: float) -> None:
-        """Advance a motor towards its target angle, or at its target speed."""
-        most = self.limits.speed[motor] * dt
-        before = float(self.angle[motor])
-        wanted = float(self._target[motor])
-        if mode == "velocity":
-            wanted = before + wanted * dt
-        way = wanted - before
-        if abs(way) > most:
-            wanted = before + (most if way > 0.0 else -most)
-        against = -torque if way > 0.0 else torque
-        if way != 0.0 and against > self.limits.torque[motor]:
-            wanted = before
-        self.angle[motor] = wanted
-        self.speed[motor] = (wanted - before) / dt
+    def _turn(self, torque: Vector, dt: float) -> None:
+        """Advance the motors towards their target angles, or at their target speeds."""
+        before, most = self.angle, self.limits.speed * dt
+        wanted = before + self._target * dt if self.mode == "velocity" else self._target
+        wanted = np.clip(wanted, before - most, before + most)
+        against = np.where(wanted > before, -torque, torque)
+        self.angle = np.where(against > self.limits.torque, before, wanted)
+        self.speed = (self.angle - before) / dt
 
-    def _accelerate(self, motor: int, torque: float, dt: float) -> None:
-        """Advance a rotor under the motor's and the cables' torque."""
+    def _accelerate(self, torque: Vector, dt: float) -> None:
+        """Advance the rotors under the torques of motors and cables."""
         limits = self.limits
-        inertia, damping = limits.inertia[motor], limits.damping
-        whole = float(self._target[motor]) + torque
-        speed = (inertia * float(self.speed[motor]) + dt * whole) / (inertia + damping * dt)
-        speed = min(max(speed, -limits.speed[motor]), limits.speed[motor])
-        self.speed[motor] = speed
-        self.angle[motor] += speed * dt
+        whole = self._target + torque
+        speed = (limits.inertia * self.speed + dt * whole) / (limits.inertia + limits.damping * dt)
+        self.speed = np.clip(speed, -limits.speed, limits.speed)
+        self.angle = self.angle + self.speed * dt

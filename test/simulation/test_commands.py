@@ -20,7 +20,6 @@ from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load
 
 NAN, INF = float("nan"), float("inf")
-FLEXOR, EXTENSOR = "flexor_motor", "extensor_motor"
 
 
 @pytest.fixture(scope="module")
@@ -37,33 +36,26 @@ def turn(drives: Drives, steps: int, first: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("mode", "names", "values", "cause"),
+    ("mode", "values", "cause"),
     [
-        ("position", None, [0.1], "wrong length"),
-        ("position", None, [], "wrong length"),
-        ("velocity", None, [0.1, 0.2, 0.3], "wrong length"),
-        ("velocity", [FLEXOR], [0.1, 0.2], "wrong length"),
-        ("effort", [], [], "wrong length"),
-        ("effort", ["thumb"], [0.1], "unknown name"),
-        ("effort", ["\x1b[2J" * 99], [0.1], "unknown name"),
-        ("effort", [FLEXOR, FLEXOR], [0.1, 0.2], "malformed"),
-        ("position", [FLEXOR], [NAN], "not finite"),
-        ("velocity", [FLEXOR], [INF], "not finite"),
-        ("effort", [FLEXOR], [-INF], "not finite"),
-        ("position", [FLEXOR], [1e4], "out of range"),
-        ("velocity", [FLEXOR], [1e300], "out of range"),
-        ("effort", [FLEXOR], [-1e6], "out of range"),
+        ("position", [0.1], "wrong length"),
+        ("position", [], "wrong length"),
+        ("velocity", [0.1, 0.2, 0.3], "wrong length"),
+        ("position", [0.0, NAN], "not finite"),
+        ("velocity", [INF, 0.0], "not finite"),
+        ("effort", [0.0, -INF], "not finite"),
+        ("position", [1e4, 0.0], "out of range"),
+        ("velocity", [0.0, 1e300], "out of range"),
+        ("effort", [-1e6, 0.0], "out of range"),
     ],
 )
 def test_an_invalid_command_is_refused_with_its_cause(
-    limits: DriveLimits, mode: Any, names: Any, values: Any, cause: str
+    limits: DriveLimits, mode: Any, values: Any, cause: str
 ) -> None:
     with pytest.raises(CommandError) as caught:
-        checked_command(limits, mode, names, values)
+        checked_command(limits, mode, values)
     assert caught.value.cause == cause
     assert cause in CAUSES
-    assert str(caught.value).isprintable()
-    assert len(str(caught.value)) < 400
 
 
 def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
@@ -74,8 +66,8 @@ def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
 def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
     drives = Drives(limits, lambda step: np.full(2, 1e-3 * step))
     np.testing.assert_allclose(turn(drives, 50)[-1], 0.05)
-    drives.command(checked_command(limits, "position", [FLEXOR], [0.0]), 0.05)
-    assert turn(drives, 50, 50)[-1] == pytest.approx([0.0, 0.05])
+    drives.command(checked_command(limits, "position", [0.0, 0.1]), 0.05)
+    assert turn(drives, 50, 50)[-1] == pytest.approx([0.0, 0.1])
     drives.reset()
     np.testing.assert_allclose(turn(drives, 50)[-1], 0.05)
 
@@ -92,7 +84,7 @@ def test_every_output_stays_finite_whatever_is_commanded(robots: Robots) -> None
         if k % 5 == 0:
             mode = random.choice(["position", "velocity", "effort"])
             try:
-                command = checked_command(limits, mode, None, random.choice(hostile, 2).tolist())
+                command = checked_command(limits, mode, random.choice(hostile, 2).tolist())
                 drives.command(command, rig.time_s)
             except CommandError:
                 refused += 1
