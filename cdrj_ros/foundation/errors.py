@@ -30,9 +30,6 @@ class RobotFileError(CdrjError):
 class BagError(CdrjError):
     """A recording that cannot be read, or lacks the requested data."""
 
-    def __init__(self, text: str) -> None:
-        super().__init__(printable(text))  # names and paths may hold any characters
-
 
 class UsageError(CdrjError):
     """A command line or call with invalid arguments."""

@@ -56,9 +56,9 @@ def test_a_quantity_alone_stands_for_the_mean_over_its_channels() -> None:
 
 
 def test_a_pattern_that_no_channel_matches_is_outside() -> None:
-    assert judged("channels: {tension/lower/1: {n: {min: 1}}}") == [
-        ("a", "tension/lower/1", "n", None, 1)
-    ]
+    text = "channels: {tension/lower/1: {n: {min: 1}}}"
+    assert judged(text) == [("a", "tension/lower/1", "n", None, 1)]
+    assert check_limits(parse_limits(text, "f"), errors_of([bag()])).checked == 1
 
 
 def test_a_figure_that_is_not_known_is_outside() -> None:
