@@ -6,13 +6,13 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.entry import DONE, run_command
@@ -34,7 +34,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.pose import Moved, pose_ranges
-from cdrj_ros.identification.problem import Loss, Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings import Recording, Topics
@@ -55,8 +55,7 @@ HEADINGS: Final[Mapping[Section, str]] = MappingProxyType(
 )
 
 
-@dataclass(frozen=True)
-class Compared:
+class Compared(NamedTuple):
     """Errors of the estimates on some bags."""
 
     after: Mapping[str, ChannelError]
@@ -65,38 +64,21 @@ class Compared:
     """Errors with the starting values, by reference."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """A fit and its errors."""
-
-    found: Identification
-    values: Mapping[str, float]
-    """Numbers by path as they are written [SI], those of ``--start`` included."""
-    bags: tuple[str, ...]
-    held_out: tuple[str, ...]
-    loss: Loss
-    sections: Mapping[Section, Compared]
-    folds: tuple[str, ...]
-    """A line for each fit of the cross-validation."""
-    reading_s: float
-    """Time that reading the bags took [s]."""
-    fitting_s: float
-    """Time that the fit took [s]."""
-    posed_from: str = ""
-    """Robot file of another pose whose other numbers were kept."""
+Sections = Mapping[Section, Compared]
 
 
-def print_outcome(outcome: Outcome) -> None:
+def print_outcome(
+    found: Identification, values: Mapping[str, float], times: str, sections: Sections,
+    folds: Sequence[str],
+) -> None:  # fmt: skip
     """Numbers, notes and errors, as text."""
-    found = outcome.found
-    _print_numbers(found, outcome.values)
+    _print_numbers(found, values)
     say(
-        f"\n{found.samples} samples, {found.residuals} residuals, {found.evaluations} runs, "
-        f"{outcome.reading_s:.1f} s reading, {outcome.fitting_s:.1f} s fitting"
+        f"\n{found.samples} samples, {found.residuals} residuals, {found.evaluations} runs, {times}"
     )
-    for section, compared in outcome.sections.items():
+    for section, compared in sections.items():
         if section == "cross_validation":
-            say("\n".join(outcome.folds))
+            say("\n".join(folds))
         _print_errors(HEADINGS[section], compared, found.channels)
 
 
@@ -145,22 +127,23 @@ def _beside(error: ChannelError, old: ChannelError | None, figure: str, form: st
     return shown(error) + (f" ({shown(old)})" if old is not None else "")
 
 
-def provenance_section(outcome: Outcome) -> str:
+def provenance_section(task: Task, found: Identification, sections: Sections) -> str:
     """The entry ``identified`` of the robot file."""
-    found = outcome.found
+    bags, held_out = (
+        ", ".join(Path(bag).name for bag in some) for some in (task.bags, task.held_out)
+    )
     lines = [
         "identified:                     # origin of the numbers; the estimator does not read it",
         f"  date: {datetime.now(timezone.utc):%Y-%m-%d}",
         f"  tool: cdrj_ros {__version__}",
-        *([f"  from: {json.dumps(outcome.posed_from)}"] if outcome.posed_from else []),
-        f"  bags: [{', '.join(outcome.bags)}]",
+        *([f"  from: {json.dumps(task.path.name)}"] if task.pose else []),
+        f"  bags: [{bags}]",
         f"  references: [{', '.join(found.channels)}]",
-        f"  loss: {outcome.loss}",
+        f"  loss: {task.settings.loss}",
         f"  samples: {found.samples}",
+        *([f"  held_out: [{held_out}]"] if held_out else []),
     ]
-    if outcome.held_out:
-        lines.append(f"  held_out: [{', '.join(outcome.held_out)}]")
-    for section, compared in outcome.sections.items():
+    for section, compared in sections.items():
         lines.append(f"  {section}:")
         lines += [
             f"    {name}: {{rmse: {yaml_number(error.rmse, 4)}"
@@ -214,30 +197,27 @@ def _identified(arguments: argparse.Namespace, task: Task) -> int:
     written = {path: values[path] for path in values if path in seen or path in task.start}
     text = _text_with(task, written)
     fitted = prepare(parse_robot(text, task.source))
-    fitting_s = perf_counter() - read
-    sections: dict[Section, Compared] = {"fit": compared(task.bags, task.topics, fitted, model)}
+    times = f"{read - begin:.1f} s reading, {perf_counter() - read:.1f} s fitting"
+    both = [validated(task.bags, task.topics, one) for one in (fitted, model)]
+    sections: dict[Section, Compared] = {"fit": Compared(*map(pooled_errors, both))}
     unseen: list[BagComparison] = []
     if task.held_out:
-        unseen += validated(task.held_out, task.topics, fitted)
-        before = validated(task.held_out, task.topics, model)
-        sections["hold_out"] = Compared(pooled_errors(unseen), pooled_errors(before))
+        both = [validated(task.held_out, task.topics, one) for one in (fitted, model)]
+        sections["hold_out"] = Compared(*map(pooled_errors, both))
+        unseen += both[0]
     fold_lines: tuple[str, ...] = ()
     if task.folds:
         judged, fold_lines = cross_validated(task, found, recordings)
         sections["cross_validation"] = Compared(pooled_errors(judged))
         unseen += judged
-    outcome = Outcome(
-        found, values, tuple(Path(bag).name for bag in task.bags),
-        tuple(Path(bag).name for bag in task.held_out), task.settings.loss, sections, fold_lines,
-        read - begin, fitting_s, Path(task.path).name if task.pose else "",
-    )  # fmt: skip
     text = _with_uncertainty(text, task, found, unseen)
     if arguments.residual:
         text = with_residuals(text, task, recordings)
     if arguments.out:  # before anything is printed: standard output may be closed
-        _write(arguments.out, with_section(text, "identified", provenance_section(outcome)), task)
-    print_outcome(outcome)
-    if arguments.out and len(outcome.found.by_path) > COVARIANCE_LIMIT:
+        origin = provenance_section(task, found, sections)
+        _write(arguments.out, with_section(text, "identified", origin), task)
+    print_outcome(found, values, times, sections, fold_lines)
+    if arguments.out and len(found.by_path) > COVARIANCE_LIMIT:
         print(f"note: more than {COVARIANCE_LIMIT} numbers; their covariance is not written")
     if arguments.out:
         say(f"robot file: {arguments.out}")
@@ -286,14 +266,6 @@ def cross_validated(
 def validated(bags: Sequence[str], topics: Topics, model: Model) -> list[BagComparison]:
     """The comparisons that ``validate`` makes."""
     return [validate_bag(model, bag, topics) for bag in bags]
-
-
-def compared(bags: Sequence[str], topics: Topics, fitted: Model, before: Model) -> Compared:
-    """Errors on some bags with the identified numbers and with the starting values."""
-    return Compared(
-        pooled_errors(validated(bags, topics, fitted)),
-        pooled_errors(validated(bags, topics, before)),
-    )
 
 
 def recorded(recording: Recording, name: str) -> Recorded:
