@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import load_mujoco, read_mjcf
-from cdrj_ros.robot.mjcf_tendons import Imported
 from cdrj_ros.robot.reader import parse_robot
 
 LENGTH = 1e-9
@@ -81,8 +81,11 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
     mj.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # sleeping bodies are not placed
     data = mujoco.MjData(mj)
     spatial = [k for k in range(mj.ntendon) if mj.wrap_type[mj.tendon_adr[k]] != 1]
-    found = sorted({branch.tendon for branch in every.branches})
-    robots = {k: _one(mujoco, mj, path, k) for k in found}
+    robots = {}
+    for k in spatial:
+        with suppress(UsageError):  # it cannot be imported
+            robots[k] = _one(mujoco, mj, path, k)
+    found = sorted(robots)
     generator = np.random.default_rng(0)
     length = arm = slope = 0.0
     impossible = beyond = 0
@@ -91,30 +94,28 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
     for _ in range(poses):
         drawn = low + generator.random(mj.njnt) * (high - low)
         data.qpos[:] = mj.qpos0
-        for imported, _ in robots.values():
-            for joint in imported.joints:
-                data.qpos[mj.jnt_qposadr[joint]] = drawn[joint]
+        for _, joints, _ in robots.values():
+            data.qpos[mj.jnt_qposadr[joints]] = drawn[joints]
         for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
             stage(mj, data)
         arms = moment_arms(mj, data)
-        for k, (imported, model) in robots.items():
-            shape = shape_at(model, drawn[imported.joints])
+        for k, (model, joints, weights) in robots.items():
+            shape = shape_at(model, drawn[joints])
             if not shape.possible:
                 impossible += 1
                 continue
             touched |= {(k, int(p)) for p in np.flatnonzero(shape.wrap > 0.0)}
-            weights = _weights(imported, model)
-            columns = mj.jnt_dofadr[imported.joints]
+            columns = mj.jnt_dofadr[joints]
             length = max(length, abs(float(weights @ shape.length - data.ten_length[k])))
             own = weights @ shape.lever_arm
             difference = np.abs(own - arms[k, columns])
             arm = max(arm, float(difference.max(initial=0.0)))
             for j in np.flatnonzero(difference > ARM):
                 beyond += 1
-                theirs = slope_of_length(mujoco, mj, data.qpos, k, imported.joints[j])
+                theirs = slope_of_length(mujoco, mj, data.qpos, k, joints[j])
                 slope = max(slope, abs(float(own[j]) - theirs))
     return Comparison(
-        len(spatial), len(found), len(every.joints), len(touched), length, arm, beyond,
+        len(spatial), len(found), len(every.document["joints"]), len(touched), length, arm, beyond,
         slope, impossible,
         tuple(every.remarks),
     )  # fmt: skip
@@ -128,22 +129,39 @@ def joint_ranges(mujoco: Any, mj: Any) -> tuple[NDArray[np.float64], NDArray[np.
     return low, np.where(limited, mj.jnt_range[:, 1], most)
 
 
-def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> tuple[Imported, Model]:
-    """The robot of one tendon, through the text of its file."""
-    name = mujoco.mj_id2name(mj, mujoco.mjtObj.mjOBJ_TENDON, tendon) or f"tendon_{tendon}"
-    imported = read_mjcf(path, [name])
-    text = robot_text(imported.document, imported.remarks, path.name)
-    return imported, prepare(parse_robot(text), check_range=False)
+def _one(
+    mujoco: Any, mj: Any, path: Path, tendon: int
+) -> tuple[Model, NDArray[np.int64], NDArray[np.float64]]:
+    """The robot of one tendon, through the text of its file.
 
+    Returns:
+        The robot, MuJoCo's index of every joint, and the share of every element in MuJoCo's length.
+    """
 
-def _weights(imported: Imported, model: Model) -> NDArray[np.float64]:
-    """Share of every element in MuJoCo's length of the tendon, shape (elements,)."""
-    return np.concatenate(
-        [
-            np.full(len(cable.nodes) - 1, 1.0 / branch.divisor)
-            for cable, branch in zip(model.robot.cables, imported.branches, strict=True)
-        ]
+    def label(kind: str, index: int) -> str:
+        found = mujoco.mj_id2name(mj, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), index)
+        return str(found or f"{kind.lower()}_{index}")
+
+    imported = read_mjcf(path, [label("TENDON", tendon)])
+    model = prepare(
+        parse_robot(robot_text(imported.document, imported.remarks, path.name)), check_range=False
     )
+    plain = [re.sub(r"[^A-Za-z0-9_]", "_", label("JOINT", j)) for j in range(mj.njnt)]
+    names = [name if name[:1].isalpha() else f"m_{name}" for name in plain]
+    joints = np.array([names.index(one.name) for one in model.robot.joints], dtype=np.int64)
+    branches = [[1.0, 0]]  # divisor, and number of sites and bodies
+    first = mj.tendon_adr[tendon]
+    for k in range(first, first + mj.tendon_num[tendon]):
+        if mj.wrap_type[k] == mujoco.mjtWrap.mjWRAP_PULLEY:
+            branches.append([float(mj.wrap_prm[k]), 0])
+        else:
+            branches[-1][1] += 1
+    divisors = [divisor for divisor, count in branches if count > 1]
+    cables = model.robot.cables
+    if len(cables) != len(divisors):
+        raise UsageError("a branch cannot be imported")
+    shares = [np.full(len(c.nodes) - 1, 1.0 / d) for c, d in zip(cables, divisors, strict=True)]
+    return model, joints, np.concatenate(shares)
 
 
 def moment_arms(mj: Any, data: Any) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from typing import Any, Final
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.robot.mjcf_tendons import Branch, Imported, convert
+from cdrj_ros.robot.mjcf_tendons import Imported, convert
 
 LARGEST_XML: Final = 20_000_000
 """Largest accepted size of a model's XML files, each [bytes]."""
@@ -99,8 +99,7 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
     found: dict[str, Any] = json.loads(done.stdout)
     if "error" in found:
         raise UsageError(found["error"])
-    branches = [Branch(**branch) for branch in found["branches"]]
-    return Imported(found["document"], found["remarks"], branches, found["joints"])
+    return Imported(**found)
 
 
 def _size_of_assets(model: Path) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 from types import ModuleType
@@ -30,26 +30,12 @@ FARTHEST_M: Final = 1e6
 
 
 @dataclass(frozen=True)
-class Branch:
-    """Part of a tendon that has become a cable."""
-
-    tendon: int
-    """MuJoCo's index."""
-    divisor: float
-    """By which MuJoCo divides its length."""
-
-
-@dataclass
 class Imported:
     """A robot file's document, and remarks on the conversion."""
 
     document: Document
-    remarks: list[str] = field(default_factory=list)
+    remarks: list[str]
     """Parts of the model that the robot file does not contain, one line each."""
-    branches: list[Branch] = field(default_factory=list)
-    """Where every cable comes from, in the order of the cables."""
-    joints: list[int] = field(default_factory=list)
-    """MuJoCo's index of every joint of the document."""
 
 
 def convert(
@@ -107,7 +93,6 @@ class _Import:
         """Convert all wanted tendons; remarks name those that cannot be represented."""
         cables: list[Document] = []
         motors: list[Document] = []
-        branches: list[Branch] = []
         for tendon in self._tendons(wanted):
             for name, path, divisor in self._branches(tendon):
                 nodes = self._nodes(name, path)
@@ -120,7 +105,6 @@ class _Import:
                 }  # fmt: skip
                 nodes[-1] = {"type": "anchor", **nodes[-1]}
                 cables.append(self._cable(tendon, name, nodes))
-                branches.append(Branch(tendon, divisor))
                 if divisor != 1.0:
                     self._remarks.append(
                         f"{name}: MuJoCo divides the length of this branch by {divisor:g}; here "
@@ -140,7 +124,7 @@ class _Import:
             "cables": cables,
         }
         self._remark_on_the_rest()
-        return Imported(document, self._remarks, branches, self._joints)
+        return Imported(document, self._remarks)
 
     def _label(self, kind: str, index: int) -> str:
         objects = self._mujoco.mjtObj
