@@ -23,8 +23,7 @@ from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
 from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
-from cdrj_ros.simulation.commands import Command
-from cdrj_ros.simulation.drives import Drives
+from cdrj_ros.simulation.drives import Command, Drives
 from cdrj_ros.simulation.faults import FAULT_NAMES
 from cdrj_ros.simulation.follow import program_of
 from cdrj_ros.simulation.live import LiveRig

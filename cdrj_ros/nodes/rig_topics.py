@@ -25,7 +25,7 @@ from cdrj_ros.model.state import OVERLOAD, SLACK
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.robot.description import Motor, Robot
-from cdrj_ros.simulation.commands import (
+from cdrj_ros.simulation.drives import (
     CAUSES,
     MODES,
     Cause,

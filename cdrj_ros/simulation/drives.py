@@ -1,4 +1,4 @@
-"""The drives of the live rig: their limits, and how they turn commands into angles.
+"""The drives of the live rig: their limits, commands within them, and the angles that follow.
 
 In position mode a motor moves to its angle at full speed and stays there; in velocity mode it turns
 until the next command or the timeout; in effort mode its torque accelerates the rotor against the
@@ -8,8 +8,9 @@ torque limit stalls.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -17,11 +18,25 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.commands import Command, DriveLimits, Mode
 from cdrj_ros.simulation.faults import drums_of
 
 Program = Callable[[int], Vector]
 """Function from the step number to the angles of all motors [rad], shape (motors,)."""
+
+Mode = Literal["position", "velocity", "effort"]
+"""Commanded quantity: an angle [rad], a speed [rad/s] or a torque [N m]."""
+
+MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+
+Cause = Literal["malformed", "wrong length", "not finite", "out of range"]
+"""Cause of a refusal."""
+
+CAUSES: Final[tuple[Cause, ...]] = get_args(Cause)
+
+TRAVEL: Final = 1e3
+"""Largest travel from the reference angle to either side [rad]."""
+
+UNITS: Final = {"position": "rad from its reference angle", "velocity": "rad/s", "effort": "N m"}
 
 HOLDING: Final = "position"
 
@@ -36,6 +51,76 @@ USUAL_INERTIA: Final = 1e-4
 
 RESOLVED: Final = 0.5
 """Largest angular frequency of a rotor on its cables' stiffness, as a fraction of the step rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLimits:
+    """Limits of all motors, in the robot's order; arrays of shape (motors,)."""
+
+    motors: tuple[str, ...]
+    reference: Vector
+    """Angle from which travel is measured [rad]."""
+    effort_sign: Vector
+    """+1 where the robot's effort is the torque that the cables exert on the motor."""
+    speed: Vector
+    """Largest speed [rad/s]."""
+    torque: Vector
+    """Largest torque [N m]; a motor stalls if its position or speed requires more."""
+    inertia: Vector
+    """Inertia of rotor and drum, for effort commands [kg m^2]."""
+    damping: float
+    """Damping of every rotor, for effort commands [N m s/rad]."""
+    timeout_s: float
+    """Time without a command after which a motor in velocity or effort mode holds its angle [s]."""
+
+
+class CommandError(UsageError):
+    """A refused command; no part of it is executed."""
+
+    def __init__(self, cause: Cause, message: str) -> None:
+        self.cause: Cause = cause
+        super().__init__(message)
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """Targets of all motors, valid until the next command or the timeout."""
+
+    mode: Mode
+    values: Vector
+    """The unit depends on the mode; shape (motors,)."""
+
+
+def checked_command(limits: DriveLimits, mode: Mode, values: Sequence[float]) -> Command:
+    """Create a command whose values are all within the drives' limits.
+
+    Args:
+        limits: of the drives.
+        mode: the commanded quantity.
+        values: one target per motor, in the robot's order.
+
+    Raises:
+        CommandError: what is wrong with it.
+    """
+    if len(values) != len(limits.motors):
+        raise CommandError(
+            "wrong length",
+            f"{mode} needs {len(limits.motors)} values, for {', '.join(limits.motors)}; "
+            f"got {len(values)}",
+        )
+    targets = np.array(values, dtype=np.float64)
+    away = np.abs(targets - limits.reference if mode == "position" else targets)
+    travel = np.full(targets.size, TRAVEL)
+    most = {"position": travel, "velocity": limits.speed, "effort": limits.torque}[mode]
+    for name, value, size, allowed in zip(limits.motors, targets, away, most, strict=True):
+        if not np.isfinite(value):
+            raise CommandError("not finite", f"the {mode} of {name} must be finite, got {value}")
+        if size > allowed:
+            raise CommandError(
+                "out of range",
+                f"the {mode} of {name} must be within {allowed:.4g} {UNITS[mode]}, got {value:g}",
+            )
+    return Command(mode, targets)
 
 
 def drive_limits(
