@@ -15,7 +15,8 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.simulation.drives import Drives, checked_command, drive_limits
+from cdrj_ros.simulation.commands import checked_command
+from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load
 from cdrj_ros.simulation.sensor_groups import SensorSettings, encoder_groups, truth_table
@@ -65,7 +66,7 @@ class ClosedLoop:
 
     def command(self, mode, values):
         """Command all motors: ``position`` [rad], ``velocity`` [rad/s] or ``effort`` [N m]."""
-        order = checked_command(self.limits, mode, values)
+        order = checked_command(self.limits, mode, None, values)
         self.drives.command(order, self.rig.time_s)
 
     def step(self):

@@ -13,7 +13,8 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, as_double, declare, values_of
-from cdrj_ros.simulation.drives import DriveLimits, drive_limits
+from cdrj_ros.simulation.commands import DriveLimits
+from cdrj_ros.simulation.drives import drive_limits
 from cdrj_ros.simulation.follow import MOTIONS, MotionName
 from cdrj_ros.simulation.live import LiveSettings
 from cdrj_ros.simulation.load import Load, usual_load, usual_payload

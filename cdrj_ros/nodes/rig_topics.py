@@ -7,7 +7,7 @@ ros2_control's controllers are in the units in which the robot publishes its sta
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from cdrj_msgs.msg import CableTensions, NodalForces
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages import topics
@@ -25,7 +26,7 @@ from cdrj_ros.model.state import OVERLOAD, SLACK
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.robot.description import Motor, Robot
-from cdrj_ros.simulation.drives import (
+from cdrj_ros.simulation.commands import (
     CAUSES,
     MODES,
     Cause,
@@ -33,7 +34,10 @@ from cdrj_ros.simulation.drives import (
     CommandError,
     DriveLimits,
     Mode,
+    Trajectory,
     checked_command,
+    checked_trajectory,
+    command_of_states,
 )
 from cdrj_ros.simulation.live import LiveRig
 from cdrj_ros.simulation.sensor_groups import CellGroup, encoder_groups, truth_table
@@ -55,6 +59,12 @@ WARNING_S = 5.0
 
 FORWARD: Final[dict[Mode, str]] = {mode: f"/forward_{mode}_controller/commands" for mode in MODES}
 """Topics of ros2_control's forward_command_controller, by the commanded interface."""
+
+TRAJECTORY: Final = "/joint_trajectory_controller/joint_trajectory"
+"""Topic of ros2_control's joint_trajectory_controller."""
+
+Convert = Callable[[Mode, Sequence[str], Sequence[float]], Sequence[float]]
+"""Function from a mode, names of motors and values to values for these motors."""
 
 
 class _Queue:
@@ -206,6 +216,11 @@ class RigOutputs:
         )
 
 
+def as_given(_mode: Mode, _names: Sequence[str], values: Sequence[float]) -> Sequence[float]:
+    """Values that are those of the motors."""
+    return values
+
+
 class CommandListener:
     """Subscribes to the topics of all kinds of commands."""
 
@@ -214,7 +229,7 @@ class CommandListener:
         node: Node,
         robot: Robot,
         limits: DriveLimits,
-        accept: Callable[[Command], None],
+        accept: Callable[[Command | Trajectory], None],
         controllers: bool,
     ) -> None:
         """Open the topics.
@@ -227,35 +242,69 @@ class CommandListener:
             controllers: whether to listen to ros2_control's controllers, too.
         """
         self._node, self._limits, self._accept = node, limits, accept
-        self._motors = robot.motors
+        self._motors = {motor.name: motor for motor in robot.motors}
         self.accepted = 0
         self.refused: dict[Cause, int] = dict.fromkeys(CAUSES, 0)
         for mode in MODES:
-            self._listen_to_arrays(f"commands/{mode}", mode)
+            self._listen_to_arrays(f"commands/{mode}", mode, as_given)
+        node.create_subscription(JointState, "motor_commands", self._on_states, DEPTH)
+        self._listen_to_trajectories("motor_trajectory", as_given)
         if controllers:
             for mode, topic in FORWARD.items():
-                self._listen_to_arrays(topic, mode, published=True)
+                self._listen_to_arrays(topic, mode, self._converted)
+            self._listen_to_trajectories(TRAJECTORY, self._converted)
 
-    def _listen_to_arrays(self, topic: str, mode: Mode, *, published: bool = False) -> None:
-        """Subscribe to one value per motor; ``published``: in the unit of publication."""
+    def _converted(
+        self, mode: Mode, names: Sequence[str], values: Sequence[float]
+    ) -> Sequence[float]:
+        """Values in the units of publication as values of the motors; others stay as they are."""
+        if len(names) != len(values):
+            return values  # refused later
+        return [
+            value if name not in self._motors else _of_motor(self._motors[name], mode, value)
+            for name, value in zip(names, values, strict=True)
+        ]
+
+    def _listen_to_arrays(self, topic: str, mode: Mode, convert: Convert) -> None:
+        """Subscribe to one value per motor, as forward_command_controller takes them."""
 
         def on_array(message: Float64MultiArray) -> None:
             def read() -> Command:
                 if message.layout.data_offset:
                     raise CommandError("malformed", "data_offset must be 0")
-                values = message.data
-                if published and len(values) == len(self._motors):
-                    values = [
-                        _of_motor(motor, mode, value)
-                        for motor, value in zip(self._motors, values, strict=True)
-                    ]
-                return checked_command(self._limits, mode, values)
+                values = convert(mode, self._limits.motors, message.data)
+                return checked_command(self._limits, mode, None, values)
 
             self._take(topic, read)
 
         self._node.create_subscription(Float64MultiArray, topic, on_array, DEPTH)
 
-    def _take(self, topic: str, read: Callable[[], Command]) -> None:
+    def _on_states(self, message: JointState) -> None:
+        self._take(
+            "motor_commands",
+            lambda: command_of_states(
+                self._limits, message.name, message.position, message.velocity, message.effort
+            ),
+        )
+
+    def _listen_to_trajectories(self, topic: str, convert: Convert) -> None:
+        def on_trajectory(message: JointTrajectory) -> None:
+            names, points = message.joint_names, message.points
+            self._take(
+                topic,
+                lambda: checked_trajectory(
+                    self._limits,
+                    names,
+                    [point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
+                     for point in points],
+                    [convert("position", names, point.positions) for point in points],
+                    [convert("velocity", names, point.velocities) for point in points],
+                ),
+            )  # fmt: skip
+
+        self._node.create_subscription(JointTrajectory, topic, on_trajectory, DEPTH)
+
+    def _take(self, topic: str, read: Callable[[], Command | Trajectory]) -> None:
         """Execute a command, or refuse it as a whole."""
         try:
             command = read()

@@ -76,6 +76,12 @@ class MotionError(UsageError):
 class SlackError(MotionError):
     """A motion in which a cable becomes slack."""
 
+    def __init__(self, element: str, time: float, pose: str) -> None:
+        self.element, self.time, self.pose = element, time, pose
+        super().__init__(
+            f"a cable becomes slack: element {element} has no tension at t = {time:.4g} s{pose}"
+        )
+
 
 @dataclass(frozen=True)
 class Rig:
@@ -157,10 +163,7 @@ def require_taut(
     slack = np.argwhere(tension <= 0.0)
     if slack.size:
         k, element = slack[0]
-        raise SlackError(
-            f"a cable becomes slack: element {layout.elements[element]} has no tension at "
-            f"t = {time[k]:.4g} s{_pose(layout, joints[k])}"
-        )
+        raise SlackError(layout.elements[element], float(time[k]), _pose(layout, joints[k]))
 
 
 def read_out(rig: Rig, estimates: Table) -> tuple[Table, NDArray[np.float64], Table, Table]:

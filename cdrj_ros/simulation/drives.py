@@ -1,4 +1,4 @@
-"""The drives of the live rig: their limits, commands within them, and the angles that follow.
+"""The drives of the live rig: their limits, and how they turn commands into angles.
 
 In position mode a motor moves to its angle at full speed and stays there; in velocity mode it turns
 until the next command or the timeout; in effort mode its torque accelerates the rotor against the
@@ -8,9 +8,8 @@ torque limit stalls.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
@@ -18,25 +17,11 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.simulation.commands import Command, DriveLimits, Mode, Trajectory
 from cdrj_ros.simulation.faults import drums_of
 
 Program = Callable[[int], Vector]
 """Function from the step number to the angles of all motors [rad], shape (motors,)."""
-
-Mode = Literal["position", "velocity", "effort"]
-"""Commanded quantity: an angle [rad], a speed [rad/s] or a torque [N m]."""
-
-MODES: Final[tuple[Mode, ...]] = get_args(Mode)
-
-Cause = Literal["malformed", "wrong length", "not finite", "out of range"]
-"""Cause of a refusal."""
-
-CAUSES: Final[tuple[Cause, ...]] = get_args(Cause)
-
-TRAVEL: Final = 1e3
-"""Largest travel from the reference angle to either side [rad]."""
-
-UNITS: Final = {"position": "rad from its reference angle", "velocity": "rad/s", "effort": "N m"}
 
 HOLDING: Final = "position"
 
@@ -51,76 +36,6 @@ USUAL_INERTIA: Final = 1e-4
 
 RESOLVED: Final = 0.5
 """Largest angular frequency of a rotor on its cables' stiffness, as a fraction of the step rate."""
-
-
-@dataclass(frozen=True, eq=False)
-class DriveLimits:
-    """Limits of all motors, in the robot's order; arrays of shape (motors,)."""
-
-    motors: tuple[str, ...]
-    reference: Vector
-    """Angle from which travel is measured [rad]."""
-    effort_sign: Vector
-    """+1 where the robot's effort is the torque that the cables exert on the motor."""
-    speed: Vector
-    """Largest speed [rad/s]."""
-    torque: Vector
-    """Largest torque [N m]; a motor stalls if its position or speed requires more."""
-    inertia: Vector
-    """Inertia of rotor and drum, for effort commands [kg m^2]."""
-    damping: float
-    """Damping of every rotor, for effort commands [N m s/rad]."""
-    timeout_s: float
-    """Time without a command after which a motor in velocity or effort mode holds its angle [s]."""
-
-
-class CommandError(UsageError):
-    """A refused command; no part of it is executed."""
-
-    def __init__(self, cause: Cause, message: str) -> None:
-        self.cause: Cause = cause
-        super().__init__(message)
-
-
-@dataclass(frozen=True, eq=False)
-class Command:
-    """Targets of all motors, valid until the next command or the timeout."""
-
-    mode: Mode
-    values: Vector
-    """The unit depends on the mode; shape (motors,)."""
-
-
-def checked_command(limits: DriveLimits, mode: Mode, values: Sequence[float]) -> Command:
-    """Create a command whose values are all within the drives' limits.
-
-    Args:
-        limits: of the drives.
-        mode: the commanded quantity.
-        values: one target per motor, in the robot's order.
-
-    Raises:
-        CommandError: what is wrong with it.
-    """
-    if len(values) != len(limits.motors):
-        raise CommandError(
-            "wrong length",
-            f"{mode} needs {len(limits.motors)} values, for {', '.join(limits.motors)}; "
-            f"got {len(values)}",
-        )
-    targets = np.array(values, dtype=np.float64)
-    away = np.abs(targets - limits.reference if mode == "position" else targets)
-    travel = np.full(targets.size, TRAVEL)
-    most = {"position": travel, "velocity": limits.speed, "effort": limits.torque}[mode]
-    for name, value, size, allowed in zip(limits.motors, targets, away, most, strict=True):
-        if not np.isfinite(value):
-            raise CommandError("not finite", f"the {mode} of {name} must be finite, got {value}")
-        if size > allowed:
-            raise CommandError(
-                "out of range",
-                f"the {mode} of {name} must be within {allowed:.4g} {UNITS[mode]}, got {value:g}",
-            )
-    return Command(mode, targets)
 
 
 def drive_limits(
@@ -166,10 +81,11 @@ def drive_limits(
                 f"{rotor_inertia:g}: steps at {rate:g} Hz do not resolve a lighter rotor on cables"
             )
         inertias.append(max(USUAL_INERTIA, least) if rotor_inertia is None else rotor_inertia)
-    signs = np.array([float(motor.effort_sign) for motor in robot.motors])
     return DriveLimits(
-        tuple(motor.name for motor in robot.motors), robot.reference_motors, signs,
-        np.array(speeds), np.array(torques), np.array(inertias), rotor_damping, command_timeout,
+        tuple(motor.name for motor in robot.motors),
+        tuple(robot.reference_motors.tolist()),
+        tuple(motor.effort_sign for motor in robot.motors),
+        tuple(speeds), tuple(torques), tuple(inertias), rotor_damping, command_timeout,
     )  # fmt: skip
 
 
@@ -186,7 +102,7 @@ def _stiffness(robot: Robot, motor: int) -> float:
 
 
 class Drives:
-    """All motors of a rig."""
+    """All motors of a rig, each with its own mode."""
 
     def __init__(self, limits: DriveLimits, program: Program | None = None) -> None:
         """Start at rest at the reference angles.
@@ -201,21 +117,42 @@ class Drives:
 
     def reset(self) -> None:
         """Discard all commands and restart the program."""
-        self.angle = self.limits.reference.copy()
+        count = len(self.limits.motors)
+        self.angle = np.array(self.limits.reference, dtype=np.float64)
         """Angles of all motors [rad], shape (motors,)."""
-        self.speed = np.zeros(self.angle.size)
+        self.speed = np.zeros(count)
         """Speeds of all motors [rad/s], shape (motors,)."""
-        self.mode: Mode = HOLDING
+        self.modes: list[Mode] = [HOLDING] * count
         self._target = self.angle.copy()
-        self._heard_s = 0.0
+        self._heard_s = np.zeros(count)
+        self._trajectory: Trajectory | None = None
+        self._from = self.angle.copy()
+        self._begin_s = 0.0
         self.program = self._program
         self.timeouts = 0
-        """Number of timeouts in velocity or effort mode."""
+        """Number of timeouts of motors in velocity or effort mode."""
 
-    def command(self, command: Command, now_s: float) -> None:
-        """Apply a command; a torque accelerates a rotor from its current speed."""
+    def command(self, command: Command | Trajectory, now_s: float) -> None:
+        """Apply a command; motors that it does not name keep their previous commands.
+
+        A command for one motor of a trajectory ends the trajectory for all its motors.
+        """
+        motors = list(command.motors)
         self.program = None
-        self.mode, self._target, self._heard_s = command.mode, command.values, now_s
+        if self._trajectory is not None and set(motors) & set(self._trajectory.motors):
+            self._hold(list(self._trajectory.motors))
+            self._trajectory = None
+        self._hold(motors)
+        if isinstance(command, Trajectory):
+            if command.time.size:
+                self._trajectory, self._begin_s = command, now_s
+                self._from = self.angle[motors]
+            return
+        self._heard_s[motors] = now_s
+        for motor, value in zip(motors, command.values, strict=True):
+            # a torque accelerates the rotor from its current speed
+            self.modes[motor] = command.mode
+            self._target[motor] = value
 
     def next(self, step: int, now_s: float, dt: float, effort: Vector) -> Vector:
         """Angles of all motors after a step [rad], shape (motors,).
@@ -229,14 +166,19 @@ class Drives:
         """
         if self.program is not None:
             self._target = self.program(step)
-        if self.mode != HOLDING and now_s - self._heard_s > self.limits.timeout_s:
-            self.timeouts += 1
-            self.mode, self._target = HOLDING, self.angle
-        torque = self.limits.effort_sign * effort
-        if self.mode == "effort":
-            self._accelerate(torque, dt)
-        else:
-            self._turn(torque, dt)
+        if self._trajectory is not None:
+            self._follow(self._trajectory, now_s)
+        for motor in range(self.angle.size):
+            mode = self.modes[motor]
+            if mode != HOLDING and now_s - self._heard_s[motor] > self.limits.timeout_s:
+                self.timeouts += 1
+                self._hold([motor])
+                mode = HOLDING
+            torque = self.limits.effort_sign[motor] * float(effort[motor])
+            if mode == "effort":
+                self._accelerate(motor, torque, dt)
+            else:
+                self._turn(motor, mode, torque, dt)
         return self.angle.copy()
 
     def stopped(self, angle: Vector) -> None:
@@ -244,19 +186,64 @@ class Drives:
         self.angle = angle.copy()
         self.speed[:] = 0.0
 
-    def _turn(self, torque: Vector, dt: float) -> None:
-        """Advance the motors towards their target angles, or at their target speeds."""
-        before, most = self.angle, self.limits.speed * dt
-        wanted = before + self._target * dt if self.mode == "velocity" else self._target
-        wanted = np.clip(wanted, before - most, before + most)
-        against = np.where(wanted > before, -torque, torque)
-        self.angle = np.where(against > self.limits.torque, before, wanted)
-        self.speed = (self.angle - before) / dt
+    def _hold(self, motors: list[int]) -> None:
+        """Hold the current angles of these motors."""
+        for motor in motors:
+            self.modes[motor] = HOLDING
+            self._target[motor] = self.angle[motor]
 
-    def _accelerate(self, torque: Vector, dt: float) -> None:
-        """Advance the rotors under the torques of motors and cables."""
+    def _turn(self, motor: int, mode: Mode, torque: float, dt: float) -> None:
+        """Advance a motor towards its target angle, or at its target speed."""
+        most = self.limits.speed[motor] * dt
+        before = float(self.angle[motor])
+        wanted = float(self._target[motor])
+        if mode == "velocity":
+            wanted = before + wanted * dt
+        way = wanted - before
+        if abs(way) > most:
+            wanted = before + (most if way > 0.0 else -most)
+        against = -torque if way > 0.0 else torque
+        if way != 0.0 and against > self.limits.torque[motor]:
+            wanted = before
+        self.angle[motor] = wanted
+        self.speed[motor] = (wanted - before) / dt
+
+    def _accelerate(self, motor: int, torque: float, dt: float) -> None:
+        """Advance a rotor under the motor's and the cables' torque."""
         limits = self.limits
-        whole = self._target + torque
-        speed = (limits.inertia * self.speed + dt * whole) / (limits.inertia + limits.damping * dt)
-        self.speed = np.clip(speed, -limits.speed, limits.speed)
-        self.angle = self.angle + self.speed * dt
+        inertia, damping = limits.inertia[motor], limits.damping
+        whole = float(self._target[motor]) + torque
+        speed = (inertia * float(self.speed[motor]) + dt * whole) / (inertia + damping * dt)
+        speed = min(max(speed, -limits.speed[motor]), limits.speed[motor])
+        self.speed[motor] = speed
+        self.angle[motor] += speed * dt
+
+    def _follow(self, trajectory: Trajectory, now_s: float) -> None:
+        """Set the targets along a trajectory; after its end the last point is held."""
+        motors = list(trajectory.motors)
+        at = now_s - self._begin_s
+        self._target[motors] = _interpolated(trajectory, self._from, at)
+        if at >= trajectory.time[-1]:
+            self._trajectory = None
+
+
+def _interpolated(trajectory: Trajectory, start: Vector, at: float) -> Vector:
+    """Angles of the trajectory's motors [rad]; before the first point from ``start`` at rest."""
+    time, angle, speed = trajectory.time, trajectory.angle, trajectory.speed
+    k = int(np.searchsorted(time, at, side="right"))
+    if k == time.size:
+        return angle[-1].copy()
+    t0, a0 = (0.0, start) if k == 0 else (float(time[k - 1]), angle[k - 1])
+    t1, a1 = float(time[k]), angle[k]
+    span = t1 - t0
+    share = (at - t0) / span
+    if speed is None:
+        return np.asarray(a0 + share * (a1 - a0))
+    v0 = np.zeros_like(start) if k == 0 else speed[k - 1]
+    u2, u3 = share**2, share**3
+    return np.asarray(
+        (2.0 * u3 - 3.0 * u2 + 1.0) * a0
+        + (u3 - 2.0 * u2 + share) * span * v0
+        + (3.0 * u2 - 2.0 * u3) * a1
+        + (u3 - u2) * span * speed[k]
+    )

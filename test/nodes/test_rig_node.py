@@ -20,6 +20,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from support.estimators import Bench
 from support.places import ROBOT
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.state import SLACK
@@ -53,6 +54,25 @@ def array_of(*values: float) -> Any:
     return Float64MultiArray(data=list(values))
 
 
+def states(name: list[str], **fields: list[float]) -> Any:
+    return JointState(name=name, **fields)
+
+
+def trajectory(*points: tuple[float, float]) -> Any:
+    from builtin_interfaces.msg import Duration
+
+    return JointTrajectory(
+        joint_names=["winch"],
+        points=[
+            JointTrajectoryPoint(
+                positions=[angle],
+                time_from_start=Duration(sec=int(at), nanosec=round(at % 1.0 * 1e9)),
+            )
+            for at, angle in points
+        ],
+    )
+
+
 def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
@@ -70,20 +90,18 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench: Any, tmp_pat
     """On the one topic of ros2_control, 250 times a second."""
     robot = str(tmp_path / "robot.yaml")
     Path(robot).write_text(GEARED)
-    text = "{ros2_control: {update_rate: 250}, drives: {max_speed: 2}}"
-    one = bench(text, robot=robot, cells=4, truth_rate=100.0)
+    one = bench("ros2_control: {update_rate: 250}", robot=robot, cells=4, truth_rate=100.0)
     remaps = ("-r", "motor_states:=/joint_states", "-r", "joint_states:=/joint_states")
     estimator = one.estimator(*remaps, robot=robot)
     truths = one.listen(CableTensions, "truth/tensions")
     # nothing slips before the first command, so the estimator knows the friction history
     assert one.until(lambda: bool(truths and estimator.answers))
     first = stamp_ns(truths[-1])
-    for end_ns, angle in ((1_250_000_000, 1.5), (2_500_000_000, -0.4)):
-        one.publish("commands/position", array_of(angle))
-        wanted = first + end_ns
-        assert one.until(
-            lambda at=wanted: estimator.answers[-1].stamp_ns > at < stamp_ns(truths[-1])
-        )
+    motion = trajectory((0.8, 1.5), (2.0, -1.0), (2.4, -0.5))
+    motion.joint_names = ["arm1_winch"]
+    one.publish("motor_trajectory", motion)
+    wanted = first + 2_500_000_000
+    assert one.until(lambda: estimator.answers[-1].stamp_ns > wanted < stamp_ns(truths[-1]))
     times = np.array([answer.stamp_ns for answer in estimator.answers])
     pairs = [
         (estimator.answers[np.argmin(np.abs(times - stamp))].tension, truth.tension)
@@ -110,16 +128,21 @@ def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path:
     for mode, value, reached in (
         ("position", -15.0, lambda: rig.motor_angle[0] == pytest.approx(0.3)),
         ("velocity", -50.0, lambda: rig.motor_angle[0] > 0.5),
-        ("effort", 0.5 / 2.7, lambda: one.rig.drives.mode == "effort"),
+        ("effort", 0.5 / 2.7, lambda: one.rig.drives.modes == ["effort"]),
     ):
         one.publish(f"/forward_{mode}_controller/commands", array_of(value))
         assert one.until(reached), mode
         assert one.rig.drives._target == pytest.approx(
             {"position": 0.3, "velocity": 1.0}.get(mode, 0.5)
         )
-    one.publish("/forward_position_controller/commands", array_of(-5.0))
+    motion = trajectory((0.05, -10.0), (0.1, -5.0))
+    motion.joint_names = ["arm1_winch"]
+    one.publish("/joint_trajectory_controller/joint_trajectory", motion)
     assert one.until(lambda: rig.motor_angle[0] == pytest.approx(0.1))
     assert sum(one.rig.commands.refused.values()) == 0
+    motion.joint_names = ["winch"]
+    one.publish("/joint_trajectory_controller/joint_trajectory", motion)
+    assert one.until(lambda: one.rig.commands.refused["unknown name"] == 1)
     heard.clear()
     assert one.until(lambda: len(heard) > 300)
     message = heard[-1]
@@ -141,11 +164,16 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
         ("commands/position", array_of(nan)),
         ("commands/position", array_of(0.1, 0.2)),
         ("commands/velocity", array_of(1e12)),
+        ("motor_commands", states(["thumb"], position=[0.1])),
+        ("motor_commands", states(["winch"])),
+        ("motor_commands", states(["winch"], position=[0.1], velocity=[0.1])),
+        ("motor_trajectory", trajectory((0.2, 0.1), (0.1, 0.2))),
     ]
     for topic, message in hostile:
         one.publish(topic, message)
     assert one.until(lambda: sum(one.rig.commands.refused.values()) == len(hostile))
-    wanted = {"malformed": 0, "wrong length": 1, "not finite": 1, "out of range": 1}
+    wanted = {"malformed": 2, "wrong length": 1, "unknown name": 1, "not finite": 1,
+              "out of range": 2}  # fmt: skip
     assert one.rig.commands.refused == wanted
     assert one.rig.rig.motor_angle[0] == 0.0
     said = {f"refused: {cause}": str(count) for cause, count in wanted.items()}

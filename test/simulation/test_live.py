@@ -12,7 +12,8 @@ from support.energy import energy
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.drives import Drives, checked_command, drive_limits
+from cdrj_ros.simulation.commands import checked_command
+from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
 from cdrj_ros.simulation.load import Load, make_load
 
@@ -51,7 +52,7 @@ class Run:
         return self
 
     def tell(self, mode: Any, *values: float) -> Run:
-        command = checked_command(self.drives.limits, mode, values)
+        command = checked_command(self.drives.limits, mode, None, values)
         self.drives.command(command, self.rig.time_s)
         return self
 
@@ -119,7 +120,7 @@ def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mod
     assert held > 0.01
     run.steps(200)
     assert run.rig.motor_angle[0] == held
-    assert (run.drives.mode, run.drives.timeouts) == ("position", 1)
+    assert (run.drives.modes, run.drives.timeouts) == (["position"], 1)
 
 
 def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots: Robots) -> None:
