@@ -41,12 +41,9 @@ def rest_poses(model: Model, recorded: Recorded) -> tuple[Sample, ...]:
         UsageError: the robot does not rest at the beginning.
     """
     samples = samples_of(model, recorded)
-    spans = _rests(model.robot, samples)
-    if isinstance(spans, str):
-        raise UsageError(f"{recorded.name}: {spans}")
     angles, near = _pose_angles(model.robot, samples)
     poses: list[slice] = []
-    for span in spans:
+    for span in _rests(model.robot, samples, recorded.name):
         if poses:
             since = angles[poses[-1].stop : span.stop] - angles[poses[-1]].mean(axis=0)
             if np.all(np.abs(since) < near):
@@ -64,8 +61,8 @@ def _pose_angles(robot: Robot, samples: Samples) -> tuple[Table, Vector]:
     return samples.joint_angle[:, measured], NEAR * np.array(ranges)
 
 
-def _rests(robot: Robot, samples: Samples) -> list[slice] | str:
-    """Stretches at rest; the reason if there is none at the beginning."""
+def _rests(robot: Robot, samples: Samples, name: str) -> list[slice]:
+    """Stretches at rest, the first one at the beginning."""
     watch, stamps = RestWatch(), samples.stamp_ns
     first, last = int(stamps[0]), int(stamps[-1])
     steps = np.searchsorted(stamps, np.arange(first, last, REST_STEP_NS))
@@ -83,7 +80,7 @@ def _rests(robot: Robot, samples: Samples) -> list[slice] | str:
             begin = -1
         watched = stamps[k] - first >= REST_NS or stamps[k] == last
         if reason and watched and not found:
-            return reason
+            raise UsageError(f"{name}: {reason}")
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -145,6 +146,28 @@ def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable
         assert after.found is not None
         assert after.found.drums is not None
         assert after.found.drums.comment.startswith(comment)
+
+
+def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readings() -> None:
+    """Its friction differs from the file, and its residuals last, unlike errors of readings."""
+    recorded, _ = rig(COURSE)
+    tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
+    before = steps.preloaded(tared, scale_readings())
+    other, truth = rig((0.0, 25.0, -30.0, 10.0, -15.0, 33.0, 0.0))
+    stamps = other.motors["winch"].stamp_ns
+    noise = np.random.default_rng(2).normal(0.0, 0.02, stamps.size)
+    effort = truth.motor_effort[:, 0] + 0.05 * np.sin(stamps * 1e-9) + noise
+    after = steps.fitted(before, [replace(other, references={"effort/winch": (stamps, effort)})])
+    assert after.found is not None
+    assert after.found.drums is not None
+    assert after.found.drums.drums == "hold"
+    radii = []
+    for one in (before, after):
+        known = one.model.robot.uncertainty
+        assert known is not None
+        k = known.parameters.index("cables.upper.nodes.1.radius")
+        radii.append(np.sqrt(known.covariance[k, k]))
+    assert radii[1] < 1.1 * radii[0]
 
 
 def test_a_gain_that_is_common_to_all_readings_changes_preloads_alone() -> None:
