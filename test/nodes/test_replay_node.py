@@ -105,15 +105,15 @@ def _facts(path: Path) -> dict[str, str]:
     return dict(bag["facts"])
 
 
-@pytest.mark.usefixtures("estimator", "few_pictures")
 def test_replay_evaluates_the_node_and_writes_json_and_report(
-    short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    estimator: Any, replay: Any, short_bag: str, tmp_path: Path
 ) -> None:
     figures, report = tmp_path / "f.json", tmp_path / "r.html"
     twice = ("--loop", "2", "--playback-duration", "1")
     files = ("--json", str(figures), "--html", str(report))
-    assert main([short_bag, "--robot", ROBOT, *twice, *files]) == 0
-    assert "all elements" in capfd.readouterr().out
+    code, out = replay(short_bag, *twice, *files).finish()
+    assert code == 0, out
+    assert "all elements" in out
     (bag,) = json.loads(figures.read_text())["bags"]
     assert bag["channels"]["tension/upper/8"]["mean_relative_error"] < 0.015
     facts = bag["facts"]
