@@ -56,6 +56,10 @@ EFFORT_ERROR: Final = 0.02
 """The same for an effort, as a fraction of the torque of the preloads: an effort is a small
 difference of cables, and its errors last over many readings."""
 
+SINCE: Final = 2.0
+"""Standard deviation of what a reading tells of the present, as a multiple of the present one, for
+a relative change of the estimate by 1 since its time, (U16)."""
+
 SUDDEN: Final = 0.5
 """Largest sudden change of the preloads that a motor's effort may show, as a fraction of them."""
 
@@ -302,12 +306,13 @@ class SensorFusion:
             measured: at most ``HISTORY_NS`` before the sample; with a positive ``noise``.
             found: what is expected of it.
         """
-        expected, uncorrected, direction = found
+        expected, uncorrected, direction, change = found
         name, value, what = measured.name, measured.value, self._quantities[measured.name]
         health = self.health[name]
         shares = {c: self._drift_of(c, stamp_ns) for c in what.cables}
         passed = self._preloads.drift(name, stamp_ns, shares, self._lasting())
         own = measured.noise**2 + self._model_error(what, value) ** 2
+        own += self._since(what, expected, change)
         sensor = self._sensors.get(name)
         if sensor is not None:
             sensor.errors.pass_time(passed, self._draw)
@@ -442,6 +447,17 @@ class SensorFusion:
             return MODEL_ERROR * abs(value)
         scale = self._preloads.scale(what.column, what.cables)
         return max(MODEL_ERROR * abs(value), EFFORT_ERROR * scale)
+
+    def _since(self, what: Quantity, expected: float, change: float) -> float:
+        """Variance of a reading for what has changed since its time, (U16).
+
+        Args:
+            what: the measured quantity.
+            expected: of the reading [N] or [N m].
+            change: of the estimate since then [N] or [N m].
+        """
+        scale = max(abs(expected), self._preloads.scale(what.column, what.cables))
+        return self._variance(what.column, None, np.empty(0)) * (SINCE * change / scale) ** 2
 
     def _drift_of(self, cable: int, stamp_ns: int) -> float:
         """Random-walk spread of a preload after 1 s, as a fraction of it.

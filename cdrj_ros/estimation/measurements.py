@@ -215,6 +215,8 @@ class Expected(NamedTuple):
     """By the model alone, without corrections by other sensors."""
     direction: float
     """Change of ``value`` per unit of the motor's friction [-]; 0 for a load cell."""
+    change: float
+    """By how much the estimate has changed since the time of the measurement [N] or [N m]."""
 
 
 class PastEstimates:
@@ -269,25 +271,24 @@ class PastEstimates:
         if not history or not history[0].stamp_ns <= stamp_ns <= history[-1].stamp_ns:
             return None
 
-        now = float(self.corrected[column])
+        corrected = float(self.corrected[column])
 
         def then(past: _Past) -> tuple[float, float, float]:
-            value = float(past.values[index]) + (now - float(past.corrected[column]))
+            value = float(past.values[index]) + (corrected - float(past.corrected[column]))
             direction = past.direction[motor] if motor >= 0 else 0.0
             return value, float(past.uncorrected[index]), direction
 
         k = len(history) - 1
         while k > 0 and history[k - 1].stamp_ns >= stamp_ns:
             k -= 1
+        now, _, _ = then(history[-1])
         after = history[k]
         value, uncorrected, direction = then(after)
-        if after.stamp_ns == stamp_ns or k == 0:
-            return Expected(value, uncorrected, direction)
-        before = history[k - 1]
-        share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-        value_before, uncorrected_before, direction_before = then(before)
-        return Expected(
-            value_before + share * (value - value_before),
-            uncorrected_before + share * (uncorrected - uncorrected_before),
-            direction_before + share * (direction - direction_before),
-        )
+        if after.stamp_ns != stamp_ns and k > 0:
+            before = history[k - 1]
+            share = (after.stamp_ns - stamp_ns) / (after.stamp_ns - before.stamp_ns)
+            value_before, uncorrected_before, direction_before = then(before)
+            value += share * (value_before - value)
+            uncorrected += share * (uncorrected_before - uncorrected)
+            direction += share * (direction_before - direction)
+        return Expected(value, uncorrected, direction, now - value)

@@ -1,4 +1,4 @@
-"""What is known of sensors and preloads outlasts restarts, clocks that are set, and gaps."""
+"""What is known of sensors and preloads outlasts restarts, clocks that are set, gaps and delays."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from support.campaign import (
     sine,
 )
 
+from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.model.loading import load_model
@@ -226,3 +227,17 @@ def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course
     assert CELL in live.fusion.faults()
     assert len(within) > 2000
     assert np.mean(within) >= 0.92
+
+
+@pytest.mark.parametrize(("share", "late"), [(0.95, 50), (0.95, 150), (1.05, 150)])
+def test_a_late_reading_tells_less_where_the_tension_has_changed_since(
+    share: float, late: int, model: Model
+) -> None:
+    """The cell is first used after a reversal, with a reading of the other side of the friction."""
+    changed = {f"cables.{one.name}.preload": share * one.preload for one in model.robot.cables}
+    course = course_of(with_other_numbers(model, changed), 12.0, sine(0.3))
+    faults = Faults(quarter_rate(), sensors=(CELL,), late_ns={CELL: late * MS})
+    verdict = judge(course, run(model, course, faults), 0, 12 * SECOND)
+    assert verdict.ratio.size > 0.4 * verdict.judged
+    assert verdict.beyond(2.0) < 0.05
+    assert verdict.beyond(5.0) == 0.0

@@ -94,7 +94,7 @@ class Faults:
     lost: dict[str, float] = field(default_factory=dict)
     """Share of the readings that are lost, by axis."""
     late_ns: dict[str, int] = field(default_factory=dict)
-    """Delay of the messages by axis [ns]."""
+    """Delay of the messages by axis or sensor [ns]."""
     slips: list[tuple[str, int, float]] = field(default_factory=list)
     """Axis, time [ns] and size [rad] of slips of an encoder."""
     wrong: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -268,7 +268,7 @@ def _messages(model: Model, course: Course, faults: Faults) -> list[Message]:
             values = _measured(course, faults, name, stamps, generator)
         else:
             values = _angles(model, course, faults, name, stamps, generator)
-        late = 0 if is_sensor else faults.late_ns.get(name, 0)
+        late = faults.late_ns.get(name, 0)
         offset, creep = (0, 0.0) if is_sensor else faults.clocks.get(name, (0, 0.0))
         said = stamps + offset + (creep * stamps).astype(np.int64)
         if faults.clock_ns is not None:
