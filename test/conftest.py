@@ -50,7 +50,7 @@ settings.register_profile(
 settings.load_profile("steady")
 
 LONGEST_FIRST = (
-    "estimation/test_campaign.py", "nodes/test_replay_node.py",
+    "estimation/test_campaign.py", "nodes/test_replay_node.py", "commands/test_commission_poses.py",
     "estimation/test_sensor_evidence.py", "commands/test_commission.py",
     "evaluation/test_parallel.py", "estimation/test_prediction.py", "recordings/test_bombs.py",
     "nodes/test_view.py", "estimation/test_conditioner.py", "commands/test_identify.py",
