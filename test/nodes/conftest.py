@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -28,7 +29,10 @@ def executables() -> Path:
 
 @pytest.fixture
 def ros() -> Iterator[None]:
-    """Initialise rclpy's default context for the test and shut it down after it."""
+    """Initialise rclpy's default context for the test and shut it down after it.
+
+    A destroyed node keeps its participant, which other nodes see, until it is garbage.
+    """
     import rclpy
 
     rclpy.init()
@@ -36,6 +40,7 @@ def ros() -> Iterator[None]:
         yield
     finally:
         rclpy.try_shutdown()
+        gc.collect()
 
 
 @pytest.fixture
