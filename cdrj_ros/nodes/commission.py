@@ -6,14 +6,14 @@ What stands in a bag is what ``ros2 bag record`` would write, which not every in
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from select import select
 from time import monotonic, time_ns
 from typing import Any, Final
 
 from cdrj_msgs.msg import CableTensions
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -55,24 +55,36 @@ def record(path: Path, topics: Topics, duration_s: float, on: bool) -> None:
         _listen(node, CableTensions, cells, heard.setdefault(cells, []))
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        asked_s, begin_s = monotonic(), float("inf")
-        with ProgressBar(f"recording {', '.join(angles)}", duration_s) as report:
-            while monotonic() - begin_s < duration_s or (on and not _entered()):
-                executor.spin_once(timeout_sec=0.1)
-                if silent := [topic for topic in angles if not heard[topic]]:
-                    if monotonic() - asked_s > PATIENCE_S:
-                        there = remapping(node, silent[0], JOINT_STATE.name).split(":")[0]
-                        raise BagError(
-                            f"no message on {silent[0]}" + (f"; {there}" if there else "")
-                        )
-                    continue
-                begin_s = min(begin_s, monotonic())
-                report(monotonic() - begin_s)
-        node.destroy_node()
+        try:
+            _hear(node, executor, {topic: heard[topic] for topic in angles}, duration_s, on)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
         for topic, messages in heard.items():
             kind = CABLE_TENSIONS if topic == cells else JOINT_STATE
             if messages:
                 bag.write_messages(topic, kind.name, messages)
+
+
+def _hear(
+    node: Node, executor: Executor, angles: Mapping[str, list[Any]], duration_s: float, on: bool
+) -> None:
+    """Receive messages until all angles have been heard for a while; with ``on``, on until Enter.
+
+    Raises:
+        BagError: nobody publishes the angles.
+    """
+    asked_s, begin_s = monotonic(), float("inf")
+    with ProgressBar(f"recording {', '.join(angles)}", duration_s) as report:
+        while monotonic() - begin_s < duration_s or (on and not _entered()):
+            executor.spin_once(timeout_sec=0.1)
+            if silent := [topic for topic, heard in angles.items() if not heard]:
+                if monotonic() - asked_s > PATIENCE_S:
+                    there = remapping(node, silent[0], JOINT_STATE.name).split(":")[0]
+                    raise BagError(f"no message on {silent[0]}" + (f"; {there}" if there else ""))
+                continue
+            begin_s = min(begin_s, monotonic())
+            report(monotonic() - begin_s)
 
 
 def _entered() -> bool:

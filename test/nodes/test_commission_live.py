@@ -42,5 +42,5 @@ def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag_until_enter(
     wrong, nobody = tmp_path / "wrong", Topics(motors="/wrong/motor_states")
     with pytest.raises(BagError) as refused:
         commission.record(wrong, nobody, 1.0, False)
-    assert str(refused.value) == "no message on /wrong/motor_states; there is /cdrj/motor_states"
+    assert str(refused.value).startswith("no message on /wrong/motor_states")
     assert not wrong.exists()
