@@ -46,7 +46,7 @@ LIMITS = {
         "middleware below: 90 000 messages to another process, and the answers"
     ),
     "make test, whole": (
-        "2300 tests that take some 380 s of processor time on a machine that adds ten million "
+        "2000 tests that take some 330 s of processor time on a machine that adds ten million "
         "numbers in 0.3 s, a third of it in those of the estimation, which simulate the truth that "
         "they compare with; a further worker gains nothing"
     ),
