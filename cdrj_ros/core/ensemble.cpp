@@ -85,8 +85,8 @@ Ensemble::Ensemble(
 // A sample
 
 bool Ensemble::step(
-    const double* before, const SampleView& sample, double dt,
-    std::span<double> state, std::span<double> estimate, std::span<double> stddev) {
+    const double* before, const SampleView& sample, double dt, std::span<double> state,
+    std::span<double> estimate, std::span<double> stddev) {
     const bool solved =
         robot_.advance(before, sample.motor_angle, sample.joint_angle, dt, out_.data());
     std::copy_n(out_.begin(), state.size(), state.begin());

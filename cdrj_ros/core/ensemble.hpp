@@ -121,7 +121,8 @@ public:
 
     /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
     bool step(
-        const double* before, const SampleView& sample, double dt, std::span<double> state, std::span<double> estimate, std::span<double> stddev);
+        const double* before, const SampleView& sample, double dt, std::span<double> state,
+        std::span<double> estimate, std::span<double> stddev);
 
     /// Write the standard deviations at a sample and its estimate.
     ///

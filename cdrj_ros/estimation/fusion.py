@@ -57,8 +57,8 @@ EFFORT_ERROR: Final = 0.02
 difference of cables, and its errors last over many readings."""
 
 SINCE: Final = 2.0
-"""Standard deviation of what a reading tells of the present, as a multiple of the present one, for
-a relative change of the estimate by 1 since its time, (U16)."""
+"""What a late reading errs by as a statement about the present, per relative change of the estimate
+since its time [standard deviations of the estimate], (U16)."""
 
 SUDDEN: Final = 0.5
 """Largest sudden change of the preloads that a motor's effort may show, as a fraction of them."""
