@@ -1,12 +1,10 @@
 """Shared by the commands: options, topics, results and their JSON file.
 
 The file is ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction",
-"counters", "notes", "facts", "health"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a
-channel's name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name
-to the figures of PulleyFriction, ``health`` is null or the verdict of the health monitor, and
-``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel", "figure", "value",
-"min" or "max", "by"}]}``.  An unknown figure is null; NaN and infinity never appear.
-docs/recordings.md describes every key.
+"counters", "notes", "facts", "health"}], "all": {"channels"}}`` where ``channels`` maps a channel's
+name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the
+figures of PulleyFriction, and ``health`` is null or the verdict of the health monitor.  An unknown
+figure is null; NaN and infinity never appear.  docs/recordings.md describes every key.
 """
 
 from __future__ import annotations
@@ -23,7 +21,6 @@ from typing import Any, Final, TypeAlias
 from cdrj_ros import __version__
 from cdrj_ros.evaluation.channels import unit_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES
-from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import ChannelError, Errors
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
@@ -97,13 +94,7 @@ def versions() -> dict[str, str]:
     return named
 
 
-def write_files(
-    arguments: argparse.Namespace,
-    model: Model,
-    errors: Errors,
-    title: str,
-    limit_check: LimitCheck | None = None,
-) -> None:
+def write_files(arguments: argparse.Namespace, model: Model, errors: Errors, title: str) -> None:
     """Write the files given by ``--json`` and ``--html``.
 
     Args:
@@ -111,10 +102,9 @@ def write_files(
         model: the prepared robot.
         errors: the recordings and their figures.
         title: of the report.
-        limit_check: result of comparing with limits, where there were any.
     """
     if arguments.json:
-        write_results(arguments.json, errors, limit_check)
+        write_results(arguments.json, errors)
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot
         from cdrj_ros.report.html import write_report
@@ -125,18 +115,12 @@ def write_files(
             title=title,
             inspection=inspect_robot(model),
             versions=versions(),
-            limit_check=limit_check,
         )
 
 
-def print_results(
-    arguments: argparse.Namespace,
-    errors: Errors,
-    title: str,
-    limit_check: LimitCheck | None = None,
-) -> None:
+def print_results(arguments: argparse.Namespace, errors: Errors, title: str) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
-    from cdrj_ros.report.table import health_of, print_errors, print_limits
+    from cdrj_ros.report.table import health_of, print_errors
 
     for bag in errors.bags:
         for note in bag.notes:
@@ -150,8 +134,6 @@ def print_results(
     print_errors(errors.pooled, title=title)
     for line in (line for bag in errors.bags for line in health_of(bag)):
         say(line)
-    if limit_check:
-        print_limits(limit_check)
     if arguments.json:
         say(f"figures: {arguments.json}")
     if arguments.html:
@@ -159,13 +141,13 @@ def print_results(
 
 
 FORMAT: Final = "cdrj_ros/validation"
-VERSION: Final = 2
+VERSION: Final = 3
 """Incremented when a key changes its meaning or is removed, but not for new keys."""
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
+def results(errors: Errors) -> Json:
     """Content of the file written by ``write_results``, as plain lists and dictionaries.
 
     ``all`` holds the figures of the pooled samples of all recordings.
@@ -183,38 +165,23 @@ def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
         }
         for bag, own in zip(errors.bags, errors.of_bags, strict=True)
     ]
-    limits = None
-    if limit_check is not None:
-        outside = [
-            {
-                **_without(asdict(one), "least", "bound", "unit"),
-                "min" if one.least else "max": one.bound,
-                "by": one.by,
-            }
-            for one in limit_check.outside
-        ]
-        limits = {**asdict(limit_check), "outside": outside}
-        limits["file"] = limits.pop("source")
     return _plain(
         {
             "format": FORMAT,
             "version": VERSION,
             "bags": bags,
             "all": {"channels": _channels(errors.pooled)},
-            "limits": limits,
         }
     )
 
 
-def write_results(
-    path: str | os.PathLike[str], errors: Errors, limit_check: LimitCheck | None = None
-) -> None:
+def write_results(path: str | os.PathLike[str], errors: Errors) -> None:
     """Write the figures as JSON atomically.
 
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
     """
-    text = json.dumps(results(errors, limit_check), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(results(errors), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from cdrj_ros.commands.entry import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
+from cdrj_ros.commands.entry import BAD_INPUT, DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
@@ -21,7 +21,6 @@ from cdrj_ros.commands.shared import (
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.estimating import OUTPUTS
 from cdrj_ros.evaluation.inputs import Window
-from cdrj_ros.evaluation.limits import check_limits, load_limits
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.parallel import (
     Failed,
@@ -60,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="validate",
         description="Run bags through the estimator offline, in lock-step, and compare the "
         "estimates with the recorded references.",
-        epilog="Exit code: 0 done, 1 outside the limits, 2 bad usage or input.",
+        epilog="Exit code: 0 done, 2 bad usage or input.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser, several=True)
@@ -77,10 +76,6 @@ def _parser() -> argparse.ArgumentParser:
         "--jobs", type=int, metavar="N",
         help="number of bags processed at a time, each in its own process; 0: one per processor "
         "(default: one per processor, but a single one for less than 16 MB of bags)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--limits", metavar="FILE",
-        help="limits of the figures (YAML, docs/recordings.md); exit code 1 if a figure is outside",
     )  # fmt: skip
     parser.add_argument(
         "--write-bag", metavar="OUT",
@@ -163,12 +158,11 @@ def _written(out: str | None, bags: Sequence[str]) -> list[str]:
 
 def _check_files(arguments: argparse.Namespace) -> None:
     """Refuse outputs that cannot be written or name an input, before any work."""
-    inputs = [*arguments.bags, arguments.robot, *([arguments.limits] if arguments.limits else [])]
     outputs = {"--json": arguments.json, "--html": arguments.html}
     new = Path(arguments.write_bag or "")
     if arguments.write_bag and not new.exists() and new.absolute().parent.is_dir():
         outputs["--write-bag"] = arguments.write_bag
-    check_outputs(outputs, inputs)
+    check_outputs(outputs, [*arguments.bags, arguments.robot])
 
 
 def _body(argv: Sequence[str]) -> int:
@@ -176,7 +170,6 @@ def _body(argv: Sequence[str]) -> int:
     if arguments.jobs is not None and not 0 <= arguments.jobs <= MOST_JOBS:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     _check_files(arguments)
-    limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
     model = prepared_model(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
@@ -190,17 +183,13 @@ def _body(argv: Sequence[str]) -> int:
     if not bags:
         return BAD_INPUT
     errors = errors_of(bags)
-    limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
-    write_files(arguments, model, errors, title, limit_check)
-    print_results(arguments, errors, title, limit_check)
+    write_files(arguments, model, errors, title)
+    print_results(arguments, errors, title)
     for task in tasks:
         if task.written and task.path not in {one.name for one in failed}:
             say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
-    outside = limit_check is not None and bool(limit_check.outside)
-    if failed:
-        return BAD_INPUT
-    return OUTSIDE_LIMITS if outside else DONE
+    return BAD_INPUT if failed else DONE
 
 
 def _say_failed(failed: Sequence[Failed], total: int) -> None:

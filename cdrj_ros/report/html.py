@@ -21,7 +21,6 @@ from cdrj_ros.evaluation.channels import (
     PulleyFriction,
     quantity_of,
 )
-from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import (
     COVERAGE_SIGMAS,
     DIRECTION_SHARE,
@@ -45,12 +44,9 @@ from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,
-    OUTSIDE_HEADINGS,
     cause_in_words,
     headings_of,
     health_lines,
-    limits_sentence,
-    outside_rows,
     r2_remark,
     table_groups,
 )
@@ -70,7 +66,6 @@ def write_report(
     title: str,
     inspection: Inspection,
     versions: Mapping[str, str],
-    limit_check: LimitCheck | None = None,
 ) -> None:
     """Write comparisons as one page, whole or not at all.
 
@@ -80,7 +75,6 @@ def write_report(
         title: title of the page, in one line.
         inspection: of the robot whose estimates were compared.
         versions: names and versions of the software that produced the estimates.
-        limit_check: result of the comparison with limits, if any.
 
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
@@ -90,7 +84,6 @@ def write_report(
         title=title,
         style=style(),
         numbers=key_numbers(errors.pooled),
-        limits=_limits(limit_check) if limit_check else None,
         several=len(errors.bags) > 1,
         table=_table(errors.pooled, _anchors(errors.bags)),
         bags=_bags(errors),
@@ -140,16 +133,6 @@ def _drawing(inspection: Inspection) -> Any:
 def _robot_file(robot: Robot) -> list[str]:
     """The lines of the robot file."""
     return yaml_text(dict(robot.document)).splitlines()
-
-
-def _limits(limit_check: LimitCheck) -> dict[str, Any]:
-    """Verdict on the limits, and the figures outside them."""
-    return {
-        "kind": "outside" if limit_check.outside else "within",
-        "sentence": limits_sentence(limit_check),
-        "headings": OUTSIDE_HEADINGS,
-        "rows": outside_rows(limit_check),
-    }
 
 
 def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:

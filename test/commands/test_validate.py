@@ -137,34 +137,6 @@ def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
         assert channel["rmse"] == pytest.approx(once[name]["rmse"], rel=0.02)
 
 
-@pytest.mark.usefixtures("few_pictures")
-def test_limits_decide_the_exit_code_and_violations_are_listed(
-    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    limits = tmp_path / "limits.yaml"
-    limits.write_text("channels: {tension/*: {mean_relative_error: {max: 0.05}, r2: {max: 1.0}}}")
-    code, figures = run(tmp_path, short, "--limits", limits)
-    assert code == 0
-    assert figures["limits"] == {"file": str(limits), "checked": 32, "outside": []}
-    capsys.readouterr()
-    limits.write_text("channels: {tension/upper/8: {rmse: {max: 1.0e-6}}}")
-    code, figures = run(tmp_path, short, "--limits", limits, "--html", tmp_path / "r.html")
-    assert code == 1
-    (outside,) = figures["limits"]["outside"]
-    rmse = figures["all"]["channels"]["tension/upper/8"]["rmse"]
-    assert outside == {
-        "where": str(short), "channel": "tension/upper/8", "figure": "rmse",
-        "value": rmse, "max": 1e-6, "by": pytest.approx(rmse - 1e-6),
-    }  # fmt: skip
-    printed = capsys.readouterr().out
-    assert "1 of 1 figures is outside" in printed
-    assert "tension/upper/8" in printed
-    assert "1 of 1 figures is outside" in (tmp_path / "r.html").read_text()
-    limits.write_text("channels: {tension/*: {rsme: {max: 0.05}}}")  # before any bag is read
-    assert run(tmp_path, "/no/such/bag", "--limits", limits)[0] == 2
-    one_line(capsys, ["channels.tension/*.rsme is not a known key", "'rmse'"])
-
-
 @pytest.fixture(scope="module")
 def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
@@ -204,12 +176,6 @@ def test_names_in_a_bag_do_not_control_the_terminal(
     assert run(tmp_path, out, *topics)[0] == 0
     printed = capsys.readouterr()
     assert "\\x1b[31mupper/9" in printed.out
-    assert "\x1b" not in printed.out + printed.err
-    limits = tmp_path / "limits.yaml"
-    limits.write_text('channels: {"tension/\\e[31m*": {rmse: {max: 1.0e-6}}}')
-    assert run(tmp_path, second, "--limits", limits)[0] == 1
-    printed = capsys.readouterr()
-    assert "tension/\\x1b[31m*" in printed.out
     assert "\x1b" not in printed.out + printed.err
 
 
@@ -286,7 +252,6 @@ def test_a_prefix_chooses_one_of_several_robots(
         (["--duration", "0"], ["--duration must be more than 0"]),
         (["--start", "1000"], ["no references in that time"]),
         (["--jobs", "-1"], ["--jobs must be from 0 to"]),
-        (["--limits", "/no/such/file"], ["cannot read the file of limits /no/such/file"]),
     ],
 )
 def test_invalid_arguments_are_refused_in_one_line(

@@ -15,7 +15,6 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
-from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -160,7 +159,6 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     write_report(
         tmp_path / "r.html", errors_of([bag, bag]), title=nasty, versions={nasty: nasty},
         inspection=replace(inspection, model=replace(inspection.model, robot=robot)),
-        limit_check=LimitCheck(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
     )  # fmt: skip
     plain, parser = Strict(), Strict()
     plain.feed(written(replace(comparison, channels=comparison.channels[:2])))
