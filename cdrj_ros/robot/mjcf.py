@@ -163,8 +163,10 @@ def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> d
         return {"error": str(error)}
     mujoco.set_mju_user_warning(lambda _: None)
     try:
-        model = mujoco.MjModel.from_xml_path(path)
-        return asdict(convert(mujoco, model, name, tendons))
+        spec = mujoco.MjSpec.from_file(path)
+        # Memory for contacts and constraints in motion, of which no use is made: the least.
+        spec.memory = spec.njmax = spec.nconmax = -1
+        return asdict(convert(mujoco, spec.compile(), name, tendons))
     except CdrjError as error:
         return {"error": str(error)}
     except MemoryError:

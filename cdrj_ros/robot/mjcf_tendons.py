@@ -25,6 +25,9 @@ PRELOAD: Final = 10.0
 DRUM: Final = 0.01
 """Assumed radius of the drums [m]."""
 
+NAMED: Final = 3
+"""Number of names that differ from the model's of which a remark tells both."""
+
 FARTHEST_M: Final = 1e6
 """Maximum coordinate or size that is read [m]."""
 
@@ -83,6 +86,7 @@ class _Import:
     def __init__(self, mujoco: ModuleType, model: Any, title: str) -> None:
         self._mujoco, self._model, self._title = mujoco, model, title
         self._remarks: list[str] = []
+        self._renamed: list[str] = []
         self._frames: list[Document] = []
         self._bodies: dict[int, tuple[str, Any]] = {0: ("base", np.zeros(3))}
         """Frame of every body, and the body's origin in it [m]."""
@@ -140,7 +144,7 @@ class _Import:
         if count:
             return self._name(f"{name}_{count + 1}")
         if name != wanted:
-            self._remarks.append(f"{printable(wanted)} is called {name} here")
+            self._renamed.append(f"{printable(wanted)} is {name}")
         return name
 
     def _tendons(self, wanted: Sequence[str] | None) -> list[int]:
@@ -306,7 +310,7 @@ class _Import:
         name = re.sub(r"[^A-Za-z0-9_]", "_", label)
         name = name if name[:1].isalpha() else f"m_{name}"
         if name != label:
-            self._remarks.append(f"the joint {printable(label)} is called {name} here")
+            self._renamed.append(f"{printable(label)} is {name}")
         for frame in self._frames:
             if frame.get("joint") == label:
                 frame["joint"] = name
@@ -333,6 +337,12 @@ class _Import:
 
     def _remark_on_the_rest(self) -> None:
         model = self._model
+        if self._renamed:
+            more = len(self._renamed) - NAMED
+            self._remarks.append(
+                f"names have letters, digits and _ only: {', '.join(self._renamed[:NAMED])}"
+                + (f", and {more} more with _ in the same way" if more > 0 else "")
+            )
         if model.neq:
             self._remarks.append(
                 f"{model.neq} equality constraints are not carried over: a coupled joint needs the "
