@@ -1,10 +1,10 @@
 """Shared by the commands: options, topics, results and their JSON file.
 
-The file is ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction",
-"counters", "notes", "facts", "health"}], "all": {"channels"}}`` where ``channels`` maps a channel's
-name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name to the
-figures of PulleyFriction, and ``health`` is null or the verdict of the health monitor.  An unknown
-figure is null; NaN and infinity never appear.  docs/recordings.md describes every key.
+The file is ``{"format", "version", "bags": [{"path", "duration_s", "channels", "counters",
+"notes", "facts", "health"}], "all": {"channels"}}`` where ``channels`` maps a channel's name to its
+``unit``, ``n`` and the figures of ChannelError, and ``health`` is null or the verdict of the health
+monitor.  An unknown figure is null; NaN and infinity never appear.  docs/recordings.md describes
+every key.
 """
 
 from __future__ import annotations
@@ -157,7 +157,6 @@ def results(errors: Errors) -> Json:
             "path": bag.path,
             "duration_s": bag.duration_s,
             "channels": _channels(own),
-            "friction": {one.name: _without(asdict(one), "name") for one in bag.friction},
             "counters": bag.counters,
             "notes": bag.notes,
             "facts": bag.facts,
@@ -190,10 +189,6 @@ def _channels(errors: Mapping[str, ChannelError]) -> dict[str, dict[str, Any]]:
         name: {**asdict(error), "unit": error.unit or unit_of(name)}
         for name, error in errors.items()
     }
-
-
-def _without(entries: dict[str, Any], *names: str) -> dict[str, Any]:
-    return {name: value for name, value in entries.items() if name not in names}
 
 
 def _plain(value: Any) -> Json:

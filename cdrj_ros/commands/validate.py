@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 from math import isfinite
-from pathlib import Path
 
 from cdrj_ros.commands.entry import BAD_INPUT, DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
@@ -19,7 +18,6 @@ from cdrj_ros.commands.shared import (
     write_files,
 )
 from cdrj_ros.evaluation.channels import BagComparison
-from cdrj_ros.evaluation.estimating import OUTPUTS
 from cdrj_ros.evaluation.inputs import Window
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.parallel import (
@@ -32,7 +30,7 @@ from cdrj_ros.evaluation.parallel import (
     processors,
 )
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
-from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.robot.description import Robot
@@ -78,11 +76,6 @@ def _parser() -> argparse.ArgumentParser:
         "(default: one per processor, but a single one for less than 16 MB of bags)",
     )  # fmt: skip
     parser.add_argument(
-        "--write-bag", metavar="OUT",
-        help="write an MCAP bag with everything in the original and the estimates; for several "
-        "bags, one each in the folder OUT",
-    )  # fmt: skip
-    parser.add_argument(
         "--health", choices=HEALTH, default="auto",
         help="let the health monitor compare motor efforts and load cells with the robot file "
         "(docs/reliability.md); auto: those that the node would hear; references: also recorded "
@@ -93,13 +86,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
-    """One for each bag; refuses outputs that cannot be written before any bag is read."""
-    bags, topics = arguments.bags, topics_of(arguments)
-    window = _window(arguments.start, arguments.duration)
-    # a bag has the status that the node would publish
-    uncertainty = robot.uncertainty is not None or bool(arguments.write_bag)
-    prefix = topic_prefix(arguments)
-    outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
+    """One for each bag."""
+    topics, window = topics_of(arguments), _window(arguments.start, arguments.duration)
+    load_cells = topic_prefix(arguments) + LOAD_CELLS
     return [
         BagTask(
             path,
@@ -107,15 +96,11 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
             arguments.robot,
             preload,
             window,
-            outputs,
-            uncertainty,
-            written,
+            robot.uncertainty is not None,
             arguments.health,
-            prefix + LOAD_CELLS,
+            load_cells,
         )
-        for path, preload, written in zip(
-            bags, _preloads(arguments), _written(arguments.write_bag, bags), strict=True
-        )
+        for path, preload in zip(arguments.bags, _preloads(arguments), strict=True)
     ]
 
 
@@ -140,28 +125,9 @@ def _preloads(arguments: argparse.Namespace) -> list[str | None]:
     return given if len(given) > 1 else given * len(arguments.bags)
 
 
-def _written(out: str | None, bags: Sequence[str]) -> list[str]:
-    """The bag to write for every bag that is read; empty for none."""
-    if not out:
-        return [""] * len(bags)
-    names = [Path(path).resolve().name.partition(".mcap")[0] for path in bags]
-    if len(set(names)) < len(names):
-        raise UsageError(
-            "--write-bag needs bags with different names, because it names the new bags after them"
-        )
-    written = [out] if len(names) == 1 else [str(Path(out) / name) for name in names]
-    for path in written:
-        if Path(path).exists():
-            raise BagError(f"{path} exists already; a bag is written to a new folder")
-    return written
-
-
 def _check_files(arguments: argparse.Namespace) -> None:
     """Refuse outputs that cannot be written or name an input, before any work."""
     outputs = {"--json": arguments.json, "--html": arguments.html}
-    new = Path(arguments.write_bag or "")
-    if arguments.write_bag and not new.exists() and new.absolute().parent.is_dir():
-        outputs["--write-bag"] = arguments.write_bag
     check_outputs(outputs, [*arguments.bags, arguments.robot])
 
 
@@ -186,9 +152,6 @@ def _body(argv: Sequence[str]) -> int:
     title = f"{model.robot.name}: estimate against reference"
     write_files(arguments, model, errors, title)
     print_results(arguments, errors, title)
-    for task in tasks:
-        if task.written and task.path not in {one.name for one in failed}:
-            say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
     return BAD_INPUT if failed else DONE
 
 

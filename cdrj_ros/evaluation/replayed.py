@@ -177,6 +177,5 @@ class Outcome:
             notes = (*recording.notes, *self.notes())
             return BagComparison(path, duration_s, (), counters, notes, facts)
         validation = Validation(self.model, path, recording, answers.conditioned)
-        for _ in validation.compare([answers.estimates]):
-            pass
+        validation.compare([answers.estimates])
         return validation.result(facts, self.notes())

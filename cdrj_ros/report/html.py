@@ -14,16 +14,13 @@ from jinja2 import Environment, StrictUndefined
 
 from cdrj_ros.evaluation.channels import (
     ANGLE,
-    FORCE_VECTOR,
     QUANTITIES,
     BagComparison,
     Channel,
-    PulleyFriction,
     quantity_of,
 )
 from cdrj_ros.evaluation.metrics import (
     COVERAGE_SIGMAS,
-    DIRECTION_SHARE,
     MINIMUM_SHARE,
     NO_SAMPLES,
     ChannelError,
@@ -34,7 +31,6 @@ from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import (
     format_amount,
-    format_angle,
     format_percent,
     format_r2,
     printable,
@@ -95,7 +91,6 @@ def write_report(
         around=f"{AROUND_NS * 1e-9:g} s",
         back=f"{100.0 * REVERSAL_SHARE:g} %",
         share=f"{100.0 * MINIMUM_SHARE:g} %",
-        direction_share=f"{100.0 * DIRECTION_SHARE:g} %",
     )
     write_text(path, page + "\n")
 
@@ -150,20 +145,10 @@ def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
         value, meaning = format_percent(overall.mean_relative_error), "mean relative error"
         if known.signed or overall.mean_relative_error is None:
             value, meaning = format_r2(overall.r2), "R²"
-        detail = f"{mean} mean, {largest} largest{_direction(overall)}"
+        detail = f"{mean} mean, {largest} largest"
         label = known.title if len(members) == 1 else f"{len(members)} {known.several}"
         numbers.append({"label": label, "value": value, "meaning": meaning, "detail": detail})
     return numbers
-
-
-def _direction(error: ChannelError) -> str:
-    """Mean and largest direction error of vectors."""
-    if error.mean_direction_error_deg is None:
-        return ""
-    return (
-        f"; direction {format_angle(error.mean_direction_error_deg)} mean, "
-        f"{format_angle(error.max_direction_error_deg)} largest"
-    )
 
 
 def _table(errors: Mapping[str, ChannelError], anchors: Mapping[str, str]) -> dict[str, Any]:
@@ -198,7 +183,7 @@ def key_channels(names: Sequence[str]) -> list[str]:
     node 3 is the one measured in the paper; for a cable without it, the last node is chosen.
     """
     chosen: list[str] = []
-    for quantity in (TENSION, NODAL_FORCE, FORCE_VECTOR, EFFORT, ANGLE):
+    for quantity in (TENSION, NODAL_FORCE, EFFORT, ANGLE):
         own: dict[str, tuple[tuple[bool, int], str]] = {}
         for name in (one for one in names if quantity_of(one) == quantity):
             part, _, number = name.rpartition("/")
@@ -230,7 +215,6 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
                 "health": _health(bag),
                 "table": _table(own, anchors) if len(errors.bags) > 1 else None,
                 "key": [sections[number, name] for name in keys],
-                "friction": [_friction_row(one) for one in bag.friction],
                 "folded": folded,
             }
         )
@@ -284,7 +268,6 @@ def _line(channel: Channel, error: ChannelError) -> str:
         f"largest {format_amount(error.max_abs_error, channel.unit)}; "
         f"R² {format_r2(error.r2)}"
         + (f"; {format_percent(error.coverage, 1)} within ±2σ" if error.coverage else "")
-        + _direction(error)
     )
 
 
@@ -295,9 +278,3 @@ def _facts(bag: BagComparison) -> dict[str, str]:
         causes = (f"{cause_in_words(cause)}: {n}" for cause, n in bag.counters.items() if n)
         rows["samples left out"] = ", ".join(causes) or "none"
     return rows
-
-
-def _friction_row(one: PulleyFriction) -> tuple[str, ...]:
-    """Friction of one pulley, as a force and as a share of the larger tension."""
-    shares = (format_percent(share) for share in (one.mean_share, one.largest_share))
-    return (one.name, format_amount(one.mean, "N"), format_amount(one.largest, "N"), *shares)

@@ -15,7 +15,6 @@ from cdrj_ros.evaluation.metrics import ChannelError, mean_over_channels
 from cdrj_ros.foundation.output import (
     counted,
     decimals_for,
-    format_angle,
     format_number,
     format_percent,
     format_r2,
@@ -94,8 +93,6 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
     "reversal_error": "at reversals",
     "smooth_error": "elsewhere",
     "coverage": "in ±2σ",
-    "mean_direction_error_deg": "mean direction",
-    "max_direction_error_deg": "max direction",
 }
 """Headings of the figures that are shown only if a channel has them."""
 
@@ -224,8 +221,6 @@ def _cells(
 
     formats: dict[str, Callable[[float | None], str]] = {
         "coverage": lambda value: format_percent(value, 1),
-        "mean_direction_error_deg": format_angle,
-        "max_direction_error_deg": format_angle,
     }
     return (
         scaled(error.mean_abs_error),

@@ -14,7 +14,7 @@ from support.compared import compare
 from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
-from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
+from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -148,7 +148,6 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     alarm = Alarm("warn", nasty, 0.0, 1.0, 1, 1)
     bag = replace(
         BagComparison(nasty, 0.5, channels, {nasty: 1}, (f"effort/{nasty}", nasty), {nasty: nasty}),
-        friction=(PulleyFriction(f"{nasty}/2", 1.0, 2.0, 0.1, 0.2),),
         health=Verdict("warn", nasty, 1, (nasty,), (alarm,), {nasty: nasty}),
     )
     robot = inspection.model.robot
@@ -197,12 +196,8 @@ def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., s
     values = np.arange(n, dtype=np.float64)
     stamps = np.arange(n, dtype=np.int64) * 1_000_000
     channel = Channel("tension/a/1", "N", stamps, values, values, values, "rolling")
-    vectors = replace(
-        channel, name="force_vector/a/2", estimate=np.ones((n, 3)), reference=np.zeros((n, 3))
-    )
-    page = written(BagComparison("a", 0.0, (channel, vectors)))
+    page = written(BagComparison("a", 0.0, (channel,)))
     assert ">tension/a/1 <" in page
-    assert ">force_vector/a/2 <" in page
 
 
 def test_a_page_without_channels_has_the_drawing_alone(written: Callable[..., str]) -> None:

@@ -32,7 +32,7 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
     assert set(read) == {"format", "version", "bags", "all"}
     assert (read["format"], read["version"]) == (FORMAT, VERSION)
     for bag in read["bags"]:
-        keys = "path duration_s channels friction counters notes facts health"
+        keys = "path duration_s channels counters notes facts health"
         assert set(bag) == set(keys.split())
     for channels, errors in (
         (read["bags"][0]["channels"], pooled_errors([comparison])),
