@@ -257,36 +257,26 @@ class EarlierRun:
     """The last state of a run, and the angles there."""
 
     state: State
-    motor_angle: Vector | None = None
-    """[rad], shape (motors,); None where unknown."""
-    joint_angle: Vector | None = None
-    """[rad], shape (joints,); None where unknown."""
-    uncorrected: Vector | None = None
-    """Values of the state without corrections by other sensors; None: those of the state."""
+    motor_angle: Vector
+    """[rad], shape (motors,)."""
+    joint_angle: Vector
+    """[rad], shape (joints,)."""
+    uncorrected: Vector
+    """Values of the state without corrections by other sensors."""
 
     def has_moved(self, sample: Sample) -> bool:
         """Whether the robot has moved along an unknown path until the first sample of this run."""
-        moved = 0.0
-        for before, now in (
-            (self.motor_angle, sample.motor_angle),
-            (self.joint_angle, sample.joint_angle),
-        ):
-            if before is not None and before.shape == now.shape and now.size:
-                moved = max(moved, float(np.max(np.abs(now - before))))
+        before = np.concatenate([self.motor_angle, self.joint_angle])
+        now = np.concatenate([sample.motor_angle, sample.joint_angle])
+        moved = float(np.max(np.abs(now - before), initial=0.0))
         return moved > _core.MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
 
     def pose_change(self, model: Model, sample: Sample) -> Vector:
         """What the difference of the poses is worth in the tensions [N], shape (elements,).
 
-        The robot may have moved meanwhile, or an encoder may have slipped.  0 where the angles of
-        the earlier run are unknown.
+        The robot may have moved meanwhile, or an encoder may have slipped.
         """
-        motor, joint = self.motor_angle, self.joint_angle
-        if motor is None or joint is None:
-            return np.zeros(len(model.layout.elements))
+        there = sample._replace(motor_angle=self.motor_angle, joint_angle=self.joint_angle)
         before = State(min(self.state.stamp_ns, sample.stamp_ns - 1_000_000), self.state.values)
-        then, now = (
-            step(model, before, one)[1].tension
-            for one in (sample._replace(motor_angle=motor, joint_angle=joint), sample)
-        )
+        then, now = (step(model, before, one)[1].tension for one in (there, sample))
         return np.asarray(now - then)

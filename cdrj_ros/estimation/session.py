@@ -174,9 +174,8 @@ class LiveEstimator:
         """
         self._earlier = earlier
         self.corrected_by = set(corrected_by)
-        motor, joint = earlier.motor_angle, earlier.joint_angle
-        if motor is not None and joint is not None:
-            self.conditioner.expect(np.concatenate([motor, joint]), earlier.state.stamp_ns)
+        angles = np.concatenate([earlier.motor_angle, earlier.joint_angle])
+        self.conditioner.expect(angles, earlier.state.stamp_ns)
 
     def suspend(self) -> None:
         """Discard waiting readings; the next sample continues as after a restart of the process.
@@ -205,9 +204,7 @@ class LiveEstimator:
             state = State(sample.stamp_ns - 1_000_000, state.values)
             if self.ensemble is not None:
                 self.ensemble.shift_clock(late - 1_000_000)
-        self.state = self.uncorrected = state
-        if earlier.uncorrected is not None:
-            self.uncorrected = State(state.stamp_ns, earlier.uncorrected)
+        self.state, self.uncorrected = state, State(state.stamp_ns, earlier.uncorrected)
         if self.ensemble is not None:
             if earlier.has_moved(sample):
                 self.ensemble.reset()

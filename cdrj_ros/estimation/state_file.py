@@ -48,6 +48,11 @@ def _digest(model: Model) -> NDArray[np.uint8]:
     return np.frombuffer(digest.digest(), dtype=np.uint8)
 
 
+def _is_of(model: Model, arrays: Mapping[str, NDArray[Any]], key: str) -> bool:
+    """Whether the digest in a state file is that of a robot."""
+    return key in arrays and np.array_equal(arrays[key], _digest(model))
+
+
 def with_checksum(content: bytes) -> bytes:
     """The content of a state file: a header line, a checksum, then the arrays."""
     return HEADER + hashlib.sha256(content).digest() + content
@@ -150,12 +155,12 @@ def read_state(live: LiveEstimator, path: Path) -> str:
             return ""
         raise StateFileError(f"cannot read the state file {path}: {error}") from error
     arrays = _arrays(content, path)
-    if arrays.get("robot", np.empty(0)).tobytes() != _digest(live.started).tobytes():
+    if not _is_of(live.started, arrays, "robot"):
         raise StateFileError(f"{path} belongs to another robot, or to other parameters")
     words = _take_up_changes(live, arrays, path)
     if "state" not in arrays:
         return f"{words} from {path}; the state itself is unknown"
-    if arrays.get("digest", np.empty(0)).tobytes() != _digest(live.model).tobytes():
+    if not _is_of(live.model, arrays, "digest"):
         said = f"{words} taken up; " if words else ""
         raise StateFileError(f"{said}the state in {path} belongs to other friction")
     _take_up_state(live, arrays, path)

@@ -172,19 +172,15 @@ class RateLimit:
 
     def reset(self) -> None:
         """Let the next estimate pass."""
-        self._last_ns, self._due_ns = -1, 0
+        self._due_ns = 0
 
     def passes(self, stamp_ns: int) -> bool:
         """Whether to publish the estimate of this stamp [ns]; call once for each, in order."""
-        if not self._interval_ns:
-            return True
-        if stamp_ns <= self._last_ns:  # the clock jumped back
-            self._due_ns = 0
-        self._last_ns = stamp_ns
-        if stamp_ns < self._due_ns:
+        before_ns = self._due_ns - self._interval_ns  # further back, the clock has jumped
+        if before_ns <= stamp_ns < self._due_ns:
             return False
         # due times lie on a fixed grid so that jitter does not lower the rate; a gap restarts it
         self._due_ns += self._interval_ns
-        if self._due_ns <= stamp_ns:
+        if not stamp_ns < self._due_ns <= stamp_ns + self._interval_ns:
             self._due_ns = stamp_ns + self._interval_ns
         return True

@@ -139,6 +139,11 @@ def test_a_wrong_zero_is_found_by_the_effort_alone(model: Model, motion: Samples
     monitor = watch(model, wrong, readings, ("effort",))
     assert found(monitor) == {"zero of joint elbow": pytest.approx(1.0, abs=0.1)}
     assert "too much" in monitor.report().message
+    error = (readings - true_readings(model, same, wrong))[:, 0]
+    said = monitor.report().values["deviation of winch [N m]"].replace(",", "").split()
+    before, after = float(said[0]), float(said[4])
+    assert before == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=0.1)
+    assert after < EFFORT_NOISE
 
 
 def test_friction_of_the_motor_is_told_from_that_of_the_pulleys_by_load_cells(

@@ -12,6 +12,7 @@ import pytest
 from support.campaign import CELL
 from support.places import ROBOT, ROBOTS
 
+from cdrj_ros.estimation import state_file
 from cdrj_ros.estimation.ensemble import preload_of_elements
 from cdrj_ros.estimation.estimator import State, initial_state, run
 from cdrj_ros.estimation.measurements import Measurement
@@ -167,15 +168,21 @@ def test_whatever_load_cells_say_every_tension_that_is_solved_is_a_number(
 
 
 def test_a_restart_with_a_state_file_continues_without_a_difference(
-    model: Model, readings: Samples, tmp_path: Path
+    model: Model, readings: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "state"
     live = LiveEstimator(model)
     for k in range(1500):
         live.take(_sample(readings, k))
     assert write_state(live, path)
-    again = LiveEstimator(model)
-    assert str(path) in read_state(again, path)
+    for days, said in ((1.2, "1 days before"), (-1.2, "1 days after"), (0.9, "")):
+        now = live.state.stamp_ns + round(days * 86400e9)
+        monkeypatch.setattr(state_file, "time_ns", lambda now=now: now)
+        again = LiveEstimator(model)
+        words = read_state(again, path)
+        assert words.startswith(f"continues from {path}")
+        assert said in words
+        assert ("estimate is" in words) == bool(said)
     for k in range(1500, 1700):
         one, other = live.take(_sample(readings, k)), again.take(_sample(readings, k))
         assert np.array_equal(one.values, other.values)

@@ -102,6 +102,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench: Any, tmp_pat
     one.publish("motor_trajectory", motion)
     wanted = first + 2_500_000_000
     assert one.until(lambda: estimator.answers[-1].stamp_ns > wanted < stamp_ns(truths[-1]))
+    assert np.median(np.diff([stamp_ns(truth) for truth in truths])) == 10_000_000
     times = np.array([answer.stamp_ns for answer in estimator.answers])
     pairs = [
         (estimator.answers[np.argmin(np.abs(times - stamp))].tension, truth.tension)

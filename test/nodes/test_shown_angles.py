@@ -1,4 +1,4 @@
-"""``markers`` and ``view`` show the joint angles that the estimator computes with."""
+"""What ``markers`` and ``view`` show of joint angles and of the age of tensions."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
+from cdrj_msgs.msg import CableTensions
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.messages import topics
+from cdrj_ros.model.state import INVALID, SLACK, STALE
 from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.robot.reader import parse_robot
 
@@ -62,3 +64,15 @@ def test_a_shown_angle_is_the_estimators_to_the_bit(ros: None, tmp_path: Path) -
         samples += conditioner.take("motors", stamp, ["m"], [0.0])
         samples += conditioner.take("joints", stamp, ["q"], [reading])
     np.testing.assert_array_equal(shown, [sample.joint_angle[0] for sample in samples])
+
+
+def test_tensions_are_shown_as_stale_unless_they_are_heard(ros: None, tmp_path: Path) -> None:
+    path = tmp_path / "turning.yaml"
+    path.write_text(TEXT, encoding="utf-8")
+    node = MarkersNode(parameter_overrides=[Parameter("robot", value=str(path))])
+    assert node.inputs.snapshot().status.tolist() == [INVALID | STALE]
+    message = CableTensions(name=["c/1"], tension=[0.0], status=[SLACK])
+    node.inputs.hear(topics.TENSIONS, serialize_message(message))
+    shown = node.inputs.snapshot()
+    node.destroy_node()
+    assert shown.status.tolist() == [SLACK]
