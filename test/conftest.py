@@ -55,7 +55,7 @@ LONGEST_FIRST = (
     "evaluation/test_parallel.py", "estimation/test_prediction.py", "recordings/test_bombs.py",
     "nodes/test_view.py", "estimation/test_conditioner.py", "commands/test_identify.py",
     "nodes/test_watch.py", "truth/test_estimator.py", "estimation/test_known_sensors.py",
-    "nodes/test_node_restart.py", "paper/test_command.py", "model/test_reference.py",
+    "paper/test_command.py", "model/test_reference.py",
     "documents/test_readme.py", "report/test_html.py", "commands/test_simulate.py",
     "project/test_aarch64.py", "project/test_wheel.py", "project/test_controllers.py",
     "estimation/test_unseen.py", "estimation/test_session.py", "project/test_api.py",

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from support.estimators import Bench
-from support.forked import Forked, end
+from support.processes import end
 
 from cdrj_ros.commands import simulate
 
@@ -56,20 +56,6 @@ def node(ros: None) -> Iterator[object]:
 
 
 @pytest.fixture
-def brisk_node(node: Any) -> Iterator[Any]:
-    """The test's own node with a ``spin_once`` that is faster than rclpy's function."""
-    from rclpy.experimental import EventsExecutor
-
-    executor = EventsExecutor()
-    executor.add_node(node)
-    node.spin_once = executor.spin_once
-    try:
-        yield node
-    finally:
-        executor.shutdown()
-
-
-@pytest.fixture
 def bench(ros: None) -> Iterator[Bench]:
     """Estimators in this process and a node that communicates with them."""
     bench = Bench()
@@ -84,20 +70,6 @@ def start_executable(executables: Path) -> Iterator[Callable[..., subprocess.Pop
 
     def start(name: str, *arguments: str, **streams: Any) -> subprocess.Popen[bytes]:
         started.append(subprocess.Popen([executables / name, *arguments], **streams))
-        return started[-1]
-
-    yield start
-    for process in reversed(started):
-        end(process)
-
-
-@pytest.fixture
-def start_node() -> Iterator[Callable[..., Forked]]:
-    """As ``start_executable``, for tests of a running node: forked, which saves its imports."""
-    started: list[Forked] = []
-
-    def start(name: str, *arguments: str) -> Forked:
-        started.append(Forked(name, arguments, 2))
         return started[-1]
 
     yield start

@@ -19,9 +19,9 @@ PATIENCE_S = 120.0
 
 
 def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag_until_enter(
-    start_executable: Any, start_node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start_executable: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    start_node("rig", "--ros-args", "-p", "robot:=prototype")
+    start_executable("rig", "--ros-args", "-p", "robot:=prototype")
     (tmp_path / "new_rest").mkdir()
     process = start_executable(
         "commission", "--robot", str(ROBOTS / "prototype.yaml"), "--out",

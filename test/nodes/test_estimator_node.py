@@ -1,20 +1,18 @@
-"""The estimator in a separate process, tested over DDS."""
+"""The estimator over DDS, how it starts and how it ends."""
 
 from __future__ import annotations
 
 import signal
-import subprocess
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pytest
-from cdrj_msgs.msg import NodalForces
+from cdrj_msgs.msg import CableTensions, NodalForces
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from support.forked import Forked
+from support.estimators import Bench
 from support.places import ROBOT
-from support.remote import Remote
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
@@ -22,11 +20,11 @@ from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, rea
 from cdrj_ros.messages.templates import FORCES
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import UNSURE
+from cdrj_ros.nodes.estimator import main
+from cdrj_ros.nodes.spinning import StopRequest, exit_code
 from cdrj_ros.recordings import Topics, read_messages
 
 PATIENCE_S = 120.0
-
-
 FIELDS = {"tensions": CABLE_TENSIONS, "nodal_forces": NODAL_FORCES, "efforts": JOINT_STATE}
 WINDOW = 64
 """Maximum number of messages in flight; less than any queue depth."""
@@ -38,23 +36,19 @@ def stamp_of(payload: bytes) -> int:
     return sec * 1_000_000_000 + int.from_bytes(payload[8:12], "little")
 
 
-def play(remote: Remote, bag: str, last_ns: int) -> None:
+def play(bench: Bench, bag: str, last_ns: int, heard: Iterable[list[bytes]]) -> None:
     """Publish a bag's inputs, about WINDOW of them in flight; wait for the last estimate."""
     topics, under_way = Topics(), list[int]()
-    publishers = {
-        topics.motors: remote.inputs["motor_states"], topics.joints: remote.inputs["joint_states"],
-    }  # fmt: skip
-    heard = (remote.answers, *remote.others.values())
 
     def answered(wanted_ns: int) -> bool:
         return all(payloads and stamp_of(payloads[-1]) >= wanted_ns for payloads in heard)
 
-    for message in read_messages(bag, list(publishers)):
-        publishers[message.topic].publish(message.data)
+    for message in read_messages(bag, (topics.motors, topics.joints)):
+        bench.publishers[message.topic].publish(message.data)
         under_way.append(stamp_of(message.data))
         if len(under_way) % 16 == 0 and len(under_way) > WINDOW:
-            assert remote.until(lambda: answered(under_way[-WINDOW]))
-    assert remote.until(lambda: answered(last_ns))
+            assert bench.until(lambda: answered(under_way[-WINDOW]))
+    assert bench.until(lambda: answered(last_ns))
 
 
 def arrays(payloads: list[bytes], topic: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -68,31 +62,38 @@ def arrays(payloads: list[bytes], topic: str) -> tuple[np.ndarray, dict[str, np.
 
 
 def test_every_published_number_equals_the_offline_path_bit_for_bit_also_after_a_reset(
-    brisk_node: Any, start_node: Any, short_bag: str
+    bench: Bench, short_bag: str
 ) -> None:
     model = load_model(ROBOT)
     offline = estimate(model, condition_recording(model, read_inputs(short_bag, Topics(), model)))
     layout, values = offline.layout, offline.values
     assert offline.stamp_ns.size > 5000
-    others = {"nodal_forces": NodalForces, "efforts": JointState}
-    remote = Remote(brisk_node, start_node, "offline", others)
-    remote.start()
+    heard: dict[str, list[bytes]] = {topic: [] for topic in FIELDS}
+    for topic, kind in zip(heard, (CableTensions, NodalForces, JointState), strict=True):
+        keep = heard[topic].append
+        bench.node.create_subscription(kind, f"/cdrj/{topic}", keep, 2000, raw=True)
+    for topic in (Topics().motors, Topics().joints):
+        bench.publishers[topic] = bench.node.create_publisher(JointState, topic, 2000)
+    estimator = bench.estimator()
+    outputs = estimator.outputs
+    ends = (*bench.publishers.values(), outputs.tensions, outputs.forces, outputs.efforts)
+    assert bench.until(lambda: all(one.get_subscription_count() == 1 for one in ends))
     for _ in range(2):
-        assert remote.call(Trigger, "reset", Trigger.Request()).success
-        for heard in (remote.answers, *remote.others.values()):
-            heard.clear()
-        play(remote, short_bag, int(offline.stamp_ns[-1]))
-        stamps, tensions = arrays(remote.answers, "tensions")
+        assert bench.call(Trigger, "/cdrj/estimator/reset", Trigger.Request()).success
+        for payloads in heard.values():
+            payloads.clear()
+        play(bench, short_bag, int(offline.stamp_ns[-1]), heard.values())
+        stamps, tensions = arrays(heard["tensions"], "tensions")
         assert np.array_equal(stamps, offline.stamp_ns)
         assert np.array_equal(tensions["tension"], values[:, layout.tension])
         certain = tensions["status"].astype(int) & ~UNSURE
         assert np.array_equal(certain, values[:, layout.status])
-        stamps, forces = arrays(remote.others["nodal_forces"], "nodal_forces")
+        stamps, forces = arrays(heard["nodal_forces"], "nodal_forces")
         assert np.array_equal(stamps, offline.stamp_ns)
         for name in (*FORCES, "status"):
             if name not in ("force_z", "status"):
                 assert np.array_equal(forces[name], values[:, getattr(layout, name)]), name
-        stamps, efforts = arrays(remote.others["efforts"], "efforts")
+        stamps, efforts = arrays(heard["efforts"], "efforts")
         assert np.array_equal(stamps, offline.stamp_ns)
         both = slice(layout.motor_effort.start, layout.joint_effort.stop)
         assert np.array_equal(efforts["effort"], values[:, both])
@@ -117,39 +118,25 @@ QOS = "qos_overrides./cdrj/tensions.publisher.reliability"
     ],
 )
 def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
-    arguments: list[str], words: str, tmp_path: Path
+    arguments: list[str], words: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with (tmp_path / "said").open("wb") as said:
-        process = Forked("estimator", arguments, said.fileno())
-    assert process.wait(PATIENCE_S) == 2
-    errors = (tmp_path / "said").read_text("utf-8")
-    assert words in errors
-    assert len(lines_of_ours(errors)) == 1
-
-
-def test_a_wrong_start_of_the_installed_executable_is_one_clear_line(start_executable: Any) -> None:
-    process = start_executable("estimator", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    output, errors = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 2
+    assert main(arguments) == 2
+    output, errors = capfd.readouterr()
     assert not output
-    (line,) = lines_of_ours(errors.decode())
-    assert "robot is missing" in line
+    (line,) = [one for one in errors.splitlines() if "[rcl]" not in one]
+    assert words in line
 
 
-def lines_of_ours(errors: str) -> list[str]:
-    return [line for line in errors.strip().splitlines() if "[rcl]" not in line]
-
-
-@pytest.mark.parametrize(
-    ("options", "number", "code"),
-    [((), signal.SIGINT, 130), (("--supervised",), signal.SIGINT, 0), ((), signal.SIGTERM, 0)],
-)
-def test_the_exit_code_of_a_running_node_tells_an_interrupt_unless_it_is_supervised(
-    brisk_node: Any, start_executable: Any, options: tuple[str, ...], number: int, code: int
+def test_a_running_node_ends_with_the_code_of_an_interrupt_unless_it_is_supervised(
+    bench: Bench, start_executable: Any
 ) -> None:
     """ros2 launch reports every code but 0 as a crash, even of a node that it has interrupted."""
-    remote = Remote(brisk_node, start_executable, "ended")
-    remote.start(*options)
-    assert remote.call(Trigger, "reset", Trigger.Request()).success, "it spins"
-    remote.process.send_signal(number)
-    assert remote.process.wait(PATIENCE_S) == code
+    process = start_executable("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
+    reset = bench.call(Trigger, "/cdrj/estimator/reset", Trigger.Request())
+    assert reset.success, "it spins"
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 130
+    for number, supervised in ((signal.SIGINT, True), (signal.SIGTERM, False)):
+        stop = StopRequest()
+        stop.ask(number, None)
+        assert exit_code("estimator", stop, supervised=supervised) == 0

@@ -239,20 +239,9 @@ with_launch = pytest.mark.skipif(
 
 
 @with_launch
-def test_the_real_launch_starts_the_node() -> None:
-    said = until(
-        launch(FILE.name, "robot:=prototype", "preload:=30,20", "namespace:=left"),
-        "14 pulleys",
-        "no estimate: no reading of winch",
-    )
-    assert "left.estimator" in said
-    assert "process has finished cleanly" in said
-
-
-@with_launch
 def test_the_real_launch_activates_a_managed_node_and_starts_the_markers() -> None:
     said = until(
-        launch(CDRJ.name, "robot:=prototype", "markers:=true", "managed:=true"),
+        launch(CDRJ.name, "robot:=prototype", "markers:=true", "managed:=true", "preload:=30,20"),
         "no estimate: no reading of winch",  # said by an active node only
         "cdrj.markers",
     )

@@ -87,9 +87,9 @@ def test_configure_opens_outputs_activate_opens_inputs_and_the_way_back_closes_t
 
 
 def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
-    bench: Bench, start_node: Any
+    bench: Bench, start_executable: Any
 ) -> None:
-    process = start_node("estimator", "--managed", "--ros-args", "-p", f"robot:={ROBOT}")
+    process = start_executable("estimator", "--managed", "--ros-args", "-p", f"robot:={ROBOT}")
     states = bench.node.create_client(GetState, "/cdrj/estimator/get_state")
     client = bench.node.create_client(ChangeState, "/cdrj/estimator/change_state")
     assert bench.until(lambda: states.service_is_ready() and client.service_is_ready())

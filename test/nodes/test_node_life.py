@@ -307,7 +307,7 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
 # state file ------------------------------------------------------------------------------------
 
 
-def test_the_next_node_continues_from_the_file_that_is_written_with_every_diagnosis(
+def test_the_next_node_continues_from_the_file_that_every_diagnosis_and_change_writes(
     bench: Bench, model: Model, tmp_path: Path
 ) -> None:
     given: Any = {"state_file": tmp_path / "state", "tracking_bandwidth": 0.0}
@@ -321,3 +321,14 @@ def test_the_next_node_continues_from_the_file_that_is_written_with_every_diagno
         state, estimate = step(model, state, sample_at(k))
         whole.append(estimate.tension.copy())
     assert np.array_equal(tensions(after), whole[300:])
+
+    hold(after, 399)
+    assert bench.call(Trigger, "/after/estimator/tare", Trigger.Request()).success
+    request = SetPreload.Request(cable=["lower"], preload=[20.0])
+    assert bench.call(SetPreload, "/after/estimator/set_preload", request).success
+    last = bench.estimator("-r", "__ns:=/last", **given)
+    hold(last, 399, since=320)
+    found = tensions(last)[0]
+    assert np.allclose(found[:8], 36.85)
+    assert np.allclose(found[8:], 20.0)
+    assert last.live.model.robot.motors == after.live.model.robot.motors

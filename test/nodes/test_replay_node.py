@@ -16,8 +16,8 @@ import pytest
 import rclpy
 from cdrj_msgs.msg import CableTensions
 from rosgraph_msgs.msg import Clock
-from support.forked import Forked, Output, end
 from support.places import ROBOT
+from support.processes import Output, end
 
 from cdrj_ros.nodes.replay import main
 from cdrj_ros.nodes.replay_node import was_latched
@@ -54,7 +54,7 @@ def estimator(
 class Replay:
     """A replay process whose output is read while it runs."""
 
-    def __init__(self, process: Forked, stream: int) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], stream: int) -> None:
         self.process, self._printed = process, Output(stream)
 
     @property
@@ -84,20 +84,17 @@ def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
 
 
 @pytest.fixture
-def replay() -> Iterator[Callable[..., Replay]]:
+def replay(start_executable: Any) -> Callable[..., Replay]:
     """Start a replay of a bag with the robot and further arguments."""
-    started: list[Replay] = []
 
     def start(bag: str, *arguments: str) -> Replay:
         reader, writer = os.pipe()
-        process = Forked("replay", [bag, "--robot", ROBOT, *arguments], writer)
+        words = ("replay", bag, "--robot", ROBOT, *arguments)
+        process = start_executable(*words, stdout=writer, stderr=writer)
         os.close(writer)
-        started.append(Replay(process, reader))
-        return started[-1]
+        return Replay(process, reader)
 
-    yield start
-    for one in started:
-        end(one.process)
+    return start
 
 
 def _facts(path: Path) -> dict[str, str]:
@@ -105,15 +102,15 @@ def _facts(path: Path) -> dict[str, str]:
     return dict(bag["facts"])
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_replay_evaluates_the_node_and_writes_json_and_report(
-    estimator: Any, replay: Any, short_bag: str, tmp_path: Path
+    estimator: Any, short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     figures, report = tmp_path / "f.json", tmp_path / "r.html"
     twice = ("--loop", "2", "--playback-duration", "1")
     files = ("--json", str(figures), "--html", str(report))
-    code, out = replay(short_bag, *twice, *files).finish()
-    assert code == 0, out
-    assert "all elements" in out
+    assert main([short_bag, "--robot", ROBOT, *twice, *files]) == 0
+    assert "all elements" in capfd.readouterr().out
     (bag,) = json.loads(figures.read_text())["bags"]
     assert bag["channels"]["tension/upper/8"]["mean_relative_error"] < 0.015
     facts = bag["facts"]
@@ -180,10 +177,10 @@ def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
 
 
 def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
-    start_node: Any, replay: Any, longer_bag: str, tmp_path: Path
+    start_executable: Any, replay: Any, longer_bag: str, tmp_path: Path
 ) -> None:
     there = ("-r", "__ns:=/mortal")
-    mortal = start_node("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *there)
+    mortal = start_executable("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *there)
     one = replay(longer_bag, "--rate", "1", "--ros-args", *there)
     one.wait_for(ANSWERED, 2 * PATIENCE_S)
     mortal.send_signal(signal.SIGINT)
@@ -198,7 +195,6 @@ def test_without_an_estimator_the_missing_parts_are_named(
     short_bag: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     from cdrj_ros.nodes import player
-    from cdrj_ros.nodes.replay import main
 
     monkeypatch.setattr(player, "PATIENCE_S", 1.0)
     there = ("--ros-args", "-r", "__ns:=/nobody")

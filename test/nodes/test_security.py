@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
+import os
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
@@ -13,6 +12,7 @@ from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
 import pytest
+import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
 from support.estimators import Bench
@@ -24,7 +24,7 @@ from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
 from cdrj_ros.nodes.rig import RigNode
 from cdrj_ros.nodes.robot_description import listener_of
-from cdrj_ros.nodes.spinning import RANGE, REACH, stay_on_this_machine
+from cdrj_ros.nodes.spinning import RANGE, REACH, ros_context, stay_on_this_machine
 from cdrj_ros.nodes.watch import WatchNode
 
 PACKAGE = ROOT / "cdrj_ros"
@@ -166,18 +166,11 @@ def test_a_node_communicates_on_this_machine_only_unless_the_environment_differs
         assert told == {name: "SUBNET"}
 
 
-def test_ros_uses_the_default_discovery_range() -> None:
-    script = (
-        "import os\n"
-        "import rclpy\n"
-        "from cdrj_ros.nodes.spinning import RANGE, REACH, ros_context\n"
-        "for name in REACH: os.environ.pop(name, None)\n"
-        "with ros_context(['x']): print(os.environ[RANGE], rclpy.ok())\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.stdout.split() == ["LOCALHOST", "True"], done.stderr
+def test_ros_uses_the_default_discovery_range(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in REACH:
+        monkeypatch.delenv(name, raising=False)
+    with ros_context(["x"]):
+        assert (os.environ[RANGE], rclpy.ok()) == ("LOCALHOST", True)
 
 
 def test_the_policy_is_of_the_form_that_sros2_reads() -> None:

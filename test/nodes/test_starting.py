@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -45,10 +44,3 @@ def test_without_a_place_for_log_files_a_node_runs_and_says_so(
     assert reason in said[0]
     assert len(said) == 2
     assert "a is 1" in said[1]
-
-
-def test_with_a_place_for_log_files_nothing_is_said(tmp_path: Path) -> None:
-    done = _run(ROS_LOG_DIR=str(tmp_path))
-    assert done.returncode == 0, done.stderr
-    assert "no log file" not in done.stderr
-    assert list(tmp_path.iterdir())

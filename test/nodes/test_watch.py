@@ -19,7 +19,7 @@ from cdrj_msgs.msg import CableTensions
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from support.estimators import Bench
-from support.forked import Output
+from support.processes import Output
 
 from cdrj_ros.model.state import STALE
 from cdrj_ros.nodes import feed

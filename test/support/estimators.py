@@ -109,7 +109,7 @@ class Bench:
 def listen(estimation: Any) -> None:
     """Let ``motor`` and ``joint`` take payloads as the subscriptions do; record what is published.
 
-    Tests feed many messages; the tests over DDS show that subscriptions lead to the same callbacks.
+    ``test_estimator_node.py`` shows that subscriptions lead to the same callbacks.
     """
     if not hasattr(estimation, "answers"):
         estimation.answers = []
@@ -131,13 +131,13 @@ def feed(estimator: Any, first: int, last: int, begin: int = BEGIN) -> None:
         estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
 
 
-def hold(estimator: Any, k: int, displaced: float = 0.0) -> None:
-    """Repeat the readings of one sample until the robot counts as at rest."""
+def hold(estimator: Any, k: int, since: int = 0) -> None:
+    """Repeat the readings of one sample, ``since`` ms ago, until the robot counts as at rest."""
     sample = sample_at(k)
-    for ahead in range(1, 320):
+    for ahead in range(since + 1, since + 320):
         stamp = sample.stamp_ns + ahead * MILLISECOND
         estimator.joint(JOINT.encode(stamp, position=sample.joint_angle))
-        estimator.motor(MOTOR.encode(stamp, position=sample.motor_angle + displaced))
+        estimator.motor(MOTOR.encode(stamp, position=sample.motor_angle))
 
 
 def tensions(estimator: Any) -> np.ndarray:
