@@ -1,7 +1,7 @@
 """Compare the estimates of a bag with its references; the exit code says whether it succeeded.
 
 ros2 launch cdrj_ros validate.launch.py bag:=BAG robot:=prototype
-ros2 launch cdrj_ros validate.launch.py bag:=BAG robot:=prototype html:=out.html
+ros2 launch cdrj_ros validate.launch.py bag:=BAG robot:=prototype limits:=limits.yaml html:=out.html
 
 ros2 launch exits with 0 if validate does, and with 1 otherwise: it has no other exit codes.
 """
@@ -15,7 +15,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 
 from cdrj_ros.nodes.entry import PACKAGE, refuse_unknown
 
-PASSED_ON = ("preload", "json", "html")
+PASSED_ON = ("preload", "limits", "json", "html")
 """Arguments that are options of validate by the same name."""
 
 ARGUMENTS = [
@@ -26,6 +26,7 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         "preload", default_value="", description="Preload of every cable [N], as 36.85,26.26."
     ),
+    DeclareLaunchArgument("limits", default_value="", description="Limits of the figures (YAML)."),
     DeclareLaunchArgument("json", default_value="", description="JSON file to write."),
     DeclareLaunchArgument("html", default_value="", description="HTML page to write."),
     DeclareLaunchArgument(

@@ -17,6 +17,7 @@ from cdrj_ros.foundation.interruption import run_module
 from cdrj_ros.foundation.output import lasting_output, printable
 
 DONE: Final = 0
+OUTSIDE_LIMITS: Final = 1
 BAD_INPUT: Final = 2
 
 

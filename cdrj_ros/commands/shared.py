@@ -1,10 +1,12 @@
 """Shared by the commands: options, topics, results and their JSON file.
 
-The file is ``{"format", "version", "bags": [{"path", "duration_s", "channels", "counters",
-"notes", "facts", "health"}], "all": {"channels"}}`` where ``channels`` maps a channel's name to its
-``unit``, ``n`` and the figures of ChannelError, and ``health`` is null or the verdict of the health
-monitor.  An unknown figure is null; NaN and infinity never appear.  docs/recordings.md describes
-every key.
+The file is ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction",
+"counters", "notes", "facts", "health"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a
+channel's name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name
+to the figures of PulleyFriction, ``health`` is null or the verdict of the health monitor, and
+``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel", "figure", "value",
+"min" or "max", "by"}]}``.  An unknown figure is null; NaN and infinity never appear.
+docs/recordings.md describes every key.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from typing import Any, Final, TypeAlias
 from cdrj_ros import __version__
 from cdrj_ros.evaluation.channels import unit_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES
+from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import ChannelError, Errors
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import say
@@ -94,7 +97,13 @@ def versions() -> dict[str, str]:
     return named
 
 
-def write_files(arguments: argparse.Namespace, model: Model, errors: Errors, title: str) -> None:
+def write_files(
+    arguments: argparse.Namespace,
+    model: Model,
+    errors: Errors,
+    title: str,
+    limit_check: LimitCheck | None = None,
+) -> None:
     """Write the files given by ``--json`` and ``--html``.
 
     Args:
@@ -102,9 +111,10 @@ def write_files(arguments: argparse.Namespace, model: Model, errors: Errors, tit
         model: the prepared robot.
         errors: the recordings and their figures.
         title: of the report.
+        limit_check: result of comparing with limits, where there were any.
     """
     if arguments.json:
-        write_results(arguments.json, errors)
+        write_results(arguments.json, errors, limit_check)
     if arguments.html:
         from cdrj_ros.inspection.ranges import inspect_robot
         from cdrj_ros.report.html import write_report
@@ -115,12 +125,18 @@ def write_files(arguments: argparse.Namespace, model: Model, errors: Errors, tit
             title=title,
             inspection=inspect_robot(model),
             versions=versions(),
+            limit_check=limit_check,
         )
 
 
-def print_results(arguments: argparse.Namespace, errors: Errors, title: str) -> None:
+def print_results(
+    arguments: argparse.Namespace,
+    errors: Errors,
+    title: str,
+    limit_check: LimitCheck | None = None,
+) -> None:
     """Print notes, counters and the table, then the names of the files; arguments as above."""
-    from cdrj_ros.report.table import health_of, print_errors
+    from cdrj_ros.report.table import health_of, print_errors, print_limits
 
     for bag in errors.bags:
         for note in bag.notes:
@@ -134,6 +150,8 @@ def print_results(arguments: argparse.Namespace, errors: Errors, title: str) -> 
     print_errors(errors.pooled, title=title)
     for line in (line for bag in errors.bags for line in health_of(bag)):
         say(line)
+    if limit_check:
+        print_limits(limit_check)
     if arguments.json:
         say(f"figures: {arguments.json}")
     if arguments.html:
@@ -141,13 +159,13 @@ def print_results(arguments: argparse.Namespace, errors: Errors, title: str) -> 
 
 
 FORMAT: Final = "cdrj_ros/validation"
-VERSION: Final = 3
+VERSION: Final = 2
 """Incremented when a key changes its meaning or is removed, but not for new keys."""
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
 
-def results(errors: Errors) -> Json:
+def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
     """Content of the file written by ``write_results``, as plain lists and dictionaries.
 
     ``all`` holds the figures of the pooled samples of all recordings.
@@ -157,6 +175,7 @@ def results(errors: Errors) -> Json:
             "path": bag.path,
             "duration_s": bag.duration_s,
             "channels": _channels(own),
+            "friction": {one.name: _without(asdict(one), "name") for one in bag.friction},
             "counters": bag.counters,
             "notes": bag.notes,
             "facts": bag.facts,
@@ -164,23 +183,38 @@ def results(errors: Errors) -> Json:
         }
         for bag, own in zip(errors.bags, errors.of_bags, strict=True)
     ]
+    limits = None
+    if limit_check is not None:
+        outside = [
+            {
+                **_without(asdict(one), "least", "bound", "unit"),
+                "min" if one.least else "max": one.bound,
+                "by": one.by,
+            }
+            for one in limit_check.outside
+        ]
+        limits = {**asdict(limit_check), "outside": outside}
+        limits["file"] = limits.pop("source")
     return _plain(
         {
             "format": FORMAT,
             "version": VERSION,
             "bags": bags,
             "all": {"channels": _channels(errors.pooled)},
+            "limits": limits,
         }
     )
 
 
-def write_results(path: str | os.PathLike[str], errors: Errors) -> None:
+def write_results(
+    path: str | os.PathLike[str], errors: Errors, limit_check: LimitCheck | None = None
+) -> None:
     """Write the figures as JSON atomically.
 
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
     """
-    text = json.dumps(results(errors), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(results(errors, limit_check), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
 
 
@@ -189,6 +223,10 @@ def _channels(errors: Mapping[str, ChannelError]) -> dict[str, dict[str, Any]]:
         name: {**asdict(error), "unit": error.unit or unit_of(name)}
         for name, error in errors.items()
     }
+
+
+def _without(entries: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in entries.items() if name not in names}
 
 
 def _plain(value: Any) -> Json:

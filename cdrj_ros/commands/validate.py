@@ -6,8 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 from math import isfinite
+from pathlib import Path
 
-from cdrj_ros.commands.entry import BAD_INPUT, DONE, CommandParser, run_command
+from cdrj_ros.commands.entry import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
     add_robot_option,
@@ -18,7 +19,9 @@ from cdrj_ros.commands.shared import (
     write_files,
 )
 from cdrj_ros.evaluation.channels import BagComparison
+from cdrj_ros.evaluation.estimating import OUTPUTS
 from cdrj_ros.evaluation.inputs import Window
+from cdrj_ros.evaluation.limits import check_limits, load_limits
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.parallel import (
     Failed,
@@ -30,7 +33,7 @@ from cdrj_ros.evaluation.parallel import (
     processors,
 )
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.errors import BagError, UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.robot.description import Robot
@@ -57,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="validate",
         description="Run bags through the estimator offline, in lock-step, and compare the "
         "estimates with the recorded references.",
-        epilog="Exit code: 0 done, 2 bad usage or input.",
+        epilog="Exit code: 0 done, 1 outside the limits, 2 bad usage or input.",
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
     add_robot_option(parser, several=True)
@@ -76,6 +79,15 @@ def _parser() -> argparse.ArgumentParser:
         "(default: one per processor, but a single one for less than 16 MB of bags)",
     )  # fmt: skip
     parser.add_argument(
+        "--limits", metavar="FILE",
+        help="limits of the figures (YAML, docs/recordings.md); exit code 1 if a figure is outside",
+    )  # fmt: skip
+    parser.add_argument(
+        "--write-bag", metavar="OUT",
+        help="write an MCAP bag with everything in the original and the estimates; for several "
+        "bags, one each in the folder OUT",
+    )  # fmt: skip
+    parser.add_argument(
         "--health", choices=HEALTH, default="auto",
         help="let the health monitor compare motor efforts and load cells with the robot file "
         "(docs/reliability.md); auto: those that the node would hear; references: also recorded "
@@ -86,9 +98,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
-    """One for each bag."""
-    topics, window = topics_of(arguments), _window(arguments.start, arguments.duration)
-    load_cells = topic_prefix(arguments) + LOAD_CELLS
+    """One for each bag; refuses outputs that cannot be written before any bag is read."""
+    bags, topics = arguments.bags, topics_of(arguments)
+    window = _window(arguments.start, arguments.duration)
+    # a bag has the status that the node would publish
+    uncertainty = robot.uncertainty is not None or bool(arguments.write_bag)
+    prefix = topic_prefix(arguments)
+    outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
     return [
         BagTask(
             path,
@@ -96,11 +112,15 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
             arguments.robot,
             preload,
             window,
-            robot.uncertainty is not None,
+            outputs,
+            uncertainty,
+            written,
             arguments.health,
-            load_cells,
+            prefix + LOAD_CELLS,
         )
-        for path, preload in zip(arguments.bags, _preloads(arguments), strict=True)
+        for path, preload, written in zip(
+            bags, _preloads(arguments), _written(arguments.write_bag, bags), strict=True
+        )
     ]
 
 
@@ -125,10 +145,30 @@ def _preloads(arguments: argparse.Namespace) -> list[str | None]:
     return given if len(given) > 1 else given * len(arguments.bags)
 
 
+def _written(out: str | None, bags: Sequence[str]) -> list[str]:
+    """The bag to write for every bag that is read; empty for none."""
+    if not out:
+        return [""] * len(bags)
+    names = [Path(path).resolve().name.partition(".mcap")[0] for path in bags]
+    if len(set(names)) < len(names):
+        raise UsageError(
+            "--write-bag needs bags with different names, because it names the new bags after them"
+        )
+    written = [out] if len(names) == 1 else [str(Path(out) / name) for name in names]
+    for path in written:
+        if Path(path).exists():
+            raise BagError(f"{path} exists already; a bag is written to a new folder")
+    return written
+
+
 def _check_files(arguments: argparse.Namespace) -> None:
     """Refuse outputs that cannot be written or name an input, before any work."""
+    inputs = [*arguments.bags, arguments.robot, *([arguments.limits] if arguments.limits else [])]
     outputs = {"--json": arguments.json, "--html": arguments.html}
-    check_outputs(outputs, [*arguments.bags, arguments.robot])
+    new = Path(arguments.write_bag or "")
+    if arguments.write_bag and not new.exists() and new.absolute().parent.is_dir():
+        outputs["--write-bag"] = arguments.write_bag
+    check_outputs(outputs, inputs)
 
 
 def _body(argv: Sequence[str]) -> int:
@@ -136,6 +176,7 @@ def _body(argv: Sequence[str]) -> int:
     if arguments.jobs is not None and not 0 <= arguments.jobs <= MOST_JOBS:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     _check_files(arguments)
+    limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
     model = prepared_model(arguments.robot, preloads[0])
     tasks = _tasks(arguments, model.robot)
@@ -149,10 +190,17 @@ def _body(argv: Sequence[str]) -> int:
     if not bags:
         return BAD_INPUT
     errors = errors_of(bags)
+    limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
-    write_files(arguments, model, errors, title)
-    print_results(arguments, errors, title)
-    return BAD_INPUT if failed else DONE
+    write_files(arguments, model, errors, title, limit_check)
+    print_results(arguments, errors, title, limit_check)
+    for task in tasks:
+        if task.written and task.path not in {one.name for one in failed}:
+            say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")
+    outside = limit_check is not None and bool(limit_check.outside)
+    if failed:
+        return BAD_INPUT
+    return OUTSIDE_LIMITS if outside else DONE
 
 
 def _say_failed(failed: Sequence[Failed], total: int) -> None:

@@ -1,4 +1,4 @@
-"""Channels: one quantity each, estimated and recorded, at the stamps of the reference."""
+"""Channels: one quantity each, estimated and recorded, at the stamps of the reference; friction."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.recorded_health import Verdict
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.arrays import Floats, Stamps
+from cdrj_ros.messages import cdr
 from cdrj_ros.model.prepared import (
     EFFORT,
     NODAL_FORCE,
@@ -23,8 +24,70 @@ from cdrj_ros.model.prepared import (
     shape_at,
 )
 
+
+@dataclass(frozen=True)
+class PulleyFriction:
+    """Friction at one pulley; its share is |t_i - t_(i-1)| over the larger of the two tensions."""
+
+    name: str
+    """Name of the pulley, ``cable/node``."""
+    mean: float
+    """Mean |t_i - t_(i-1)| [N]."""
+    largest: float
+    """Largest |t_i - t_(i-1)| [N]."""
+    mean_share: float
+    """Mean share over the samples in which the cable is taut [-]."""
+    largest_share: float
+    """Largest share [-]."""
+
+
+class FrictionSums:
+    """Accumulates friction over estimates that are given in pieces."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Start with empty sums for the pulleys of a robot."""
+        self._layout = layout
+        self._sum, self._largest, self._share_sum, self._largest_share, self._taut = np.zeros(
+            (5, len(layout.pulleys))
+        )
+        self._count = 0
+
+    def add(self, values: Floats) -> None:
+        """Add the next estimates, at least one, shape (n, layout.size)."""
+        tension = values[:, self._layout.tension]
+        friction = np.abs(values[:, self._layout.friction])
+        before = self._layout.element_before
+        larger = np.maximum(tension[:, before], tension[:, before + 1])
+        taut = larger > 0.0
+        share = np.divide(friction, larger, out=np.zeros_like(friction), where=taut)
+        self._sum += friction.sum(axis=0)
+        self._share_sum += share.sum(axis=0)
+        self._taut += np.count_nonzero(taut, axis=0)
+        self._largest = np.maximum(self._largest, friction.max(axis=0))
+        self._largest_share = np.maximum(self._largest_share, share.max(axis=0))
+        self._count += len(values)
+
+    def result(self) -> tuple[PulleyFriction, ...]:
+        """Friction of all pulleys; none without estimates."""
+        if not self._count:
+            return ()
+        columns = (
+            self._sum / self._count,
+            self._largest,
+            self._share_sum / np.maximum(self._taut, 1),
+            self._largest_share,
+        )
+        rows = np.transpose(columns).tolist()
+        return tuple(
+            PulleyFriction(name, *row) for name, row in zip(self._layout.pulleys, rows, strict=True)
+        )
+
+
 FRICTION: Final = "friction"
 """``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""
+
+FORCE_VECTOR: Final = cdr.FORCE_VECTOR
+"""``force_vector/cable/node``, the force that ``nodal_force`` gives the magnitude of [N]."""
 
 ANGLE: Final = "angle"
 """``angle/joint`` of a joint without encoder [rad], [m] for a prismatic joint."""
@@ -51,6 +114,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
         TENSION: Quantity("Tension", "N", "element", "element tensions"),
         NODAL_FORCE: Quantity("Nodal force", "N", "node", "nodal forces"),
+        FORCE_VECTOR: Quantity("Force vector", "N", "node", "nodal forces as vectors"),
         FRICTION: Quantity("Friction", "N", "node", "pulley frictions", True),
         EFFORT: Quantity("Effort", "N·m", "effort", "efforts", True, "N"),
         ANGLE: Quantity("Angle", "rad", "angle", "angles", True, "m"),
@@ -87,9 +151,13 @@ def estimate_channels(layout: Layout, values: Floats) -> dict[str, Floats]:
         values: shape (n, layout.size).
 
     Returns:
-        Shape (n,) each.
+        Shape (n,) each, of force vectors (n, 3): x, y and z.
     """
-    return {name: values[:, column] for name, column in channel_columns(layout).items()}
+    named = {name: values[:, column] for name, column in channel_columns(layout).items()}
+    x, z = layout.force_x, layout.force_z  # y lies between them
+    for k, name in enumerate(layout.pulleys):
+        named[f"{FORCE_VECTOR}/{name}"] = values[:, x.start + k : z.stop : len(layout.pulleys)]
+    return named
 
 
 def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
@@ -104,20 +172,26 @@ def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
     return {name: stddev[:, k] for k, name in enumerate(channel_columns(layout))}
 
 
+def size_of(values: Floats) -> Floats:
+    """Absolute values of scalars (n,), norms of vectors (n, 3), shape (n,)."""
+    return np.abs(values) if values.ndim == 1 else np.asarray(np.linalg.norm(values, axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One quantity, estimated and recorded, at the reference's stamps."""
 
     name: str
-    """Name of the channel: "tension/upper/8", "nodal_force/upper/3" or "effort/spindle"."""
+    """Name of the channel: "tension/upper/8", "nodal_force/upper/3", "force_vector/upper/3" or
+    "effort/spindle"."""
     unit: str
     """Unit of ``estimate`` and ``reference``: "N", "N·m", "rad" or "m"."""
     stamp_ns: Stamps
     """Stamps of the reference [ns], strictly increasing, shape (n,)."""
     estimate: Floats
-    """Estimated values [unit], finite, shape (n,)."""
+    """Estimated values [unit], finite, shape (n,); of vectors (n, 3)."""
     reference: Floats
-    """Recorded values [unit], finite, shape (n,)."""
+    """Recorded values [unit], finite, of the shape of ``estimate``."""
     angle: Floats
     """Angle over which the channel is plotted [angle_unit], NaN where unknown, shape (n,)."""
     angle_name: str
@@ -130,6 +204,16 @@ class Channel:
     """Whether a motor or joint reverses at that time, shape (n,); None if unknown."""
     angle_unit: str = "rad"
     """Unit of ``angle``: "rad", or "m" for a prismatic joint."""
+
+    @property
+    def is_vector(self) -> bool:
+        """Whether every value is a vector."""
+        return self.estimate.ndim == 2
+
+    @property
+    def error_size(self) -> Floats:
+        """Absolute value or norm of estimate minus reference [unit], shape (n,)."""
+        return size_of(self.estimate - self.reference)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +232,8 @@ class BagComparison:
     """Remarks for the reader, one sentence or more each."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Further facts as text, by label: rate achieved, latency, versions."""
+    friction: tuple[PulleyFriction, ...] = ()
+    """Estimated friction at the pulleys; empty if it was not kept."""
     health: Verdict | None = None
     """Verdict of the health monitor; None if it did not run or had no sensor."""
 
@@ -202,6 +288,7 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     for prefix, names in (
         (TENSION, layout.elements),
         (NODAL_FORCE, layout.pulleys),
+        (FORCE_VECTOR, layout.pulleys),
     ):
         for name in names:
             cable_name = name.rpartition("/")[0]

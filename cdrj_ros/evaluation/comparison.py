@@ -95,7 +95,7 @@ def interpolated(before: Floats, after: Floats, neighbours: Neighbours, part: sl
 
     Args:
         before, after: values at ``neighbours.left[part]`` and ``neighbours.right[part]``, shape
-            (k,).
+            (k,) or, of vectors, (k, 3).
         neighbours: of all stamps.
         part: the stamps to interpolate at.
     """
@@ -103,6 +103,8 @@ def interpolated(before: Floats, after: Floats, neighbours: Neighbours, part: sl
     if same.all():
         return before
     share = neighbours.share[part]
+    if before.ndim > 1:
+        same, share = same[:, None], share[:, None]
     with np.errstate(invalid="ignore", over="ignore"):
         between = before + share * (after - before)
     return np.where(same, before, between)
@@ -122,7 +124,7 @@ def values_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
 
 
 Reference = tuple[ArrayLike, ArrayLike]
-"""(stamps [ns] as integers, values), both of shape (k,)."""
+"""(stamps [ns] as integers, values), both of shape (k,); values of vectors (k, 3)."""
 
 
 class _Target(NamedTuple):
@@ -130,7 +132,7 @@ class _Target(NamedTuple):
 
     neighbours: Neighbours
     reference: Floats
-    """Reference values at the stamps of ``neighbours``, shape (k,)."""
+    """Reference values at the stamps of ``neighbours``, shape (k,) or (k, 3)."""
     estimate: Floats
     """Estimates at the same stamps, of the same shape; NaN until they are filled in."""
     not_finite: int
@@ -183,7 +185,7 @@ class Comparing:
         given_stamps, given_values = reference
         stamps = np.asarray(given_stamps, np.int64)
         recorded = np.asarray(given_values, dtype=np.float64)
-        finite = np.isfinite(recorded)
+        finite = _finite(recorded)
         if finite.all():
             key = id(given_stamps)
             if key not in shared:
@@ -201,7 +203,8 @@ class Comparing:
         """Add the next ``n`` estimates.
 
         Args:
-            estimates: values by channel name [unit of the channel], shape (n,) each.
+            estimates: values by channel name [unit of the channel], shape (n,) each, or
+                (n, 3) of vectors.
             stddev: by channel name [unit], shape (n,) each; values that are negative or not finite
                 are treated as unknown.
             n: number of estimates.
@@ -240,7 +243,7 @@ class Comparing:
         made = []
         for name, target in self._targets.items():
             own = angle.get(name) if isinstance(angle, Mapping) else angle
-            neighbours, usable = target.neighbours, np.isfinite(target.estimate)
+            neighbours, usable = target.neighbours, _finite(target.estimate)
             key = id(neighbours), id(own)
             if key not in angles:
                 angles[key] = values_at(neighbours.stamp_ns, own, self._max_gap_ns)
@@ -277,6 +280,12 @@ def _taken(values: NDArray[Any], kept: NDArray[np.intp] | None) -> NDArray[Any]:
     Shared arrays are kept, and sent between processes, once.
     """
     return values if kept is None else values[kept]
+
+
+def _finite(values: Floats) -> NDArray[np.bool_]:
+    """Whether every value, or every component of a vector, is finite, shape (n,)."""
+    finite: NDArray[np.bool_] = np.isfinite(values)
+    return finite if finite.ndim == 1 else np.asarray(finite.all(axis=1))
 
 
 def _unit_of_axis(name: str, angle: Angle | None) -> str:

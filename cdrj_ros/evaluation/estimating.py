@@ -1,11 +1,12 @@
-"""Estimation over a conditioned recording, in pieces."""
+"""Estimation over a conditioned recording in pieces, and a bag that holds the estimates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
@@ -18,9 +19,13 @@ from cdrj_ros.estimation.ensemble import (
 from cdrj_ros.estimation.estimator import Angles, Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.evaluation.inputs import in_order
 from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.interruption import thread_pool
+from cdrj_ros.messages import topics
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.recordings import BagWriter, Recording, open_source
 
 T = TypeVar("T")
 
@@ -144,3 +149,117 @@ def _joined(angles: Sequence[Angles]) -> Angles | None:
         return None
     value, stddev = (np.concatenate([one[k] for one in angles]) for k in (1, 2))
     return Angles(angles[0].names, value, stddev)
+
+
+OUTPUTS: Final = (
+    topics.in_namespace(topics.TENSIONS),
+    topics.in_namespace(topics.NODAL_FORCES),
+    topics.in_namespace(topics.EFFORTS),
+)
+"""Topics of the estimates, as the node publishes them by default."""
+
+
+def write_estimates(
+    out: str,
+    path: str,
+    log_ns: NDArray[np.int64],
+    pieces: Iterable[Estimates],
+    outputs: tuple[str, str, str] = OUTPUTS,
+) -> None:
+    """Write a bag with everything in the bag at ``path``, and the estimates beside it.
+
+    Header stamps are those of the estimates; log times follow them with the delay of the inputs.
+    Messages of the original on the topics of ``outputs`` are left out, since a topic would
+    otherwise hold estimates of two sources.
+
+    Args:
+        out: the bag to write.
+        path: the bag that was read.
+        log_ns: log times of all estimates, see ``log_times``.
+        pieces: the estimates in this order; each is written before the next is asked for.
+        outputs: topics of tensions, nodal forces and efforts.
+
+    Raises:
+        BagError: ``out`` exists, or one of them cannot be read or written.
+    """
+    done = 0
+
+    def write(bag: BagWriter, piece: Estimates) -> None:
+        nonlocal done
+        end = done + piece.stamp_ns.size
+        _write_piece(bag, piece, log_ns[done:end], outputs)
+        done = end
+
+    types = (CABLE_TENSIONS.name, NODAL_FORCES.name, JOINT_STATE.name)
+    with BagWriter(out) as bag:
+        kept = [name for name in open_source(path).all_channels() if name not in outputs]
+        bag.copy(path, kept)
+        bag.write_pieces(dict(zip(outputs, types, strict=True)), pieces, write)
+
+
+def _write_piece(
+    bag: BagWriter, piece: Estimates, log_ns: NDArray[np.int64], outputs: tuple[str, str, str]
+) -> None:
+    layout, values, stamps, stddev = piece.layout, piece.values, piece.stamp_ns, piece.stddev
+    deviations = np.empty((stamps.size, 0)) if stddev is None else stddev
+    elements, pulleys = len(layout.elements), len(layout.pulleys)
+    status = values[:, layout.status].astype(np.uint8)
+    tensions, forces, efforts = outputs
+    bag.write_tensions(
+        tensions,
+        stamps,
+        layout.elements,
+        values[:, layout.tension],
+        None if stddev is None else deviations[:, :elements],
+        status,
+        log_ns=log_ns,
+        frame_id=layout.base_link,
+    )
+    bag.write_nodal_forces(
+        forces,
+        stamps,
+        layout.pulleys,
+        values[:, layout.magnitude],
+        force_x=values[:, layout.force_x],
+        force_y=values[:, layout.force_y],
+        force_z=values[:, layout.force_z],
+        stddev=None if stddev is None else deviations[:, elements : elements + pulleys],
+        friction=values[:, layout.friction],
+        slip_speed=values[:, layout.slip_speed],
+        status=layout.pulley_status(status),
+        log_ns=log_ns,
+        frame_id=layout.force_frame,
+    )
+    bag.write_joint_states(
+        efforts,
+        stamps,
+        layout.motors + layout.joints,
+        effort=values[:, layout.motor_effort.start : layout.joint_effort.stop],
+        log_ns=log_ns,
+        frame_id=layout.base_link,
+    )
+
+
+def log_times(recording: Recording, conditioned: Conditioned) -> NDArray[np.int64]:
+    """Log time of each estimate [ns], shape (n,); never before that of the estimate before it.
+
+    The delay from header stamp to log time is that of the first motor's (or joint's) messages,
+    between which it is interpolated.
+
+    Args:
+        recording: the recorded series.
+        conditioned: its samples, at whose stamps the estimates are.
+    """
+    readings = {**recording.motors, **recording.joints}
+    first = next(iter(readings))
+    series = in_order({first: readings[first]}, conditioned)[first]
+    stamps = conditioned.segments[0].stamp_ns
+    order = np.argsort(series.stamp_ns, kind="stable")
+    at, log_ns = series.stamp_ns[order], series.log_ns[order]
+    begin_ns = stamps[0]  # subtracted from stamps, so that a float holds them exactly
+    delay = np.interp(
+        (stamps - begin_ns).astype(np.float64), (at - begin_ns).astype(np.float64),
+        (log_ns - at).astype(np.float64),
+    )  # fmt: skip
+    logs: NDArray[np.int64] = np.maximum.accumulate(stamps + np.rint(delay).astype(np.int64))
+    return logs

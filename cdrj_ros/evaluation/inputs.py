@@ -11,7 +11,7 @@ import numpy as np
 from cdrj_ros.estimation.estimator import Angles
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import Conditioned, angles_of, condition
-from cdrj_ros.evaluation.channels import ANGLE
+from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
@@ -31,6 +31,7 @@ def read_inputs(
     model: Model,
     *,
     motor_efforts: bool = False,
+    force_vectors: bool = False,
 ) -> Recording:
     """Read a bag and check that it has all motors and joints of a robot.
 
@@ -40,18 +41,21 @@ def read_inputs(
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = _read(path, topics, model.robot, motor_efforts)
+    recording = _read(path, topics, model.robot, motor_efforts, force_vectors)
     require_axes(path, recording, model.robot)
     return recording
 
 
-def _read(path: str, topics: Topics, robot: Robot, motor_efforts: bool) -> Recording:
+def _read(
+    path: str, topics: Topics, robot: Robot, motor_efforts: bool, force_vectors: bool
+) -> Recording:
     """Read a bag with the references that it has."""
 
     def read(of: Source | str) -> Recording:
         return read_recording(
-            of, found, motor_efforts=motor_efforts, effort_scale=robot.effort_scale
-        )
+            of, found, motor_efforts=motor_efforts, force_vectors=force_vectors,
+            effort_scale=robot.effort_scale,
+        )  # fmt: skip
 
     source = open_source(path)
     found = reference_topics(source, topics)
@@ -169,7 +173,7 @@ def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
     """
     if not robot.as_read.joints and topics.joints not in open_source(path).channels():
         topics = replace(topics, joints=topics.motors)
-    recording = _read(path, topics, robot, True)
+    recording = _read(path, topics, robot, True, True)
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:
@@ -257,6 +261,30 @@ def references_in(
     if not conditioned.segments or not conditioned.segments[0].stamp_ns.size:
         raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
     return references
+
+
+def in_frames_of(robot: Robot, recording: Recording) -> Recording:
+    """The recording, with a note in place of the force vectors in another frame than the estimates.
+
+    The estimated forces of a cable without positions are in each pulley's own frame, and cannot be
+    compared with those in a frame that the messages name.  For a cable with positions both are
+    taken to be in the base frame, also where the messages name no frame or another.
+    """
+    unplaced = [cable.name for cable in robot.cables if not cable.placed]
+    starts = tuple(f"{FORCE_VECTOR}/{cable}/" for cable in unplaced)
+    foreign = {name for name in recording.references if name.startswith(starts)}
+    mixed = len(unplaced) < len(robot.cables) and recording.force_frame == robot.base_link
+    if not foreign or not recording.force_frame or mixed:
+        return recording
+    note = (
+        f"The recorded forces are in the frame {printable(recording.force_frame)}, but the robot "
+        f"file gives no positions of {', '.join(unplaced)}: only magnitudes were compared."
+    )
+    return replace(
+        recording,
+        references={n: one for n, one in recording.references.items() if n not in foreign},
+        notes=(*recording.notes, note),
+    )
 
 
 def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:

@@ -2,7 +2,8 @@
 
 The paper reports the mean error and the mean relative error of single channels.  Added to these are
 RMSE, the largest error, R², separate mean errors at reversals and elsewhere, and the share of
-references within two standard deviations.  Several recordings are pooled by joining their samples
+references within two standard deviations.  Of vectors, the error is the norm of the difference, and
+the angle between both is added.  Several recordings are pooled by joining their samples
 and not by averaging their figures, so that long recordings weigh more than short ones.
 """
 
@@ -15,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdrj_ros.evaluation.channels import BagComparison, Channel
+from cdrj_ros.evaluation.channels import BagComparison, Channel, size_of
 
 MINIMUM_SHARE: Final = 0.01
 """Fraction of a channel's largest |reference| below which samples are left out of relative errors.
@@ -23,6 +24,13 @@ MINIMUM_SHARE: Final = 0.01
 Where a reference passes through zero, |error| / |reference| grows without bound even for a good
 estimate, and one such sample would dominate the mean.
 """
+
+DIRECTION_SHARE: Final = 0.05
+"""Fraction of the longest reference below which a vector has no direction to compare.
+
+The angle of a short vector is mostly noise: with a load cell's 0.5 % of the range it is 6° here.
+"""
+
 
 COVERAGE_SIGMAS: Final = 2.0
 """Half width of the band whose coverage is reported [standard deviations of the estimate]."""
@@ -51,6 +59,10 @@ class ChannelError:
     """Mean |estimate - reference| everywhere else [channel's unit]."""
     coverage: float | None = None
     """Share of references within COVERAGE_SIGMAS standard deviations, where these are known [-]."""
+    mean_direction_error_deg: float | None = None
+    """Mean angle between two vectors [°] over samples where both have a direction."""
+    max_direction_error_deg: float | None = None
+    """Largest angle between two vectors [°]."""
     unit: str = ""
     """Unit of the channel, "N or N·m" for several; empty for that of its quantity."""
 
@@ -73,7 +85,7 @@ def channel_error(
     """Compare an estimate with its reference, sample by sample.
 
     Args:
-        estimate: finite, shape (n,), in any unit.
+        estimate: finite, shape (n,), or (n, 3) of vectors, in any unit.
         reference: finite, of the same shape, in the same unit.
         stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
         reversal: whether the motion reverses at the sample, shape (n,).
@@ -88,8 +100,12 @@ def channel_error(
     if (n := len(recorded)) == 0:
         return NO_SAMPLES
     error = estimated - recorded
-    size, magnitude = np.abs(error), np.abs(recorded)
+    size, magnitude = size_of(error), size_of(recorded)
     squares = _sum_of_squares(error)
+    turned: NDArray[np.float64] = np.empty(0)
+    if recorded.ndim == 2:
+        turned = direction_error_deg(estimated, recorded)
+        turned = turned[np.isfinite(turned)]
     relative: float | None = None
     if (largest := float(magnitude.max())) > 0.0:
         significant = magnitude >= MINIMUM_SHARE * largest
@@ -104,8 +120,30 @@ def channel_error(
         reversal_error=None if reversal is None else _mean(size[reversal]),
         smooth_error=None if reversal is None else _mean(size[~reversal]),
         coverage=None if stddev is None else _coverage(size, np.asarray(stddev, dtype=np.float64)),
+        mean_direction_error_deg=_mean(turned),
+        max_direction_error_deg=float(turned.max()) if len(turned) else None,
         unit=unit,
     )
+
+
+def direction_error_deg(
+    estimate: NDArray[np.float64], reference: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Angle between estimated and recorded vectors [°], shape (n,).
+
+    NaN where one of them is shorter than DIRECTION_SHARE of the longest reference, or zero.
+
+    Args:
+        estimate, reference: finite, shape (n, 3).
+    """
+    lengths = size_of(estimate), size_of(reference)
+    least = np.minimum(*lengths)
+    known = (least > 0.0) & (least >= DIRECTION_SHARE * np.max(lengths[1], initial=0.0))
+    a, b = (v[known] / s[known, None] for v, s in zip((estimate, reference), lengths, strict=True))
+    angle = np.full(len(least), np.nan)
+    # the angle of a narrow triangle, exact also near 0° and 180°, where the cosine is flat
+    angle[known] = np.degrees(2.0 * np.arctan2(size_of(a - b), size_of(a + b)))
+    return angle
 
 
 def _r2(recorded: NDArray[np.float64], squares: float) -> float | None:
@@ -113,7 +151,7 @@ def _r2(recorded: NDArray[np.float64], squares: float) -> float | None:
     # Exact comparison, because the rounded mean of equal numbers may differ from them.
     if (recorded == recorded[0]).all():
         return None
-    deviation = recorded - recorded.mean()
+    deviation = recorded - recorded.mean(axis=0)
     variation = _sum_of_squares(deviation)
     return 1.0 - squares / variation if variation > 0.0 else None
 
@@ -185,8 +223,9 @@ def mean_over_channels(errors: Iterable[ChannelError]) -> ChannelError:
     """Summary of many channels with equal weights, as in the paper's tables.
 
     Returns:
-        ``n`` is the total number of samples, ``max_abs_error`` the maximum over all channels; every
-        other figure is its mean over the channels that have it, None if no channel has it.
+        ``n`` is the total number of samples, ``max_abs_error`` and ``max_direction_error_deg`` are
+        the maxima over all channels; every other figure is its mean over the channels that have it,
+        None if no channel has it.
     """
     listed = list(errors)
 

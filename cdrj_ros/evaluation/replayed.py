@@ -177,5 +177,6 @@ class Outcome:
             notes = (*recording.notes, *self.notes())
             return BagComparison(path, duration_s, (), counters, notes, facts)
         validation = Validation(self.model, path, recording, answers.conditioned)
-        validation.compare([answers.estimates])
+        for _ in validation.compare([answers.estimates]):
+            pass
         return validation.result(facts, self.notes())

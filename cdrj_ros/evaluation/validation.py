@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
@@ -18,18 +18,25 @@ from cdrj_ros.evaluation.channels import (
     ANGLE,
     BagComparison,
     Channel,
+    FrictionSums,
     estimate_channels,
     plot_angles,
     stddev_channels,
 )
 from cdrj_ros.evaluation.comparison import Comparing
-from cdrj_ros.evaluation.estimating import pieces_of
+from cdrj_ros.evaluation.estimating import (
+    OUTPUTS,
+    log_times,
+    pieces_of,
+    write_estimates,
+)
 from cdrj_ros.evaluation.inputs import (
     WHOLE,
     Window,
     condition_recording,
     counters_of,
     duration_s,
+    in_frames_of,
     in_order,
     read_encoderless,
     read_inputs,
@@ -92,9 +99,11 @@ class Validation:
         self._sensors = sensors or Sensors({}, {})
         named = [name for readings in self._sensors for name in readings]
         self._health = RecordedHealth(model, named) if named else None
+        recording = in_frames_of(model.robot, recording)
         references = references_in(path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
         self._conditioned, self._window = conditioned, window
+        self._friction = FrictionSums(model.layout)
         names = list(estimate_channels(model.layout, np.empty((0, model.layout.size))))
         names += [f"{ANGLE}/{model.layout.joints[j]}" for j in model.robot.unmeasured]
         self._unknown = [name for name in references if name not in names]
@@ -103,12 +112,17 @@ class Validation:
         self._comparing = Comparing(names, self._segment.stamp_ns, given, MAX_GAP_NS)
         self._angles: list[Angles] = []
 
-    def compare(self, pieces: Iterable[Estimates], progress: Progress | None = None) -> None:
-        """Compare, once, before ``result``.
+    def compare(
+        self, pieces: Iterable[Estimates], progress: Progress | None = None
+    ) -> Iterator[Estimates]:
+        """Compare; exhaust it once, before ``result``.
 
         Args:
             pieces: consecutive estimates, which are not stored otherwise.
             progress: called with the completed fraction, from 0 to 1.
+
+        Yields:
+            The same pieces.
         """
         segment, done = self._segment, 0
         if self._health:
@@ -116,16 +130,18 @@ class Validation:
         for piece in pieces:
             if piece.angles is not None:
                 self._angles.append(piece.angles)
+            self._friction.add(piece.values)
             self._comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size
             if self._health:
                 self._health.follow(segment.part(slice(done, end)), piece.stddev)
+            yield piece
             done = end
             if progress:
                 progress(done / segment.stamp_ns.size)
 
     def result(self, facts: Mapping[str, str], notes: Sequence[str] = ()) -> BagComparison:
-        """The comparison of all pieces.
+        """The comparison of all pieces, for which ``compare`` must have been exhausted.
 
         Args:
             facts: further facts for the reader, by label.
@@ -147,7 +163,7 @@ class Validation:
             remarks.append(f"No reference sample has an estimate beside it: {', '.join(silent)}.")
         return BagComparison(
             self._path, duration_s(recording, self._window), channels, dict(counters),
-            tuple(remarks), facts,
+            tuple(remarks), facts, self._friction.result(),
             self._health.verdict() if self._health else None,
         )  # fmt: skip
 
@@ -205,8 +221,12 @@ class BagTask:
     preload: str | None = None
     """Preloads that replace those of the robot file."""
     window: Window = WHOLE
+    outputs: tuple[str, str, str] = OUTPUTS
+    """Topics of the estimates in the written bag."""
     uncertainty: bool = False
     """Whether standard deviations are computed."""
+    written: str = ""
+    """Bag to write with the original messages and the estimates; empty for none."""
     health: Health = "off"
     """What the health monitor hears: what the node would hear, or also the references."""
     load_cells: str = LOAD_CELLS
@@ -242,6 +262,7 @@ def compare_bag(
     begin = perf_counter()
     recording, sensors = _read(task, model)
     conditioned = condition_recording(model, recording)
+    log_ns = log_times(recording, conditioned) if task.written else None
     recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:
@@ -258,7 +279,12 @@ def compare_bag(
     motor_efforts = in_order(recording.motor_efforts, conditioned)
     (segment,) = conditioned.segments
     estimated = pieces_of(model, segment, motor_efforts, uncertainty=task.uncertainty)
-    validation.compare(estimated, on)
+    pieces = validation.compare(estimated, on)
+    if log_ns is not None:
+        write_estimates(task.written, task.path, log_ns, pieces, task.outputs)
+    else:
+        for _ in pieces:
+            pass
     facts = {
         "samples": f"{segment.stamp_ns.size}",
         "time": f"{reading_s:.2f} s reading, {perf_counter() - begin:.2f} s estimating",
@@ -279,7 +305,9 @@ def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
         require_axes(task.path, recording, model.robot.as_read)
         return recording, None
     efforts = task.health != "off"
-    recording = read_inputs(task.path, task.topics, model, motor_efforts=efforts)
+    recording = read_inputs(
+        task.path, task.topics, model, motor_efforts=efforts, force_vectors=True
+    )
     return recording, _sensors(task, model, recording) if efforts else None
 
 

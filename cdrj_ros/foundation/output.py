@@ -150,6 +150,16 @@ def format_r2(r2: float | None) -> str:
     return f"{r2:.4f}".replace("-", _MINUS) if r2 > -10.0 else f"{r2:.1f}".replace("-", _MINUS)
 
 
+def format_angle(degrees: float | None) -> str:
+    """An angle with two digits or more, down to thousandths: "0.25°", "0.001°", "143°"; or ABSENT.
+
+    Angles of a thousandth of a degree are those of rounded numbers.
+    """
+    if degrees is None:
+        return ABSENT
+    return f"{format_number(degrees, min(max(decimals_for(degrees) - 1, 0), 3))}°"
+
+
 def format_amount(value: float | None, unit: str) -> str:
     """A value with two or more digits and its unit, milli-units if small: "0.21 N", "8.4 mN·m"."""
     if value is None:

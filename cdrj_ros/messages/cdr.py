@@ -90,8 +90,11 @@ REFERENCE_ARRAYS: Final[Mapping[str, tuple[str, str]]] = {
     JOINT_STATE.name: (EFFORT, "effort"),
 }
 """By message type: the prefix of its channels' names and the array that holds their values."""
+
+FORCE_VECTOR: Final = "force_vector"
+"""``force_vector/cable/node``, the force of a cable on a pulley as a vector [N]."""
 FORCE_COMPONENTS: Final = ("force_x", "force_y", "force_z")
-"""Arrays of NodalForces that hold the components of a force."""
+"""Arrays of NodalForces that hold the components of a ``FORCE_VECTOR``."""
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,9 @@ def _wiring(arguments: argparse.Namespace) -> Wiring:
 def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
     """Read one recording and choose what of it is played."""
     source = open_source(path)
-    recording = read_recording(source, topics, effort_scale=model.robot.effort_scale)
+    recording = read_recording(
+        source, topics, force_vectors=True, effort_scale=model.robot.effort_scale
+    )
     require_axes(path, recording, model.robot)
     first, last = recording.start_ns, recording.end_ns
     begin = first + round(arguments.start_offset * 1e9)

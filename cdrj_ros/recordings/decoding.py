@@ -30,6 +30,7 @@ CONVERSION: Final = "rosbags-convert --src {} --dst NEW --dst-storage mcap"
 _LAYOUTS_AT_ONCE: Final = 16
 """Layouts compared with all rows; after these, each row is parsed individually."""
 _SEC, _NANOSEC, _NAME = "header.stamp.sec", "header.stamp.nanosec", "name"
+_FRAME = "header.frame_id"
 
 
 @dataclass
@@ -59,6 +60,8 @@ class BulkDecoder:
         """Indices (as `Table.arrival`) of the refused messages."""
         self.first_refusal = ""
         """Reason for the first refusal."""
+        self.frame = ""
+        """Frame of the first message that names one, where the type has a header."""
         self._message = message
         self._arrays = arrays
         self._may_be_empty = may_be_empty
@@ -127,6 +130,7 @@ class BulkDecoder:
             stamp_ns = column(rows, pad + sec.offset, sec.dtype)[:, 0].astype(np.int64)
             stamp_ns *= 1_000_000_000
             stamp_ns += column(rows, pad + nanosec.offset, nanosec.dtype)[:, 0]
+        self.frame = self.frame or layout.texts.get(_FRAME, ("",))[0]
         columns = [self._column(layout, array, rows, pad) for array in self._arrays]
         table = self.tables.setdefault(names, Table())
         table.arrival.append(arrival)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from importlib import resources
 from typing import Any, Final, NamedTuple
@@ -16,6 +16,7 @@ from cdrj_ros.recordings.batch import (
     DEFINITION_BYTES,
     DEFINITION_DEPTH,
     DEFINITION_FIELDS,
+    Channel,
 )
 
 OWN_PACKAGE: Final = "cdrj_msgs"
@@ -177,22 +178,19 @@ def own_definition(msgtype: str) -> Definition:
     return found
 
 
-def channel_metadata(msgtype: str) -> dict[str, str]:
-    """What an MCAP file states of a topic of messages of a type, as rosbag2 writes it."""
+def channel_metadata(channel: Channel) -> dict[str, str]:
+    """What an MCAP file states of a topic, as rosbag2 writes it."""
     return {
         "offered_qos_profiles": yaml_text([_qos()], block=True).strip(),
-        "topic_type_hash": own_definition(msgtype).hash,
+        "topic_type_hash": _type_hash(channel),
     }
 
 
 def bag_metadata(
-    file_name: str, start_ns: int, end_ns: int, types: Mapping[str, str],
+    file_name: str, start_ns: int, end_ns: int, channels: Iterable[Channel],
     counts: Mapping[str, int],
 ) -> str:  # fmt: skip
-    """Metadata of a bag of one file as rosbag2 of ROS 2 Jazzy writes it (version 9), in YAML.
-
-    ``types`` and ``counts`` are those of the messages, by topic.
-    """
+    """Metadata of a bag of one file as rosbag2 of ROS 2 Jazzy writes it (version 9), in YAML."""
 
     def extent() -> dict[str, Any]:
         return {
@@ -209,15 +207,15 @@ def bag_metadata(
             "topics_with_message_count": [
                 {
                     "topic_metadata": {
-                        "name": topic,
-                        "type": msgtype,
+                        "name": channel.topic,
+                        "type": channel.msgtype,
                         "serialization_format": "cdr",
                         "offered_qos_profiles": [_qos()],
-                        "type_description_hash": own_definition(msgtype).hash,
+                        "type_description_hash": _type_hash(channel),
                     },
-                    "message_count": counts[topic],
+                    "message_count": counts[channel.topic],
                 }
-                for topic, msgtype in types.items()
+                for channel in channels
             ],
             "compression_format": "",
             "compression_mode": "",
@@ -228,6 +226,18 @@ def bag_metadata(
         },
         block=True,
     )
+
+
+def _type_hash(channel: Channel) -> str:
+    """The type's hash: from the copied bag, or as computed for this project's types; else empty."""
+    copied = dict(channel.metadata).get("topic_type_hash")
+    if copied is not None:
+        return copied
+    try:
+        own = own_definition(channel.msgtype)
+    except BagError:
+        return ""
+    return own.hash if own.text == channel.definition else ""
 
 
 def _qos() -> dict[str, Any]:

@@ -6,14 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.cdr import (
+    FORCE_COMPONENTS,
+    FORCE_VECTOR,
     JOINT_STATE,
     REFERENCE_ARRAYS,
+    TEXT,
+    MessageType,
 )
 from cdrj_ros.messages.topics import (
     EFFORTS,
@@ -31,6 +36,10 @@ from cdrj_ros.recordings.source import Source, open_source
 
 _ANGLES, _MEASURED = "angles", "measured"
 """Uses of a topic that is an input: its positions, and its efforts."""
+
+NORM_DIFFERS: Final = 0.1
+"""Share of the median magnitude of a recording by which magnitude and norm of the components may
+differ in the median: both may be measured, each with its own noise."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +70,18 @@ class Recording:
     joints: Mapping[str, Series]
     """Joint angles by name [rad]."""
     references: Mapping[str, Series]
-    """`tension/upper/8` [N], `nodal_force/upper/3` (magnitude) [N], `effort/spindle` [N·m]."""
+    """`tension/upper/8` [N], `nodal_force/upper/3` (magnitude) [N], `effort/spindle` [N·m]; if they
+    were asked for, also `force_vector/upper/3` [N], values of shape (n, 3), of the nodal forces
+    that are given as vectors, see `force_vectors`."""
     malformed: Mapping[str, int]
     """Number of refused messages by topic: undecodable, or unequal numbers of values and names."""
     notes: tuple[str, ...]
     """Irregularities of the bag, as sentences."""
     motor_efforts: Mapping[str, Series] = field(default_factory=dict)
     """Efforts on the topic of motor angles by name [N·m]; empty unless they were asked for."""
+    force_frame: str = ""
+    """Frame that the messages with force vectors name; empty if they name none, which means that
+    of each pulley by the definition of NodalForces."""
 
 
 def read_recording(
@@ -75,16 +89,18 @@ def read_recording(
     topics: Topics = Topics(),
     *,
     motor_efforts: bool = False,
+    force_vectors: bool = False,
     effort_scale: Mapping[str, float] = MappingProxyType({}),
 ) -> Recording:
     """Read a rosbag2 folder or one MCAP file; it may be truncated or unindexed.
 
-    If a message repeats a name, both values are kept.  With ``motor_efforts``, those are read too.
-    ``effort_scale`` has factors, by name, on the efforts that motors and joints publish with their
-    angles; other efforts are in N m.  Raises BagError.
+    If a message repeats a name, both values are kept.  With ``motor_efforts`` and
+    ``force_vectors``, those are read too.  ``effort_scale`` has factors, by name,
+    on the efforts that motors and joints publish with their angles; other efforts are in N m.
+    Raises BagError.
     """
     source = path if isinstance(path, Source) else open_source(path)
-    reading = _Reading(source, topics, motor_efforts, effort_scale)
+    reading = _Reading(source, topics, motor_efforts, force_vectors, effort_scale)
     if source.channels_known():
         reading.require_inputs()
     first = 0
@@ -104,10 +120,12 @@ class _Reading:
         source: Source,
         topics: Topics,
         motor_efforts: bool,
+        force_vectors: bool,
         effort_scale: Mapping[str, float],
     ) -> None:
         self._source, self._path, self._topics = source, source.path, topics
-        self._motor_efforts, self._effort_scale = motor_efforts, effort_scale
+        self._motor_efforts, self._force_vectors = motor_efforts, force_vectors
+        self._effort_scale = effort_scale
         self._inputs = {topics.motors: "motor", topics.joints: "joint"}
         self._selected = {*self._inputs, *topics.references}
         self._of_channel: dict[Channel, list[BulkDecoder]] = {}
@@ -160,7 +178,11 @@ class _Reading:
             motor_efforts={
                 name: self._scaled(name, one) for name, one in measured.items() if one.stamp_ns.size
             },
-        )
+            force_frame=next(
+                (one.frame for (_, use), made in self._of_use.items() for one in made
+                 if use == FORCE_VECTOR), "",
+            ),
+        )  # fmt: skip
 
     def _series(self, topic: str, use: str) -> dict[str, Series]:
         """The series of a topic by name; this empties the decoders."""
@@ -184,7 +206,12 @@ class _Reading:
                 if channel in references:
                     raise BagError(f"{self._path}: {channel} is on several reference topics")
                 own = self._scaled(name, found) if topic in self._inputs else found
-                references[channel] = self._plausible(channel, own)
+                series: Series | None = self._plausible(channel, own)
+                if use == FORCE_VECTOR and series is not None:
+                    series, note = known_vectors(channel, series)
+                    self._notes += [note] if note else []
+                if series is not None:
+                    references[channel] = series
         return references
 
     def _scaled(self, name: str, series: Series) -> Series:
@@ -230,6 +257,8 @@ class _Reading:
             wanted.append((prefix, (array,)))
         try:
             message = message_type(kind, channel.definition_encoding, channel.definition)
+            if self._force_vectors and _has_components(message):
+                wanted.append((FORCE_VECTOR, (*FORCE_COMPONENTS, "magnitude")))
             made = []
             for use, arrays in wanted:
                 made.append(BulkDecoder(message, *arrays, may_be_empty=use != _ANGLES))
@@ -243,3 +272,47 @@ class _Reading:
             f"{self._path}: topic {channel.topic} for {use} is "
             f"{channel.msgtype or 'of no type'}, expected {expected}"
         )
+
+
+def _has_components(message: MessageType) -> bool:
+    """Whether the bag's own definition of the message has the components of forces as arrays."""
+    arrays = {one.name for one in message.fields if one.count is not None and one.code != TEXT}
+    return arrays.issuperset(FORCE_COMPONENTS)
+
+
+def known_vectors(name: str, series: Series) -> tuple[Series | None, str]:
+    """The forces of one pulley as vectors; None if the recording has only their magnitudes.
+
+    The components are a vector if their norm usually is the magnitude, as far as a magnitude is
+    given.  A single force that disagrees is kept: the comparison shows it.  Components of zero
+    beside a magnitude are not known: a sensor that measures only the magnitude writes them so.
+
+    Args:
+        name: of the channel, for the note.
+        series: components and magnitude [N], shape (n, 4).
+
+    Returns:
+        The components [N], shape (n, 3), NaN where they are zero beside a magnitude; None if none
+        is other than zero, or if they are no vector.  And a note on what was left out; empty if
+        nothing was, or if all components are zero or unknown.
+    """
+    components = np.ascontiguousarray(series.value[:, :3])
+    magnitude = series.value[:, 3]
+    norm = np.linalg.norm(components, axis=1)
+    present = np.isfinite(norm) & (norm > 0.0)
+    if not present.any():
+        return None, ""
+    both = present & np.isfinite(magnitude)
+    if both.any():
+        difference = float(np.median(np.abs(norm[both] - magnitude[both])))
+        if difference > NORM_DIFFERS * float(np.median(magnitude[both])):
+            return None, (
+                f"{name}: the norm of the components differs from the magnitude by "
+                f"{difference:.3g} N in the median; only magnitudes were compared"
+            )
+    filled = (norm == 0.0) & (magnitude > 0.0)
+    components[filled] = np.nan
+    components.flags.writeable = False
+    left_out = int(np.count_nonzero(filled))
+    note = f"{name}: {left_out} forces with components of zero beside a magnitude were left out"
+    return replace(series, value=components), note if left_out else ""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
 from textwrap import indent
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any, Final, TypeVar
 from uuid import uuid4
 
 import numpy as np
@@ -21,13 +21,15 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.recordings.batch import Int64s
+from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
 from cdrj_ros.recordings.definitions import (
     bag_metadata,
     channel_metadata,
+    message_type,
     own_definition,
     parse_definition,
 )
+from cdrj_ros.recordings.source import open_source, read_messages
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -36,6 +38,7 @@ _AT_ONCE: Final = 4096
 """Number of messages encoded at once."""
 
 ArrayLike = npt.ArrayLike
+Piece = TypeVar("Piece")
 Queued = tuple[int, str, bytes]
 """Log time [ns], topic and payload of a message to be written."""
 
@@ -57,8 +60,7 @@ class BagWriter:
             raise BagError(
                 f"{self.path} is not a name for a bag: metadata.yaml takes printable text"
             )
-        self._types: dict[str, str] = {}
-        """Of the messages, by topic."""
+        self._channels: dict[str, Channel] = {}
         self._queue: list[Iterator[Queued]] = []
         """Sources of messages, each in order of time, that are asked when the file is written."""
         self._closed = False
@@ -149,6 +151,24 @@ class BagWriter:
         }
         self._write(NODAL_FORCES.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
+    def copy(self, path: Path | str, topic_names: Collection[str] | None = None) -> None:
+        """Copy the messages of these topics (None: all) from another bag, unchanged.
+
+        They are read when this writer is closed.
+        """
+        source = open_source(path)
+        chosen = {
+            topic: channel
+            for topic, channel in source.all_channels().items()
+            if topic_names is None or topic in topic_names
+        }
+        for channel in chosen.values():
+            require_cdr(source.path, channel)
+            self._declare(channel)
+        if chosen:
+            messages = read_messages(source, tuple(chosen))
+            self._queue.append((one.log_ns, one.topic, one.data) for one in messages)
+
     def write_messages(
         self, topic: str, msgtype: str, messages: Sequence[tuple[int, bytes]]
     ) -> None:
@@ -159,8 +179,36 @@ class BagWriter:
             msgtype: one of the types that this package writes.
             messages: log times [ns], never decreasing, and payloads in CDR.
         """
-        self._declare(topic, msgtype)
+        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", own_definition(msgtype).text))
         self._queue.append((log_ns, topic, data) for log_ns, data in messages)
+
+    def write_pieces(
+        self,
+        topics: Mapping[str, str],
+        pieces: Iterable[Piece],
+        write: Callable[[BagWriter, Piece], None],
+    ) -> None:
+        """Write what need not be in memory at once.
+
+        Each piece is asked for, and forgotten, while the bag is written.  What `pieces` raises
+        passes through, and no bag is left behind.
+
+        Args:
+            topics: types of the topics that `write` writes, by name.
+            pieces: what is written, in order of log time.
+            write: calls the `write_…` for one of them.
+        """
+        for topic, msgtype in topics.items():
+            definition = own_definition(msgtype).text
+            self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
+
+        def parts() -> Iterator[Queued]:
+            for piece in pieces:
+                part = BagWriter(self.path)
+                write(part, piece)
+                yield from merge(*part._queue, key=itemgetter(0))
+
+        self._queue.append(parts())
 
     def close(self) -> None:
         """Write the folder; called by the context manager."""
@@ -191,7 +239,7 @@ class BagWriter:
         writer = Writer(stream)
         writer.start(profile="ros2", library="cdrj_ros")
         numbers = self._register(writer)
-        counts = dict.fromkeys(self._types, 0)
+        counts = dict.fromkeys(self._channels, 0)
         first_ns: int | None = None
         last_ns = 0
         try:
@@ -201,25 +249,23 @@ class BagWriter:
                 writer.add_message(numbers[topic], log_ns, data, log_ns)
         except struct.error:
             raise BagError(f"{self.path}: a log time before {last_ns} ns is negative") from None
-        text = bag_metadata(name, first_ns or 0, last_ns, self._types, counts)
+        text = bag_metadata(name, first_ns or 0, last_ns, self._channels.values(), counts)
         writer.add_metadata("rosbag2", {"serialized_metadata": text})
         writer.finish()  # type: ignore[no-untyped-call]
         return text
 
     def _register(self, writer: Writer) -> dict[str, int]:
-        """Channel numbers by topic."""
-        schemas = {
-            msgtype: writer.register_schema(
-                msgtype, "ros2msg", own_definition(msgtype).text.encode()
-            )
-            for msgtype in dict.fromkeys(self._types.values())
-        }
-        return {
-            topic: writer.register_channel(
-                topic, "cdr", schemas[msgtype], channel_metadata(msgtype)
-            )
-            for topic, msgtype in self._types.items()
-        }
+        """Channel numbers by topic; equal definitions share a schema."""
+        schemas: dict[tuple[str, str, str], int] = {}
+        numbers: dict[str, int] = {}
+        for topic, channel in self._channels.items():
+            key = (channel.msgtype, channel.definition_encoding, channel.definition)
+            if key not in schemas:
+                name, encoding, text = key
+                schemas[key] = writer.register_schema(name, encoding, text.encode())
+            metadata = channel_metadata(channel)
+            numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
+        return numbers
 
     def _write(
         self,
@@ -231,7 +277,8 @@ class BagWriter:
         log_ns: ArrayLike | None,
         frame_id: str,
     ) -> None:
-        self._declare(topic, msgtype)
+        definition = own_definition(msgtype).text
+        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
         stamps = np.array(stamp_ns, np.int64)
         times = stamps if log_ns is None else np.array(log_ns, np.int64)
         given = {name: np.array(a) for name, a in arrays.items() if a is not None}
@@ -246,17 +293,24 @@ class BagWriter:
             order = np.argsort(times, kind="stable")
             times, stamps = times[order], stamps[order]
             given = {name: values[order] for name, values in given.items()}
-        message = parse_definition(msgtype, own_definition(msgtype).text)
+        message = parse_definition(msgtype, definition)
         template = Template(message, names, list(given), frame_id=frame_id)
         self._queue.append(_encoded(topic, times, stamps, template, given))
 
-    def _declare(self, topic: str, msgtype: str) -> None:
-        """Declare a topic; a known topic must keep its type."""
+    def _declare(self, wanted: Channel) -> None:
+        """Declare a topic; a known topic must keep its type and fields (comments may differ)."""
         if self._closed:
             raise BagError(f"{self.path} is closed")
-        known = self._types.setdefault(topic, msgtype)
-        if known != msgtype:
-            raise BagError(f"{self.path}: topic {topic} is {known}, it cannot also be {msgtype}")
+        known = self._channels.setdefault(wanted.topic, wanted)
+        if known.msgtype != wanted.msgtype:
+            raise BagError(
+                f"{self.path}: topic {known.topic} is {known.msgtype}, it cannot also be "
+                f"{wanted.msgtype}"
+            )
+        if known.definition != wanted.definition and _fields(known) != _fields(wanted):
+            raise BagError(
+                f"{self.path}: topic {known.topic} is {known.msgtype} with other fields than before"
+            )
 
 
 def _encoded(
@@ -271,3 +325,11 @@ def _encoded(
         data = template.encode_many(stamp_ns[part], given).tobytes()
         for k, at in enumerate(log_ns[part].tolist()):
             yield at, topic, data[k * size : (k + 1) * size]
+
+
+def _fields(channel: Channel) -> object:
+    """The parsed fields of a definition; its text if it cannot be parsed."""
+    try:
+        return message_type(channel.msgtype, channel.definition_encoding, channel.definition)
+    except BagError:
+        return channel.definition

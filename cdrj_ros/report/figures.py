@@ -94,7 +94,7 @@ def channel_pictures(channel: Channel, key: str, origin_ns: int, label: str) -> 
         (whole, "over time", "Whole recording; the tinted part is enlarged."),
         (closer, f"over time, {span}", "Around the largest error."),
     ]
-    if np.isfinite(channel.angle[worst]).any():
+    if not channel.is_vector and np.isfinite(channel.angle[worst]).any():
         moved = "position" if channel.angle_unit == "m" else "angle"
         over = f"over the {moved} of {channel.angle_name}"
         made.append((hysteresis(channel, worst), over, f"O{over[1:]}, {span}."))
@@ -110,8 +110,7 @@ def around_largest_error(channel: Channel) -> slice:
     The whole channel where it does not reverse that often.
     """
     turns = turning_points(channel.angle)
-    largest = int(np.argmax(np.abs(channel.estimate - channel.reference)))
-    after = int(np.searchsorted(turns, largest))
+    after = int(np.searchsorted(turns, int(np.argmax(channel.error_size))))
     if len(turns) < 4:
         return slice(0, len(channel.stamp_ns))
     begin = min(max(after - 2, 0), len(turns) - 4)
@@ -121,7 +120,7 @@ def around_largest_error(channel: Channel) -> slice:
 def over_time(
     channel: Channel, origin_ns: int, part: slice = slice(None), tinted: slice | None = None
 ) -> Figure:
-    """Draw estimate and truth over time, with the error below.
+    """Draw estimate and truth over time, with the error below, of vectors its length.
 
     Args:
         channel: at least one sample.
@@ -132,7 +131,7 @@ def over_time(
     factor, unit = _scale(channel)
     time, stamps = _seconds(channel, origin_ns)[part], channel.stamp_ns[part]
     reference, estimate = factor * channel.reference[part], factor * channel.estimate[part]
-    error = estimate - reference
+    error = factor * channel.error_size[part] if channel.is_vector else estimate - reference
     figure = _new_figure()
     series, errors = _add_axes(figure, SERIES), _add_axes(figure, ERRORS)
     if tinted is not None:
@@ -140,12 +139,13 @@ def over_time(
         for axes in (series, errors):
             axes.axvspan(begin, end, color=COLOURS["shade"], linewidth=0, zorder=0)
     for values, role in ((reference, "truth"), (estimate, "estimate")):
-        _draw_line(series, time, values, stamps, role)
+        for component in values.reshape(len(values), -1).T:
+            _draw_line(series, time, component, stamps, role)
     errors.axhline(0.0, color=COLOURS["truth"], linewidth=0.8, zorder=1)
     _draw_line(errors, time, error, stamps, "error")
     largest = int(np.argmax(np.abs(error)))
     errors.plot(time[largest], error[largest], ".", color=COLOURS["error"], clip_on=False)
-    if channel.stddev is not None:
+    if channel.stddev is not None and not channel.is_vector:
         half = np.nan_to_num(COVERAGE_SIGMAS * factor * channel.stddev[part])
         _draw_band(series, time, estimate, half)
         _draw_band(errors, time, np.zeros_like(error), half)
@@ -153,7 +153,7 @@ def over_time(
     for axes, ticks in ((series, 5), (errors, 3)):
         axes.yaxis.set_major_locator(MaxNLocator(ticks))
     _dress(series, channel, unit)
-    size = format_amount(abs(float(error[largest])) / factor, channel.unit)
+    size = format_amount(float(channel.error_size[part][largest]), channel.unit)
     _title(errors, f"error [{unit}]", "left", "muted")
     _title(errors, f"largest {size} at {time[largest]:.2f} s", "right", "error")
     errors.set_xlabel("time [s]", fontsize=FONT_SIZE, color=COLOURS["muted"])
@@ -208,7 +208,7 @@ def _dress(axes: Axes, channel: Channel, unit: str) -> None:
     title = QUANTITIES[quantity_of(channel.name)].title.lower()
     _title(axes, f"{title} [{unit}]", "left", "muted")
     axes.legend(
-        axes.get_lines()[:2], ("recorded", "estimated"),
+        axes.get_lines()[:: max(len(axes.get_lines()) // 2, 1)][:2], ("recorded", "estimated"),
         loc="lower right", bbox_to_anchor=(1.02, 0.97), ncols=2, frameon=False,
         fontsize=FONT_SIZE, handlelength=1.0, columnspacing=1.0, labelcolor=COLOURS["muted"],
     )  # fmt: skip

@@ -14,13 +14,17 @@ from jinja2 import Environment, StrictUndefined
 
 from cdrj_ros.evaluation.channels import (
     ANGLE,
+    FORCE_VECTOR,
     QUANTITIES,
     BagComparison,
     Channel,
+    PulleyFriction,
     quantity_of,
 )
+from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import (
     COVERAGE_SIGMAS,
+    DIRECTION_SHARE,
     MINIMUM_SHARE,
     NO_SAMPLES,
     ChannelError,
@@ -31,6 +35,7 @@ from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import (
     format_amount,
+    format_angle,
     format_percent,
     format_r2,
     printable,
@@ -40,9 +45,12 @@ from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.model.prepared import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,
+    OUTSIDE_HEADINGS,
     cause_in_words,
     headings_of,
     health_lines,
+    limits_sentence,
+    outside_rows,
     r2_remark,
     table_groups,
 )
@@ -62,6 +70,7 @@ def write_report(
     title: str,
     inspection: Inspection,
     versions: Mapping[str, str],
+    limit_check: LimitCheck | None = None,
 ) -> None:
     """Write comparisons as one page, whole or not at all.
 
@@ -71,6 +80,7 @@ def write_report(
         title: title of the page, in one line.
         inspection: of the robot whose estimates were compared.
         versions: names and versions of the software that produced the estimates.
+        limit_check: result of the comparison with limits, if any.
 
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
@@ -80,6 +90,7 @@ def write_report(
         title=title,
         style=style(),
         numbers=key_numbers(errors.pooled),
+        limits=_limits(limit_check) if limit_check else None,
         several=len(errors.bags) > 1,
         table=_table(errors.pooled, _anchors(errors.bags)),
         bags=_bags(errors),
@@ -91,6 +102,7 @@ def write_report(
         around=f"{AROUND_NS * 1e-9:g} s",
         back=f"{100.0 * REVERSAL_SHARE:g} %",
         share=f"{100.0 * MINIMUM_SHARE:g} %",
+        direction_share=f"{100.0 * DIRECTION_SHARE:g} %",
     )
     write_text(path, page + "\n")
 
@@ -130,6 +142,16 @@ def _robot_file(robot: Robot) -> list[str]:
     return yaml_text(dict(robot.document)).splitlines()
 
 
+def _limits(limit_check: LimitCheck) -> dict[str, Any]:
+    """Verdict on the limits, and the figures outside them."""
+    return {
+        "kind": "outside" if limit_check.outside else "within",
+        "sentence": limits_sentence(limit_check),
+        "headings": OUTSIDE_HEADINGS,
+        "rows": outside_rows(limit_check),
+    }
+
+
 def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
     """One number for every quantity, shown in large type: label, value, meaning and detail."""
     numbers = []
@@ -145,10 +167,20 @@ def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
         value, meaning = format_percent(overall.mean_relative_error), "mean relative error"
         if known.signed or overall.mean_relative_error is None:
             value, meaning = format_r2(overall.r2), "R²"
-        detail = f"{mean} mean, {largest} largest"
+        detail = f"{mean} mean, {largest} largest{_direction(overall)}"
         label = known.title if len(members) == 1 else f"{len(members)} {known.several}"
         numbers.append({"label": label, "value": value, "meaning": meaning, "detail": detail})
     return numbers
+
+
+def _direction(error: ChannelError) -> str:
+    """Mean and largest direction error of vectors."""
+    if error.mean_direction_error_deg is None:
+        return ""
+    return (
+        f"; direction {format_angle(error.mean_direction_error_deg)} mean, "
+        f"{format_angle(error.max_direction_error_deg)} largest"
+    )
 
 
 def _table(errors: Mapping[str, ChannelError], anchors: Mapping[str, str]) -> dict[str, Any]:
@@ -183,7 +215,7 @@ def key_channels(names: Sequence[str]) -> list[str]:
     node 3 is the one measured in the paper; for a cable without it, the last node is chosen.
     """
     chosen: list[str] = []
-    for quantity in (TENSION, NODAL_FORCE, EFFORT, ANGLE):
+    for quantity in (TENSION, NODAL_FORCE, FORCE_VECTOR, EFFORT, ANGLE):
         own: dict[str, tuple[tuple[bool, int], str]] = {}
         for name in (one for one in names if quantity_of(one) == quantity):
             part, _, number = name.rpartition("/")
@@ -215,6 +247,7 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
                 "health": _health(bag),
                 "table": _table(own, anchors) if len(errors.bags) > 1 else None,
                 "key": [sections[number, name] for name in keys],
+                "friction": [_friction_row(one) for one in bag.friction],
                 "folded": folded,
             }
         )
@@ -268,6 +301,7 @@ def _line(channel: Channel, error: ChannelError) -> str:
         f"largest {format_amount(error.max_abs_error, channel.unit)}; "
         f"R² {format_r2(error.r2)}"
         + (f"; {format_percent(error.coverage, 1)} within ±2σ" if error.coverage else "")
+        + _direction(error)
     )
 
 
@@ -278,3 +312,9 @@ def _facts(bag: BagComparison) -> dict[str, str]:
         causes = (f"{cause_in_words(cause)}: {n}" for cause, n in bag.counters.items() if n)
         rows["samples left out"] = ", ".join(causes) or "none"
     return rows
+
+
+def _friction_row(one: PulleyFriction) -> tuple[str, ...]:
+    """Friction of one pulley, as a force and as a share of the larger tension."""
+    shares = (format_percent(share) for share in (one.mean_share, one.largest_share))
+    return (one.name, format_amount(one.mean, "N"), format_amount(one.largest, "N"), *shares)

@@ -1,4 +1,4 @@
-"""Tables of figures in a terminal."""
+"""Tables of figures in a terminal, of those outside their limits, and the format of numbers."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Final
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import QUANTITIES, BagComparison, quantity_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES
+from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import ChannelError, mean_over_channels
 from cdrj_ros.foundation.output import (
     counted,
     decimals_for,
+    format_angle,
     format_number,
     format_percent,
     format_r2,
@@ -93,6 +95,8 @@ MORE_HEADINGS: Final[Mapping[str, str]] = {
     "reversal_error": "at reversals",
     "smooth_error": "elsewhere",
     "coverage": "in ±2σ",
+    "mean_direction_error_deg": "mean direction",
+    "max_direction_error_deg": "max direction",
 }
 """Headings of the figures that are shown only if a channel has them."""
 
@@ -221,6 +225,8 @@ def _cells(
 
     formats: dict[str, Callable[[float | None], str]] = {
         "coverage": lambda value: format_percent(value, 1),
+        "mean_direction_error_deg": format_angle,
+        "max_direction_error_deg": format_angle,
     }
     return (
         scaled(error.mean_abs_error),
@@ -242,6 +248,70 @@ def _columns(row: Row) -> list[Text]:
     from rich.text import Text
 
     return [Text(printable(cell)) for cell in (f"  {row.label}", *row.cells)]
+
+
+OUTSIDE_HEADINGS: Final = ("outside its limit", "figure", "is", "allowed", "beyond by", "in")
+"""Headings of the table of figures outside their limits."""
+
+FIGURE_NAMES: Final[Mapping[str, str]] = {
+    "n": "samples",
+    "mean_abs_error": "mean |error|",
+    "mean_relative_error": "mean relative error",
+    "rmse": "RMSE",
+    "max_abs_error": "largest |error|",
+    "r2": "R²",
+    "reversal_error": "mean |error| at reversals",
+    "smooth_error": "mean |error| elsewhere",
+    "coverage": "share within ±2σ",
+    "mean_direction_error_deg": "mean direction error",
+    "max_direction_error_deg": "largest direction error",
+}
+"""Name of every figure in words."""
+
+
+def outside_rows(limit_check: LimitCheck) -> list[tuple[str, str, str, str, str, str]]:
+    """Figures outside their limits: channel, figure, value, bound, excess, and recording."""
+    rows = []
+    for one in limit_check.outside:
+        value, bound, by = (_figure_text(one, number) for number in (one.value, one.bound, one.by))
+        if one.by is not None and one.bound:
+            by += f" ({100.0 * one.by / abs(one.bound):.2g} %)"
+        allowed = f"{'at least' if one.least else 'at most'} {bound}"
+        rows.append((one.channel, FIGURE_NAMES[one.figure], value, allowed, by, one.where))
+    return rows
+
+
+def limits_sentence(limit_check: LimitCheck) -> str:
+    """Summary of the comparison with limits in one sentence."""
+    outside, checked = len(limit_check.outside), limit_check.checked
+    if not outside:
+        return f"Within all {checked} limits of {limit_check.source}."
+    are = "is" if outside == 1 else "are"
+    return f"{outside} of {checked} figures {are} outside the limits of {limit_check.source}."
+
+
+def print_limits(limit_check: LimitCheck) -> None:
+    """Print the figures outside their limits and their excess."""
+    say(limits_sentence(limit_check))
+    if rows := outside_rows(limit_check):
+        print_rows(OUTSIDE_HEADINGS, rows)
+
+
+def _figure_text(one: Outside, value: float | None) -> str:
+    figure = one.figure
+    if value is None:
+        return "not known"
+    if figure in ("mean_relative_error", "coverage"):
+        return format_percent(value)
+    if figure.endswith("_deg"):
+        return format_angle(value)
+    if figure == "r2":
+        return format_r2(value)
+    if figure == "n":
+        return f"{value:.0f}"
+    quantity = QUANTITIES.get(one.channel.partition("/")[0])
+    unit = one.unit or (quantity.unit if quantity else "")
+    return f"{value:.4g} {unit}".rstrip()
 
 
 def health_of(bag: BagComparison) -> list[str]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.copied import copy
 from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
 from cdrj_ros.commands import identify, simulate, validate
@@ -262,7 +261,7 @@ def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
     motor, effort = recording.motors["winch"], recording.references["effort/winch"]
     current = np.interp(motor.stamp_ns, effort.stamp_ns, effort.value) / 0.37
     with BagWriter(tmp_path / "stack") as bag:
-        copy(bag, fitted_bag, [Topics().joints])
+        bag.copy(fitted_bag, [Topics().joints])
         bag.write_joint_states(
             Topics().motors, motor.stamp_ns, ("winch",), position=motor.value[:, None],
             effort=current[:, None], log_ns=motor.log_ns,

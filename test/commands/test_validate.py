@@ -11,12 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.copied import copy
 from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
 import cdrj_ros as cdrj
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation import metrics
+from cdrj_ros.evaluation.channels import estimate_channels
+from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.model.loading import load_model
 from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
 SECONDS = 1_000_000_000
@@ -123,7 +126,7 @@ def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
     recording: Recording, short: Path, tmp_path: Path
 ) -> None:
     looped = write(tmp_path / "looped", recording, passes=3)
-    code, figures = run(tmp_path, looped)
+    code, figures = run(tmp_path, looped, "--write-bag", tmp_path / "written")
     assert code == 0
     once = run(tmp_path, short)[1]["bags"][0]["channels"]
     (bag,) = figures["bags"]
@@ -132,6 +135,34 @@ def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
         # between passes, readings that wait for the other topic may be lost
         assert channel["n"] == pytest.approx(once[name]["n"], abs=6)
         assert channel["rmse"] == pytest.approx(once[name]["rmse"], rel=0.02)
+
+
+@pytest.mark.usefixtures("few_pictures")
+def test_limits_decide_the_exit_code_and_violations_are_listed(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("channels: {tension/*: {mean_relative_error: {max: 0.05}, r2: {max: 1.0}}}")
+    code, figures = run(tmp_path, short, "--limits", limits)
+    assert code == 0
+    assert figures["limits"] == {"file": str(limits), "checked": 32, "outside": []}
+    capsys.readouterr()
+    limits.write_text("channels: {tension/upper/8: {rmse: {max: 1.0e-6}}}")
+    code, figures = run(tmp_path, short, "--limits", limits, "--html", tmp_path / "r.html")
+    assert code == 1
+    (outside,) = figures["limits"]["outside"]
+    rmse = figures["all"]["channels"]["tension/upper/8"]["rmse"]
+    assert outside == {
+        "where": str(short), "channel": "tension/upper/8", "figure": "rmse",
+        "value": rmse, "max": 1e-6, "by": pytest.approx(rmse - 1e-6),
+    }  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "1 of 1 figures is outside" in printed
+    assert "tension/upper/8" in printed
+    assert "1 of 1 figures is outside" in (tmp_path / "r.html").read_text()
+    limits.write_text("channels: {tension/*: {rsme: {max: 0.05}}}")  # before any bag is read
+    assert run(tmp_path, "/no/such/bag", "--limits", limits)[0] == 2
+    one_line(capsys, ["channels.tension/*.rsme is not a known key", "'rmse'"])
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +178,7 @@ def test_references_on_other_topics_are_found_by_their_type_and_named(
     references = dict(read_recording(second).references)
     truth = tmp_path / "truth"
     with BagWriter(truth) as bag:
-        copy(bag, second, ["/cdrj/motor_states", "/cdrj/joint_states"])
+        bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
         for topic in ("/truth/tensions", "/cdrj/tensions"):
             names, one = stacked(references, "tension/")
             bag.write_tensions(topic, one.stamp_ns, names, one.value, log_ns=one.log_ns)
@@ -166,7 +197,7 @@ def test_names_in_a_bag_do_not_control_the_terminal(
     second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with BagWriter(tmp_path / "bag") as bag:
-        copy(bag, second)
+        bag.copy(second)
         bag.write_tensions("/truth", [1, 2], ["\x1b[31mupper/9"], np.ones((2, 1)), log_ns=[1, 2])
     out = (tmp_path / "bag").rename(tmp_path / "\x1b[2Jbag")
     topics = ["--reference", "/truth", "--reference", "/reference/tensions"]
@@ -174,6 +205,53 @@ def test_names_in_a_bag_do_not_control_the_terminal(
     printed = capsys.readouterr()
     assert "\\x1b[31mupper/9" in printed.out
     assert "\x1b" not in printed.out + printed.err
+    limits = tmp_path / "limits.yaml"
+    limits.write_text('channels: {"tension/\\e[31m*": {rmse: {max: 1.0e-6}}}')
+    assert run(tmp_path, second, "--limits", limits)[0] == 1
+    printed = capsys.readouterr()
+    assert "tension/\\x1b[31m*" in printed.out
+    assert "\x1b" not in printed.out + printed.err
+
+
+def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
+    recording: Recording, tmp_path: Path
+) -> None:
+    late = 1_000_000 * SECONDS + 5_000_000  # log times of another clock
+    original = write(tmp_path / "original", recording, delay_ns=late)
+    out = tmp_path / "out"
+    code, figures = run(tmp_path, original, "--write-bag", out)
+    assert code == 0
+    assert figures["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
+    model = load_model(ROBOT)
+    read = read_inputs(str(original), Topics(), model)
+    expected = estimate(model, condition_recording(model, read))
+    named = estimate_channels(model.layout, expected.values)
+    again = read_recording(out, Topics(references=OUTPUTS), force_vectors=True)
+    assert again.notes == ()
+    for name, series in again.references.items():
+        np.testing.assert_array_equal(series.stamp_ns, expected.stamp_ns)
+        np.testing.assert_array_equal(series.log_ns, expected.stamp_ns + late)
+        np.testing.assert_array_equal(series.value, named[name])
+    assert set(again.references) == set(named)
+    before, after = read_recording(original), read_recording(out)
+    assert set(before.references) == set(after.references)
+    for name, series in before.references.items():
+        np.testing.assert_array_equal(after.references[name].value, series.value)
+
+
+def test_a_written_bag_replaces_older_estimates_and_no_folder(
+    recording: Recording, second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once, several = tmp_path / "once", tmp_path / "several"
+    assert run(tmp_path, second, "--write-bag", once)[0] == 0
+    assert run(tmp_path, second, once, "--write-bag", several)[0] == 0
+    topics = Topics(references=OUTPUTS)
+    one, other = (read_recording(path, topics).references for path in (once, several / "once"))
+    assert one["tension/upper/1"].value.size == other["tension/upper/1"].value.size
+    assert {path.name for path in several.iterdir()} == {"second", "once"}
+    capsys.readouterr()
+    assert run(tmp_path, second, "--write-bag", several)[0] == 2
+    one_line(capsys, [f"{several} exists already"])
 
 
 def test_a_prefix_chooses_one_of_several_robots(
@@ -182,8 +260,8 @@ def test_a_prefix_chooses_one_of_several_robots(
     left = write(tmp_path / "left", recording, prefix="/left")
     both = tmp_path / "both"
     with BagWriter(both) as bag:
-        copy(bag, left)
-        copy(bag, write(tmp_path / "right", recording, until_s=2.0, prefix="/right"))
+        bag.copy(left)
+        bag.copy(write(tmp_path / "right", recording, until_s=2.0, prefix="/right"))
     counts = [
         run(tmp_path, both, "--topic-prefix", side)[1]["all"]["channels"]["effort/winch"]["n"]
         for side in ("/left", "right/")
@@ -208,6 +286,7 @@ def test_a_prefix_chooses_one_of_several_robots(
         (["--duration", "0"], ["--duration must be more than 0"]),
         (["--start", "1000"], ["no references in that time"]),
         (["--jobs", "-1"], ["--jobs must be from 0 to"]),
+        (["--limits", "/no/such/file"], ["cannot read the file of limits /no/such/file"]),
     ],
 )
 def test_invalid_arguments_are_refused_in_one_line(

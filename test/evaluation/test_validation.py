@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import tracemalloc
+import weakref
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +14,17 @@ from support.compared import compare
 from support.motor_alone import without_encoder
 from support.places import ROBOT, SAMPLE
 
+from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.evaluation.channels import estimate_channels
-from cdrj_ros.evaluation.estimating import estimate, pieces_of
+from cdrj_ros.evaluation import estimating
+from cdrj_ros.evaluation.channels import FrictionSums, estimate_channels
+from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_of, write_estimates
 from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless, read_inputs
 from cdrj_ros.evaluation.validation import MAX_GAP_NS, BagTask, Validation, compare_bag
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.state import UNSURE
-from cdrj_ros.recordings import Series, Topics
+from cdrj_ros.recordings import Series, Topics, read_recording
 
 BAG = str(SAMPLE)
 
@@ -39,7 +44,8 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
     pieces.clear()
     tracemalloc.start()
     validation = Validation(model, BAG, recording, conditioned)
-    validation.compare(pieces_of(model, segment))
+    for _ in validation.compare(pieces_of(model, segment)):
+        pass
     got = validation.result({})
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -47,6 +53,44 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
     for one, other in zip(expected, got.channels, strict=True):
         assert one.name == other.name
         assert one.estimate.tobytes() == other.estimate.tobytes()
+
+
+def test_a_bag_of_estimates_is_written_piece_by_piece(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A piece is forgotten once it has been written."""
+    monkeypatch.setattr(estimating, "AT_ONCE", 512)
+    model = load_model(ROBOT)
+    model = replace(model, layout=replace(model.layout, base_link="arm", force_frame="arm"))
+    read = read_inputs(BAG, Topics(), model)
+    motors, joints = (
+        {
+            name: Series(*(column[:6000] for column in vars(one).values()))
+            for name, one in of.items()
+        }
+        for of in (read.motors, read.joints)
+    )
+    recording = replace(read, motors=motors, joints=joints)
+    conditioned = condition_recording(model, recording)
+    stamps = conditioned.segments[0].stamp_ns
+    alive: list[weakref.ref[Estimates]] = []
+    most = 0
+
+    def watched() -> Iterator[Estimates]:
+        nonlocal most
+        validation = Validation(model, BAG, recording, conditioned)
+        for piece in validation.compare(pieces_of(model, conditioned.segments[0])):
+            alive.append(weakref.ref(piece))
+            most = max(most, sum(one() is not None for one in alive))
+            yield piece
+
+    out = tmp_path / "out"
+    write_estimates(str(out), BAG, log_times(recording, conditioned), watched())
+    assert len(alive) > 10
+    assert most <= 2
+    found = read_recording(out, Topics(references=OUTPUTS), force_vectors=True)
+    assert found.force_frame == "arm"
+    assert all(np.array_equal(one.stamp_ns, stamps) for one in found.references.values())
 
 
 def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
@@ -96,7 +140,8 @@ def test_what_was_not_compared_is_counted_and_named() -> None:
     references = {"tension/upper/8": tension, "tension/third/1": tension, "effort/elbow": late}
     recording = replace(read, references=references, malformed={"/cdrj/motor_states": 4})
     validation = Validation(model, BAG, recording, conditioned)
-    validation.compare(pieces_of(model, conditioned.segments[0]))
+    for _ in validation.compare(pieces_of(model, conditioned.segments[0])):
+        pass
     found = validation.result({}, ("A remark.",))
     assert [channel.name for channel in found.channels] == ["tension/upper/8", "effort/elbow"]
     assert found.counters["malformed"] == 4
@@ -125,3 +170,30 @@ def test_a_bag_without_efforts_is_refused() -> None:
     robot = without_encoder("prototype", "elbow").robot
     with pytest.raises(BagError, match="no efforts of winch, from which elbow"):
         read_encoderless(BAG, Topics(references=()), robot)
+
+
+def test_shares_are_of_the_larger_tension() -> None:
+    layout = load_model(ROBOT).layout
+    n, elements = 200, len(layout.elements)
+    tension = np.full((n, elements), 10.0)
+    tension[:, layout.elements.index("upper/4")] = 8.0
+    tension[:100, layout.elements.index("lower/1")] = 0.0
+    tension[:100, layout.elements.index("lower/2")] = 0.0
+    place = {name: k for k, name in enumerate(layout.elements)}
+    after = [place[name] for name in layout.pulleys]
+    friction = tension[:, after] - tension[:, [k - 1 for k in after]]
+    values = np.zeros((n, layout.size))
+    values[:, layout.tension], values[:, layout.friction] = tension, friction
+    sums = FrictionSums(layout)
+    for part in (slice(0, 70), slice(70, n)):
+        sums.add(values[part])
+    found = {one.name: one for one in sums.result()}
+    assert list(found) == list(layout.pulleys)
+    for name in ("upper/4", "upper/5"):
+        assert found[name].mean == pytest.approx(2.0)
+        assert found[name].mean_share == pytest.approx(0.2)
+    assert found["upper/3"].largest_share == 0.0
+    # samples of a slack cable do not count in the mean
+    assert found["lower/2"].mean_share == 0.0
+    # half of the time one side is slack, with share 1, and then the share is 0
+    assert found["lower/3"].mean_share == pytest.approx(0.5)

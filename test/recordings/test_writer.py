@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.recordings import BagWriter, Topics, read_messages, read_recording
 
 COUNT = 30_000
 T = 1_700_000_000_000_000_000 + np.arange(COUNT) * 1_000_000
@@ -117,6 +117,52 @@ def test_a_topic_may_be_written_in_pieces_and_out_of_order(tmp_path):
         bag.write_joint_states("/a", [4, 3], ["x"], [[4.0], [3.5]])
     series = read_recording(tmp_path / "bag", Topics("/a", "/a")).motors["x"]
     assert series.value.tolist() == [3, 3.5, 4, 5]
+
+
+def test_a_copied_type_keeps_the_definition_it_had(make, tmp_path):
+    fields = "string[] name\nfloat32[] tension\n"
+    path = make.topics(
+        tmp_path / "a.mcap",
+        {
+            "/ours": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
+            "/theirs": ("cdrj_msgs/msg/CableTensions", fields, [(1, b"")]),
+        },
+    )
+    with BagWriter(tmp_path / "copy") as bag:
+        bag.copy(path)
+        bag.write_tensions("/ours", [1], ["u/1"], [[1.0]])
+        with pytest.raises(BagError, match=r"/theirs .* other fields"):
+            bag.write_tensions("/theirs", [1], ["u/1"], [[1.0]])
+    (file,) = (tmp_path / "copy").glob("*.mcap")
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    texts = {c.topic: summary.schemas[c.schema_id].data for c in summary.channels.values()}
+    assert texts["/theirs"].decode() == fields
+    assert b"stddev" in texts["/ours"]
+
+
+def test_a_copy_holds_the_same_messages_beside_new_ones(make, tmp_path, written):
+    path, _ = written
+    other = make.mcap(tmp_path / "other.mcap", make.swing(50))
+    with BagWriter(tmp_path / "copy") as bag:
+        bag.copy(path)
+        bag.copy(other, ["/joint_states", "/not/there"])
+        bag.write_joint_states("/new", T[:5], ["x"], np.zeros((5, 1)))
+    topics = ["/motors", "/tensions", "/forces"]
+    original = list(read_messages(path, topics))
+    copied = list(read_messages(tmp_path / "copy", topics))
+    assert sorted(copied) == sorted(original)
+    assert [m.log_ns for m in copied] == [m.log_ns for m in original]
+    with AnyReader([tmp_path / "copy"]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+    assert counts == {
+        "/motors": COUNT,
+        "/tensions": COUNT // 2,
+        "/forces": 1,
+        "/never": 0,
+        "/joint_states": 50,
+        "/new": 5,
+    }
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from support.compared import compare
 from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
-from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel
+from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
+from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.inspection.checks import Inspection
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -148,6 +149,7 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     alarm = Alarm("warn", nasty, 0.0, 1.0, 1, 1)
     bag = replace(
         BagComparison(nasty, 0.5, channels, {nasty: 1}, (f"effort/{nasty}", nasty), {nasty: nasty}),
+        friction=(PulleyFriction(f"{nasty}/2", 1.0, 2.0, 0.1, 0.2),),
         health=Verdict("warn", nasty, 1, (nasty,), (alarm,), {nasty: nasty}),
     )
     robot = inspection.model.robot
@@ -158,6 +160,7 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     write_report(
         tmp_path / "r.html", errors_of([bag, bag]), title=nasty, versions={nasty: nasty},
         inspection=replace(inspection, model=replace(inspection.model, robot=robot)),
+        limit_check=LimitCheck(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
     )  # fmt: skip
     plain, parser = Strict(), Strict()
     plain.feed(written(replace(comparison, channels=comparison.channels[:2])))
@@ -196,8 +199,12 @@ def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., s
     values = np.arange(n, dtype=np.float64)
     stamps = np.arange(n, dtype=np.int64) * 1_000_000
     channel = Channel("tension/a/1", "N", stamps, values, values, values, "rolling")
-    page = written(BagComparison("a", 0.0, (channel,)))
+    vectors = replace(
+        channel, name="force_vector/a/2", estimate=np.ones((n, 3)), reference=np.zeros((n, 3))
+    )
+    page = written(BagComparison("a", 0.0, (channel, vectors)))
     assert ">tension/a/1 <" in page
+    assert ">force_vector/a/2 <" in page
 
 
 def test_a_page_without_channels_has_the_drawing_alone(written: Callable[..., str]) -> None:

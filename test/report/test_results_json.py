@@ -29,10 +29,11 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
     write_results(path, bags)
     read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
     assert read == results(bags)
-    assert set(read) == {"format", "version", "bags", "all"}
+    assert set(read) == {"format", "version", "bags", "all", "limits"}
     assert (read["format"], read["version"]) == (FORMAT, VERSION)
+    assert read["limits"] is None
     for bag in read["bags"]:
-        keys = "path duration_s channels counters notes facts health"
+        keys = "path duration_s channels friction counters notes facts health"
         assert set(bag) == set(keys.split())
     for channels, errors in (
         (read["bags"][0]["channels"], pooled_errors([comparison])),
