@@ -1,24 +1,38 @@
-"""Scenes: a robot and its motion, and the tensions of cables with contact cells on its bodies.
-
-The paths of the cables are those of ``reference_in_space``, which the core's equal to rounding.
-"""
+"""Scenes: a robot and its motion, as truth and as robot file, from the same numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from model.reference_in_space import by_positions, moved, path_at
+import yaml
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
-from cdrj_ros.robot.description import Pulley, Robot, Winch
-from truth.surface import Cable, Contact, Course, solve
+from truth.bodies import Node
+from truth.frames import Frame, Pose, place
+from truth.paths import Path, find_path
+from truth.surface import Cable, Contact, Course, State, solve
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A cable of a scene."""
+
+    name: str
+    stiffness: float
+    """EA [N]."""
+    preload: float
+    nodes: tuple[Node, ...]
+
+    @property
+    def spans(self) -> tuple[str, ...]:
+        """Names of its spans, those of the estimator's elements."""
+        return tuple(f"{self.name}/{k}" for k in range(1, len(self.nodes)))
 
 
 @dataclass(frozen=True)
@@ -26,31 +40,22 @@ class Truth:
     """Tensions and efforts over time."""
 
     tension: Array
-    """Of all elements [N], shape (n, elements)."""
+    """Of every cable's straight spans [N], shape (n, spans)."""
     joint_effort: Array
-    """[N m] or [N], shape (n, joints)."""
+    """Of the forces of the spans on the bodies that they leave [N m] or [N], (n, joints)."""
     motor_effort: Array
     """[N m], shape (n, motors)."""
-
-
-@dataclass(frozen=True)
-class Lines:
-    """One cable over time."""
-
-    length: Array
-    """Of its elements, with the arcs and what tangents have laid onto its ends [m]."""
-    arm: Array
-    """Lever arms of its elements about the joints [m], shape (n, elements, joints)."""
-    drum: Array
-    """Lever arms about its ends [m], shape (n, 2)."""
-    courses: tuple[Course, ...]
 
 
 @dataclass(frozen=True)
 class Scene:
     """A robot and its motion; it begins in the reference pose."""
 
-    robot: Robot
+    name: str
+    frames: tuple[Frame, ...]
+    joints: tuple[str, ...]
+    motors: tuple[str, ...]
+    lines: tuple[Line, ...]
     time: Array
     """[s], shape (n,)."""
     joint: Array
@@ -59,106 +64,164 @@ class Scene:
     """Cable that a motor winds beyond what its cable's geometry asks for [m], shape (n,)."""
     cycle: float
     """Time after which every body has slipped [s]."""
-    stride: int = 4
-    """From one sample whose path is computed to the next; 1 where the cable leaves a body."""
-    cell: float = np.radians(1.5)
-    """Angle of a contact cell about a body [rad]."""
+    cell_deg: float = 1.5
+    """Angle of a contact cell about a body."""
+
+    @cached_property
+    def poses(self) -> Mapping[str, Pose]:
+        """Of all frames over time."""
+        return place(self.frames, self.joints, self.joint)
+
+    @cached_property
+    def paths(self) -> tuple[Path, ...]:
+        """Of all cables over time."""
+        return tuple(find_path(line.nodes, self.poses) for line in self.lines)
 
     @cached_property
     def motor(self) -> Array:
         """Angles of the motors [rad], shape (n, motors)."""
-        return np.stack([self._drive(motor.name)[0] for motor in self.robot.motors], axis=1)
+        angle = np.zeros((self.time.size, len(self.motors)))
+        for line, path in zip(self.lines, self.paths, strict=True):
+            for node in (line.nodes[0], line.nodes[-1]):
+                if node.motor:
+                    longer = path.length - path.length[0]
+                    wound = self.pull[node.motor] - longer
+                    angle[:, self.motors.index(node.motor)] = node.winding * wound / node.radius
+        return angle
 
-    def _drive(self, name: str) -> tuple[Array, int, int, Winch]:
-        """Angles of a motor, the cable on it, which end of that, and its drum there."""
-        for c, cable in enumerate(self.robot.cables):
-            for end in (0, -1):
-                drum = cable.nodes[end]
-                if isinstance(drum, Winch) and drum.motor == name:
-                    length = self.lines[c].length.sum(1)
-                    wound = self.pull[name] - (length - length[0])
-                    return drum.winding * wound / drum.radius, c, end, drum
-        raise AssertionError(name)
+    def robot_file(self, cells: int = 0) -> str:
+        """The same robot as text of a robot file, with so many cells a body unless it is 0."""
+        return yaml.safe_dump(self._document(cells), sort_keys=False)
 
-    @cached_property
-    def lines(self) -> tuple[Lines, ...]:
-        """All cables over time, the motors at rest."""
-        return tuple(self._lines(c) for c in range(len(self.robot.cables)))
+    def _document(self, cells: int) -> dict[str, Any]:
+        low, high = self.joint.min(0), self.joint.max(0)
+        margin = 0.01 * (high - low) + 1e-9
+        joints = [
+            {
+                "name": name,
+                "range": [float(low[j] - margin[j]), float(high[j] + margin[j])],
+                "reference_angle": float(self.joint[0, j]),
+            }
+            for j, name in enumerate(self.joints)
+        ]
+        return {
+            "name": self.name,
+            "motors": [{"name": name} for name in self.motors],
+            "joints": joints,
+            "frames": [_frame(frame) for frame in self.frames],
+            "friction": {"law": "elastoplastic", "rho": 1.0, "bristle_stiffness": 1e6},
+            "cables": [
+                {
+                    "name": line.name,
+                    "axial_stiffness": line.stiffness,
+                    "preload": line.preload,
+                    "nodes": [_node(node, cells) for node in line.nodes],
+                }
+                for line in self.lines
+            ],
+        }
 
-    def _lines(self, c: int) -> Lines:
-        robot = replace(self.robot, cables=self.robot.cables[c : c + 1])
-        (cable,) = robot.cables
-        knots = np.unique(np.append(np.arange(0, self.time.size, self.stride), self.time.size - 1))
-        poses = self.joint[knots]
-        found = [by_positions(robot, cable, q) for q in poses]
-        ways = [np.zeros(len(cable.pulleys))]
-        ways += [moved(robot, before, now) for before, now in pairwise(poses)]
-        paths = [path_at(robot, cable, q).contacts[1:-1] for q in poses]
-        touching = np.array([[one.touches for one in path] for path in paths])
-        if self.stride > 1:
-            assert touching.all()
-            touching = np.ones((self.time.size, len(cable.pulleys)), dtype=bool)
-
-        def throughout(values: list[Array]) -> Array:
-            return np.asarray(CubicSpline(self.time[knots], np.array(values))(self.time))
-
-        length, arc, laid = (
-            throughout([getattr(one, name) for one in found]) for name in ("length", "arc", "laid")
-        )
-        span = length.copy()
-        span[:, :-1] -= 0.5 * arc
-        span[:, 1:] -= 0.5 * arc
-        span[:, [0, -1]] -= laid
-        for b in reversed(range(len(cable.pulleys))):  # the line past a body is that before it
-            passed = np.where(touching[:, b], 0.0, span[:, b + 1])
-            span[:, b] += passed
-            span[:, b + 1] -= passed
-        middle = throughout(list(np.cumsum(ways, axis=0)))
-        wrap = throughout([one.wrap for one in found])
+    def states(self, c: int) -> tuple[Cable, Iterator[State]]:
+        """Cable c and its states, one after the other."""
+        line, path = self.lines[c], self.paths[c]
+        cell = np.radians(self.cell_deg)
+        contacts = tuple(_contact(node, cell) for node in line.nodes[1:-1])
+        drums = path.wound.copy()
+        for end in (0, -1):
+            node = line.nodes[end]
+            if node.motor:
+                turned = self.motor[:, self.motors.index(node.motor)]
+                drums[:, end] += node.winding * node.radius * turned
+        cable = Cable(line.stiffness, line.preload, contacts)
         courses = map(
-            Course, span, middle - 0.5 * arc, middle + 0.5 * arc, wrap, touching, laid
+            Course, path.span, path.first, path.last, path.wrap, path.touching, drums
         )  # fmt: skip
-        arm, drum = (throughout([getattr(one, name) for one in found]) for name in ("arm", "drum"))
-        return Lines(length, arm, drum, tuple(courses))
+        return cable, solve(cable, courses)
 
     def truth(self) -> Truth:
         """Solve all cables over time."""
-        drums = [np.zeros((self.time.size, 2)) for _ in self.lines]
-        drives = [self._drive(motor.name) for motor in self.robot.motors]
-        for angle, c, end, drum in drives:
-            drums[c][:, end] = drum.winding * drum.radius * angle
-        tensions = [self._tension(c, wound) for c, wound in enumerate(drums)]
-        joint_effort = -sum(
-            np.einsum("ne,nej->nj", tension, line.arm)
-            for tension, line in zip(tensions, self.lines, strict=True)
-        )
-        motor_effort = [
-            -drum.winding * self.lines[c].drum[:, end] * tensions[c][:, end]
-            for _, c, end, drum in drives
+        tensions = [
+            np.stack([state.tension(cable) for state in states])
+            for cable, states in map(self.states, range(len(self.lines)))
         ]
-        return Truth(
-            np.concatenate(tensions, axis=1), np.asarray(joint_effort),
-            np.stack(motor_effort, axis=1),
-        )  # fmt: skip
+        joint_effort, motor_effort = self._joint_effort(tensions), self._motor_effort(tensions)
+        return Truth(np.concatenate(tensions, axis=1), joint_effort, motor_effort)
 
-    def _tension(self, c: int, wound: Array) -> Array:
-        """Of all elements of a cable [N], shape (n, elements); ``wound`` by the motors [m]."""
-        cable = self.robot.cables[c]
-        contacts = tuple(map(self._contact, cable.pulleys))
-        known = Cable(cable.axial_stiffness, cable.preload, contacts)
-        courses = (
-            replace(course, wound=course.wound + turned)
-            for course, turned in zip(self.lines[c].courses, wound, strict=True)
-        )
-        return np.stack([state.tension(known) for state in solve(known, courses)])
+    def _joint_effort(self, tensions: Sequence[Array]) -> Array:
+        """The pull of every span on the body that it leaves and on the one that it meets."""
+        effort = np.zeros(self.joint.shape)
+        for line, path, tension in zip(self.lines, self.paths, tensions, strict=True):
+            for k in range(len(line.nodes) - 1):
+                begin = self.poses[_exit_frame(line.nodes[k])].velocity(
+                    path.begin[:, k], len(self.joints)
+                )
+                end = self.poses[line.nodes[k + 1].frame].velocity(path.end[:, k], len(self.joints))
+                pull = tension[:, k, None] * path.direction[:, k]
+                effort += np.einsum("njx,nx->nj", begin - end, pull)
+        return effort
 
-    def _contact(self, node: Pulley) -> Contact:
-        assert node.place is not None
-        mu, place = node.friction.mu_c, node.place
-        if place.kind == "sheath":
-            bend = float(node.wrap[0].value[0])
-            return Contact(mu, float(place.length / np.ceil(bend / self.cell)))
-        return Contact(mu, self.cell * node.radius)
+    def _motor_effort(self, tensions: Sequence[Array]) -> Array:
+        """The moment of the pull on every drum; a point has the drum's radius for its lever."""
+        effort = np.zeros((self.time.size, len(self.motors)))
+        for line, path, tension in zip(self.lines, self.paths, tensions, strict=True):
+            for end, points in ((0, path.begin[:, 0]), (-1, path.end[:, -1])):
+                node = line.nodes[end]
+                if node.motor:
+                    lever = np.full(self.time.size, node.radius)
+                    if not node.is_point:
+                        pose = self.poses[node.frame]
+                        axis = np.asarray(node.axis or (0.0, 0.0, 1.0))
+                        out = points - pose.point((*node.position, 0.0)[:3])
+                        moment = np.cross(out, path.direction[:, end])
+                        lever = node.turn * np.sum(moment * (pose.turn @ axis), -1)
+                        lever /= np.linalg.norm(axis)
+                    pull = node.winding * lever * tension[:, end]
+                    effort[:, self.motors.index(node.motor)] -= pull
+        return effort
+
+
+def _exit_frame(node: Node) -> str:
+    return node.exit_frame if node.kind == "sheath" else node.frame
+
+
+def _contact(node: Node, cell: float) -> Contact:
+    if node.kind == "eyelet":
+        return Contact(node.mu, 0.0)
+    if node.kind == "sheath":
+        return Contact(node.mu, float(node.length / np.ceil(node.bend / cell)))
+    return Contact(node.mu, cell * node.radius)
+
+
+def _frame(frame: Frame) -> dict[str, Any]:
+    return {
+        "name": frame.name, "parent": frame.parent, "motion": frame.motion, "joint": frame.joint,
+        "origin": [*map(float, frame.origin)], "rpy": [*map(float, frame.rpy)],
+        "axis": [*map(float, frame.axis)],
+    }  # fmt: skip
+
+
+def _node(node: Node, cells: int) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "type": node.kind, "frame": node.frame, "position": [*map(float, node.position)],
+    }  # fmt: skip
+    if node.radius:
+        entry["radius"] = node.radius
+    if node.axis is not None:
+        entry["axis"] = [*map(float, node.axis)]
+    if node.turn:
+        entry["turn"] = "ccw" if node.turn > 0 else "cw"
+    if node.side is not None:
+        entry["side"] = [*map(float, node.side)]
+    if node.motor:
+        entry |= {"motor": node.motor, "winding": node.winding}
+    if node.kind == "sheath":
+        entry |= {"exit": [*map(float, node.exit)], "exit_frame": node.exit_frame}
+        entry |= {"length": node.length, "bend": float(node.bend)}
+    if node.kind not in {"winch", "anchor"}:
+        entry["friction"] = {"mu_c": node.mu}
+        if cells and node.kind != "eyelet":
+            entry["cells"] = cells
+    return entry
 
 
 def waves(time: Array, *terms: tuple[float, float, float]) -> Array:
