@@ -117,7 +117,7 @@ def test_the_wheel_contains_the_commands_and_requires_what_they_import(
         if line and not line.startswith("#")
     ]
     required = [line.partition(": ")[2] for line in metadata if line.startswith("Requires-Dist")]
-    assert sorted(required) == sorted([*wanted, 'mujoco<4; extra == "mujoco"'])
+    assert sorted(required) == sorted([*wanted, 'mujoco<5; extra == "mujoco"'])
     assert len(wanted) >= 10
     assert "cdrj_ros/py.typed" in names
     scripts = {path.name for path in (installation.folder / "bin").iterdir()}
