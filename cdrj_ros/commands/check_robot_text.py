@@ -148,12 +148,13 @@ def _table(robot: Robot, cable: Cable, check: CableCheck) -> Table:
         title=cable.name, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
         pad_edge=False,
     )  # fmt: skip
-    units = ["-" if joint.name in robot.prismatic_joints else "mm" for joint in robot.joints]
-    arms = [f"arm {one.name} [{unit}]" for one, unit in zip(robot.joints, units, strict=True)]
+    moving = _moving(check)
+    names = [robot.joints[j].name for j in moving]
+    arms = [f"arm {name} [{'-' if name in robot.prismatic_joints else 'mm'}]" for name in names]
     table.add_column("")
     for heading in ("length [mm]", *arms, "wrap [°]", "η at rest", "η sliding", "passes [mm]"):
         table.add_column(Text(heading), justify="right", no_wrap=True)
-    *parts, whole = _rows(robot, cable, check)
+    *parts, whole = _rows(robot, cable, check, moving)
     for k, row in enumerate(parts):
         table.add_row(*row, style="dim" if k % 2 else None)
     table.add_section()
@@ -161,11 +162,21 @@ def _table(robot: Robot, cable: Cable, check: CableCheck) -> Table:
     return table
 
 
-def _rows(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[tuple[str, ...]]:
+def _moving(check: CableCheck) -> list[int]:
+    """Joints that move any part of a cable."""
+    every = [element.moment_arm for element in check.elements]
+    return [
+        j for j, arms in enumerate(zip(*every, strict=True)) if any(a.low or a.high for a in arms)
+    ]
+
+
+def _rows(
+    robot: Robot, cable: Cable, check: CableCheck, moving: Sequence[int]
+) -> Iterator[tuple[str, ...]]:
     """Elements and pulleys in the order in which the cable meets them, then the whole cable."""
-    blank = [""] * (1 + len(robot.joints))
+    blank = [""] * (1 + len(moving))
     for k, element in enumerate(check.elements):
-        arms = _arms(robot, element.moment_arm)
+        arms = _arms(robot, element.moment_arm, moving)
         yield (f"element {k + 1}", _shown(element.length, 1e3, 1), *arms, "", "", "", "")
         if k < len(check.pulleys):
             pulley = check.pulleys[k]
@@ -180,7 +191,7 @@ def _rows(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[tuple[str, 
     yield (
         "whole cable",
         _shown(check.length, 1e3, 1),
-        *_arms(robot, check.moment_arm),
+        *_arms(robot, check.moment_arm, moving),
         "",
         _shown(check.transmission_at_rest, 1.0, 3),
         _shown(check.transmission_sliding, 1.0, 3),
@@ -188,12 +199,9 @@ def _rows(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[tuple[str, 
     )
 
 
-def _arms(robot: Robot, arms: Sequence[Extent]) -> list[str]:
-    positions = robot.prismatic_joints
-    return [
-        _shown(arm, 1.0, 3) if joint.name in positions else _shown(arm, 1e3, 2)
-        for joint, arm in zip(robot.joints, arms, strict=True)
-    ]
+def _arms(robot: Robot, arms: Sequence[Extent], moving: Sequence[int]) -> list[str]:
+    slides = [joint.name in robot.prismatic_joints for joint in robot.joints]
+    return [_shown(arms[j], 1.0, 3) if slides[j] else _shown(arms[j], 1e3, 2) for j in moving]
 
 
 def _shown(extent: Extent, factor: float, decimals: int) -> str:

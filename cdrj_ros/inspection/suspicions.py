@@ -63,6 +63,10 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
         found += _tension(robot, cable, check, bool(inspection.loads))
         found += _material(cable, entry.get("youngs_modulus"))
         found += _thickness(cable, entry.get("diameter"))
+    unlimited = [cable.name for cable in robot.cables if isinf(cable.maximum_tension)]
+    if unlimited:
+        text = "without max_tension: no overload will be reported"
+        found.append(Suspicion(", ".join(unlimited), text, grave=False))
     found += _motors(inspection)
     found += _joints(inspection)
     found += _without_encoder(inspection)
@@ -109,16 +113,18 @@ def _arms_and_spans(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[S
                 f"the free span shrinks to {1e3 * span.low:.1f} mm{_at(robot, span.low_at)}, "
                 f"{100.0 * span.low / span.high:.0f} % of its longest",
             )
+    changing = []
     for joint, arm in zip(robot.joints, check.moment_arm, strict=True):
         size = max(abs(arm.low), abs(arm.high))
         if arm.low < -SMALL_ARM * size and arm.high > SMALL_ARM * size and size > 1e-9:
-            # normal for the cables of a platform; a dead centre for a single joint
-            yield Suspicion(
-                cable.name,
-                f"its moment arm about {joint.name} changes sign ({_arm(robot, joint.name, arm)}): "
-                "it pulls one way in one part of the range and the other way in the rest",
-                grave=len(robot.joints) == 1,
-            )
+            changing.append(f"about {joint.name} ({_arm(robot, joint.name, arm)})")
+    if changing:  # normal for the cables of a platform; a dead centre for a single joint
+        yield Suspicion(
+            cable.name,
+            f"its moment arm changes sign {', '.join(changing)}: it pulls one way in one part of "
+            "the range and the other way in the rest",
+            grave=len(robot.joints) == 1,
+        )
 
 
 def _arm(robot: Robot, joint: str, arm: Extent) -> str:
@@ -142,8 +148,6 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
             f"{check.worst.high:.4g} N at the pulling end{_at(robot, check.worst.high_at)}, "
             f"friction included, is above max_tension {cable.maximum_tension:g} N",
         )
-    elif isinf(cable.maximum_tension):
-        yield Suspicion(cable.name, "has no max_tension: no overload will be reported", grave=False)
     if cable.preload == 0.0:
         if not loaded:
             yield Suspicion(
@@ -185,7 +189,7 @@ def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
     if strain > LARGEST_STRAIN:
         yield Suspicion(
             cable.name,
-            f"the preload alone stretches it by {100.0 * strain:.2g} %: is EA = "
+            f"the preload alone stretches it by {100.0 * strain:.3g} %: is EA = "
             f"{cable.axial_stiffness:.4g} N right?",
         )
 

@@ -110,17 +110,17 @@ def _impossible(robot: Robot, where: str, views: ScratchViews) -> Iterator[str]:
         path, count = f"cables[{c}].nodes", len(cable.nodes)
         if cable.placed:
             yield from _at_nodes(cable, path, where, views.touches[node : node + count])
-        for p, wrap in enumerate(views.wrap[pulley : pulley + count - 2]):
-            if not wrap >= 0.0:
-                yield (
-                    f"{path}[{p + 1}] ({cable.name}/{p + 2}) is left by its cable{where}: the wrap "
-                    f"angle is {wrap:.4g} rad and must not be negative"
-                )
         for e, length in enumerate(views.element_length[element : element + count - 1]):
             if not length > 0.0:
                 yield (
                     f"cables[{c}]: element {cable.name}/{e + 1} has the length {length:.4g} m"
                     f"{where}; it must be positive"
+                )
+        for p, wrap in enumerate(views.wrap[pulley : pulley + count - 2]):
+            if not wrap >= 0.0:
+                yield (
+                    f"{path}[{p + 1}] ({cable.name}/{p + 2}) is left by its cable{where}: the wrap "
+                    f"angle is {wrap:.4g} rad and must not be negative"
                 )
         node, element, pulley = node + count, element + count - 1, pulley + count - 2
 

@@ -182,16 +182,27 @@ class _Import:
         """Nodes of a branch, the ends without their types; None if one cannot be represented."""
         kinds = self._mujoco.mjtWrap
         nodes: list[Document] = []
+        point = None
         for kind, target, parameter in path:
             if kind == kinds.mjWRAP_SITE:
                 body = int(self._model.site_bodyid[target])
-                point = self._point(name, body, self._model.site_pos[target])
-                node = None if point is None else {"type": "eyelet", **point}
+                place = self._point(name, body, self._model.site_pos[target])
+                node = None if place is None else {"type": "eyelet", **place}
             else:
                 node = self._body(name, kind == kinds.mjWRAP_CYLINDER, target, round(parameter))
             if node is None:
                 return None
-            nodes.append(node)
+            if node == point:
+                self._remarks.append(
+                    f"{name} returns to a site at once: the loop in between is left out"
+                )
+                while nodes[-1] != node:
+                    nodes.pop()
+            else:
+                nodes.append(node)
+            point = node if node["type"] == "eyelet" else point
+        if len(nodes) < 2:
+            return None
         for end in (nodes[0], nodes[-1]):
             del end["type"]
         return nodes

@@ -176,7 +176,7 @@ ODD = [
     ("winding: -1", "winding: 1", "b", "although the motors follow"),
     (WINCH_B, "- {type: anchor}", "b", "has no winch"),
     ("max_tension: 300", "max_tension: 20", "a", "above max_tension"),
-    ("    max_tension: 300\n", "", "a", "no max_tension"),
+    ("    max_tension: 300\n", "", "a", "without max_tension"),
     ("diameter_mm: 1", "diameter_mm: 0.05", "a", "stretches it by"),
     ("diameter_mm: 1", "diameter: 1", "a", "diameter is 1000 mm"),
     ("youngs_modulus_gpa: 100", "youngs_modulus_gpa: 2000", "a", "youngs_modulus is 2e+03 GPa"),

@@ -91,6 +91,7 @@ ARM = """
     <spatial name="through"><site site="a"/><geom geom="ring" sidesite="in"/><site site="b"/></spatial>
     <spatial name="beside"><site site="b"/><geom geom="ball" sidesite="side"/><site site="c"/></spatial>
     <spatial name="within"><site site="near"/><geom geom="ball"/><site site="c"/></spatial>
+    <spatial name="twice"><site site="a"/><site site="b"/><geom geom="ball"/><site site="b"/><site site="c"/></spatial>
   </tendon>
 </mujoco>
 """  # noqa: E501
