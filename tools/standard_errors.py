@@ -28,7 +28,7 @@ from scipy.stats import norm, qmc
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.commands.identify_uncertainty import uncertainty_section  # noqa: E402
+from cdrj_ros.commands.identify_entries import uncertainty_section  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
 from cdrj_ros.estimation.samples import Samples  # noqa: E402

@@ -12,7 +12,6 @@ from typing import Any
 from cdrj_ros.commands.check_robot_text import print_inspection
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.estimation.reading_limits import slips
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion
@@ -34,11 +33,6 @@ def _parser() -> argparse.ArgumentParser:
         "robot", metavar="ROBOT", help="robot file (YAML), or the name of an installed robot"
     )
     parser.add_argument(
-        "--load", action="append", default=[], metavar="JOINT=EFFORT",
-        help="effort that the cables must exert on a joint in every pose [N m], or [N] for a "
-        "prismatic joint; repeatable",
-    )  # fmt: skip
-    parser.add_argument(
         "--json", metavar="FILE", help="write the results as JSON; -: to standard output"
     )
     return parser
@@ -50,7 +44,7 @@ def _body(argv: Sequence[str]) -> int:
     if not to_terminal:
         check_outputs({"--json": arguments.json}, [robot_path(arguments.robot)])
     model = load_model(arguments.robot)
-    inspection = inspect_robot(model, _loads(arguments.load))
+    inspection = inspect_robot(model)
     suspicions = find_suspicions(inspection)
     shares = uncertainty_shares(model)
     if to_terminal:
@@ -64,22 +58,6 @@ def _body(argv: Sequence[str]) -> int:
     if arguments.json:
         print(printable(f"figures: {arguments.json}"))
     return DONE
-
-
-def _loads(entries: Sequence[str]) -> dict[str, float]:
-    loads = {}
-    for entry in (one for several in entries for one in several.split(",")):
-        name, equals, value = entry.partition("=")
-        try:
-            effort = float(value)
-        except ValueError:
-            effort = float("nan")
-        if not (name and equals and isfinite(effort)):
-            raise UsageError(f"--load must be JOINT=EFFORT with a number, got {entry!r}")
-        if name in loads:
-            raise UsageError(f"--load gives {name} twice")
-        loads[name] = effort
-    return loads
 
 
 def json_text(
@@ -99,7 +77,6 @@ def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[s
         "robot": robot.name,
         "source": robot.source,
         "poses": len(inspection.poses),
-        "loads": dict(inspection.loads),
         "motors": [
             {"name": motor.name, "angle": _extent(names, motor.angle)}
             for motor in inspection.motors

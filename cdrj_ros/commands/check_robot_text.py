@@ -75,7 +75,7 @@ def print_inspection(
 
 
 def headline(inspection: Inspection) -> str:
-    """Numbers of parts and poses, and the loads."""
+    """Numbers of parts and poses."""
     robot = inspection.model.robot
     layout = inspection.model.layout
     parts = [
@@ -85,11 +85,7 @@ def headline(inspection: Inspection) -> str:
         counted(len(layout.elements), "element"),
         counted(len(layout.pulleys), "pulley"),
     ]
-    loads = "".join(
-        f", load {value:g} {'N' if name in robot.prismatic_joints else 'N m'} on {name}"
-        for name, value in inspection.loads.items()
-    )
-    return f"{robot.name}: {', '.join(parts)}; {len(inspection.poses)} poses{loads}"
+    return f"{robot.name}: {', '.join(parts)}; {len(inspection.poses)} poses"
 
 
 def mapping(robot: Robot) -> Iterator[str]:
@@ -218,11 +214,11 @@ def _facts(inspection: Inspection, cable: Cable, check: CableCheck) -> Iterator[
         f"preload {cable.preload:g} N, law {cable.law}"
     )
     limit = f"; max_tension {cable.maximum_tension:g} N" if isfinite(cable.maximum_tension) else ""
-    loaded = "under the load" if inspection.loads else "when the motors follow"
     where = pose_text(robot, check.worst.high_at)
     yield (
-        f"tension {loaded}: {_shown(check.followed, 1.0, 2)} N; worst {check.worst.high:.4g} N, at "
-        f"the pulling end with every pulley slipping{f' ({where})' if where else ''}{limit}"
+        f"tension when the motors follow: {_shown(check.followed, 1.0, 2)} N; worst "
+        f"{check.worst.high:.4g} N, at the pulling end with every pulley slipping"
+        f"{f' ({where})' if where else ''}{limit}"
     )
     still = [
         f"{joint.name} moved by {1e3 * way:.2f} mm"

@@ -18,7 +18,7 @@ import numpy as np
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.commission_poses import READING, rest_poses, scale_readings
-from cdrj_ros.commands.identify_uncertainty import (
+from cdrj_ros.commands.identify_entries import (
     COVARIANCE_LIMIT,
     fit_errors,
     stated_lines,

@@ -16,14 +16,14 @@ from typing import Final, Literal, NamedTuple
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.entry import DONE, run_command
-from cdrj_ros.commands.identify_residual import with_residuals
-from cdrj_ros.commands.identify_task import Task, parser, posed, task_of
-from cdrj_ros.commands.identify_uncertainty import (
+from cdrj_ros.commands.identify_entries import (
     COVARIANCE_LIMIT,
     fit_errors,
     model_errors,
     uncertainty_section,
+    with_residuals,
 )
+from cdrj_ros.commands.identify_task import Task, parser, posed, task_of
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.inputs import TAKEN, read_inputs, require_references
 from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors

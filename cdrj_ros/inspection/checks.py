@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import degrees
 
@@ -76,9 +76,9 @@ class CableCheck:
     stiffness: float
     """dT / dL at the preload in the reference pose [N/m], EA / length of a linear cable."""
     followed: Extent
-    """Frictionless tension while the motors follow, under the given loads [N]."""
+    """Frictionless tension while the motors follow [N]."""
     worst: Extent
-    """Tension at the pulling end when every pulley has to slip, under the given loads [N]."""
+    """Tension at the pulling end when every pulley has to slip [N]."""
     slack_after: tuple[float, ...]
     """Motion of every joint from the reference pose that removes all preload while the motors rest
     [rad] or [m]; infinite if the cable does not move the joint."""
@@ -104,10 +104,6 @@ class Inspection:
     """Visited joint angles, shape (poses, joints)."""
     cables: tuple[CableCheck, ...]
     motors: tuple[MotorCheck, ...]
-    loads: Mapping[str, float]
-    """Effort that the cables must exert on a joint in every pose [N m] or [N]."""
-    unbalanced: tuple[tuple[float, ...], ...]
-    """Poses in which no tensions of at least 0 N exert the loads."""
     unmoved: tuple[tuple[float, ...], ...]
     """Poses in which the joints can move without changing the length of any cable."""
 

@@ -6,7 +6,7 @@ assumed to follow the joints such that every cable keeps its preload as well as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import product
 from typing import Final
 
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Matrix, Vector
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.checks import (
     CableCheck,
     ElementCheck,
@@ -88,25 +87,13 @@ def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[floa
     return 1.0 - kinetic - static, 1.0 - kinetic
 
 
-def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Inspection:
+def inspect_robot(model: Model) -> Inspection:
     """Inspect a prepared robot in many poses of its joint ranges.
 
     Args:
         model: the robot.
-        loads: effort that the cables must exert on a joint in every pose [N m], or [N] for a
-            prismatic joint; the effort on other joints is unconstrained.
-
-    Raises:
-        UsageError: a load on a joint that does not exist.
     """
     robot = model.robot
-    loads = dict(loads or {})
-    for name in loads:
-        if name not in model.layout.joints:
-            raise UsageError(
-                f"there is no joint {name!r} to load; {robot.name} has "
-                f"{', '.join(model.layout.joints) or 'none'}"
-            )
     poses = visited_poses(robot)
     shapes = [shape_at(model, pose) for pose in poses]
     length = np.array([shape.length for shape in shapes])
@@ -117,11 +104,6 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
     stiffness = stiffness_at_preload(robot, whole[0])
     drums = robot.drums
     motors, followed = _followed(robot, whole, stiffness, drums)
-    unbalanced: list[tuple[float, ...]] = []
-    if loads:
-        followed, unbalanced = loaded_tensions(
-            model, loads, poses, whole_by, followed, stiffness, drums
-        )
     return Inspection(
         model,
         poses,
@@ -130,8 +112,6 @@ def inspect_robot(model: Model, loads: Mapping[str, float] | None = None) -> Ins
             MotorCheck(motor.name, _extent(motors[:, m], poses), tuple(drums[:, m].tolist()))
             for m, motor in enumerate(robot.motors)
         ),
-        loads,
-        tuple(unbalanced),
         tuple(
             tuple(pose)
             for pose, arms in zip(poses.tolist(), whole_by, strict=True)
@@ -305,51 +285,3 @@ def _followed(
             strain = strain_at(law, cable.preload) + taken_up[:, c] / whole[0, c]
             tension[:, c] = tensions_at(law, strain)
     return angles, np.maximum(tension, 0.0)
-
-
-def loaded_tensions(
-    model: Model,
-    loads: Mapping[str, float],
-    poses: Matrix,
-    whole_by: NDArray[np.float64],
-    followed: Matrix,
-    stiffness: Vector,
-    drums: Matrix,
-) -> tuple[Matrix, list[tuple[float, ...]]]:
-    """Frictionless tensions that exert the loads and are closest to the tensions without loads.
-
-    With an additional motor angle d and the stiffness k at the preload, t = t_follow + k B d >= 0
-    and -A^T t = load on the named joints.  Minimising max |t - t_follow| is a linear program in d
-    and that maximum.
-    """
-    from scipy.optimize import linprog  # slow to import, so only where used
-
-    named = [model.layout.joints.index(name) for name in loads]
-    efforts = np.array(list(loads.values()))
-    turned = stiffness[:, None] * drums  # k B
-    count, motors = turned.shape
-    rows = np.vstack(
-        [
-            np.hstack([-turned, np.zeros((count, 1))]),
-            np.hstack([turned, -np.ones((count, 1))]),
-            np.hstack([-turned, -np.ones((count, 1))]),
-        ]
-    )
-    scale = max(1.0, float(np.abs(efforts).max()))
-    tensions = followed.copy()
-    unbalanced = []
-    for k in range(poses.shape[0]):
-        arms = -whole_by[k][:, named].T  # shape (efforts, tensions)
-        result = linprog(
-            np.append(np.zeros(motors), 1.0),
-            A_ub=rows,
-            b_ub=np.concatenate([followed[k], np.zeros(2 * count)]),
-            A_eq=np.hstack([arms @ turned, np.zeros((len(named), 1))]) / scale,
-            b_eq=(efforts - arms @ followed[k]) / scale,
-            bounds=[(None, None)] * motors + [(0.0, None)],
-        )
-        if result.success:
-            tensions[k] = np.maximum(followed[k] + turned @ result.x[:-1], 0.0)
-        else:
-            unbalanced.append(tuple(poses[k].tolist()))
-    return tensions, unbalanced

@@ -60,7 +60,7 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
         entry = entries.get(cable.name, {})
         found += _geometry(robot, cable, check)
         found += contact_suspicions(cable, check, entry.get("nodes", ()))
-        found += _tension(robot, cable, check, bool(inspection.loads))
+        found += _tension(robot, cable, check)
         found += _material(cable, entry.get("youngs_modulus"))
         found += _thickness(cable, entry.get("diameter"))
     unlimited = [cable.name for cable in robot.cables if isinf(cable.maximum_tension)]
@@ -133,7 +133,7 @@ def _arm(robot: Robot, joint: str, arm: Extent) -> str:
     return f"{1e3 * arm.low:.3g} to {1e3 * arm.high:.3g} mm"
 
 
-def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Iterator[Suspicion]:
+def _tension(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
     lost = 1.0 - check.transmission_at_rest.low
     if lost > LARGEST_LOSS:
         yield Suspicion(
@@ -149,14 +149,12 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
             f"friction included, is above max_tension {cable.maximum_tension:g} N",
         )
     if cable.preload == 0.0:
-        if not loaded:
-            yield Suspicion(
-                cable.name,
-                "has no preload: its tension follows from its elongation by the winch; give --load "
-                "for the tension under a load",
-                grave=False,
-            )
-    elif not loaded and check.followed.low < LOST_PRELOAD * cable.preload:
+        yield Suspicion(
+            cable.name,
+            "has no preload: its tension follows from its elongation by the winch",
+            grave=False,
+        )
+    elif check.followed.low < LOST_PRELOAD * cable.preload:
         passive = not any(isinstance(node, Winch) for node in cable.nodes)
         why = (
             "it has no winch"
@@ -168,12 +166,6 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck, loaded: bool) -> Ite
             cable.name,
             f"the tension falls from the preload {cable.preload:g} N to {check.followed.low:.3g} N"
             f"{_at(robot, check.followed.low_at)} although the motors follow the joints: {why}",
-        )
-    elif loaded and check.followed.low < LOST_PRELOAD * cable.preload:
-        yield Suspicion(
-            cable.name,
-            f"the load leaves {check.followed.low:.3g} N of tension"
-            f"{_at(robot, check.followed.low_at)}: the cable is about to go slack",
         )
 
 
@@ -296,12 +288,6 @@ def _joints(inspection: Inspection) -> Iterator[Suspicion]:
             ", ".join(moved),
             f"{_at(robot, inspection.unmoved[0]).strip()} the joints can move without changing any "
             f"cable's length (in {len(inspection.unmoved)} of {len(inspection.poses)} poses)",
-        )
-    if inspection.unbalanced:
-        yield Suspicion(
-            ", ".join(inspection.loads),
-            f"no tensions of at least 0 N balance the load{_at(robot, inspection.unbalanced[0])} "
-            f"(in {len(inspection.unbalanced)} of {len(inspection.poses)} poses)",
         )
     for cable in robot.cables:
         if all(isinstance(node, Anchor) for node in (cable.nodes[0], cable.nodes[-1])):

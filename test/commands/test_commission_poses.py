@@ -18,7 +18,7 @@ from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.commands.commission_poses import rest_poses
-from cdrj_ros.commands.identify_uncertainty import uncertainty_section
+from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import condition

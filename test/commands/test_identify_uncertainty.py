@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cdrj_ros.commands.identify_uncertainty import COVARIANCE_LIMIT, uncertainty_section
+from cdrj_ros.commands.identify_entries import COVARIANCE_LIMIT, uncertainty_section
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.nuisance import Nuisance, nuisance_correlation
 from cdrj_ros.identification.unknowns import Unknown

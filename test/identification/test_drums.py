@@ -11,7 +11,7 @@ import yaml
 from support.made_up import recording
 from support.places import PROTOTYPE
 
-from cdrj_ros.commands.identify_uncertainty import uncertainty_section
+from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.yaml import Document
