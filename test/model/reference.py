@@ -1,8 +1,8 @@
 """One sample of a robot in plain NumPy, by the equation numbers of docs/model.md.
 
-The module follows that page and is compared with the compiled core.  It shares no code with it:
-derivatives are complex steps, and a dense Newton method solves the balance from another first
-guess.  The geometry is given; ``reference_in_space`` computes it.  Speed does not matter.
+The module follows that page and is compared with the compiled core, with which it shares no code.
+It evaluates the balance of slips that are given.  So is the geometry, which ``reference_in_space``
+computes.  Speed does not matter.
 """
 
 from __future__ import annotations
@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from model.reference_geometry import STEP, Geometry
+from model.reference_geometry import Geometry
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
 
 Vector = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 EPSILON = 1e-9
 """epsilon of (34) [N]."""
@@ -108,21 +107,20 @@ def _losses(law: str, pulley: Pulley, wrap: float) -> tuple[float, float]:
     return 1 - (1 - fast) ** root, 1 - (1 - rest) ** root
 
 
-def bristle_force(c: Contacts, before: Vector, slip: Complex, bound: Complex) -> Complex:
+def bristle_force(c: Contacts, before: Vector, slip: Vector, bound: Vector) -> Vector:
     """(33) or (E9), integrated over the slip at constant bound."""
-    way = np.where(slip.real >= 0, 1.0, -1.0)
+    way = np.where(slip >= 0, 1.0, -1.0)
     x, f, sigma = way * slip, way * before, c.stiffness
     if c.law == "lugre":
         return np.asarray(way * (bound + (f - bound) * np.exp(-sigma * x / bound)))
-    f = np.where(f > bound.real, bound, np.where(f < -bound.real, -bound, f))
+    f = np.clip(f, -bound, bound)
     knee = c.breakaway * bound
-    elastic = np.clip((knee - f).real / sigma, 0, None)  # slip up to the knee
-    bent = x.real > elastic
+    bent = x > np.maximum(knee - f, 0) / sigma  # beyond the knee
     if (c.breakaway >= 1).all():  # without the part between (E9)'s knee and its bound
         return np.asarray(way * np.where(bent, bound, f + sigma * x))
     reach = np.where(c.breakaway < 1, (1 - c.breakaway) * bound / sigma, 1.0)
-    start = np.where(f.real < knee.real, knee, f)
-    remaining = np.where(f.real < knee.real, x - (knee - f) / sigma, x)
+    start = np.maximum(f, knee)
+    remaining = np.where(f < knee, x - (knee - f) / sigma, x)
     decay = np.where(c.breakaway < 1, np.exp(-np.where(bent, remaining, 0) / reach), 0)
     return np.asarray(way * np.where(bent, bound - (bound - start) * decay, f + sigma * x))
 
@@ -130,24 +128,19 @@ def bristle_force(c: Contacts, before: Vector, slip: Complex, bound: Complex) ->
 # --- one cable, sections 2 and 5 -----------------------------------------------------------------
 
 
-def strain_of(cable: Cable, t: Complex | Vector | float) -> Complex:
+def strain_of(cable: Cable, t: float) -> float:
     """(E21), for tensions of at least 0."""
+    return t / cable.axial_stiffness + cable.bedding_strain * t / (t + cable.bedding_tension)
+
+
+def stiffened(cable: Cable, strain: Vector) -> Vector:
+    """(E21) solved for the tension: the root of a quadratic equation that is not negative."""
+    slack = strain * cable.bedding_tension / cable.axial_stiffness
+    half = 0.5 * (strain - cable.bedding_strain - cable.bedding_tension / cable.axial_stiffness)
+    root = np.sqrt(half * half + slack)
     return np.asarray(
-        t / cable.axial_stiffness + cable.bedding_strain * t / (t + cable.bedding_tension)
+        cable.axial_stiffness * np.where(half > 0, half + root, slack / (root - half))
     )
-
-
-def stiffened(cable: Cable, strain: Complex) -> Complex:
-    """(E21) solved for the tension by Newton's method from 0, from where it rises to the root."""
-    t = strain * 0
-    for _ in range(200):
-        close = t + cable.bedding_tension
-        slope = 1 / cable.axial_stiffness + cable.bedding_strain * cable.bedding_tension / close**2
-        change = (strain - strain_of(cable, t)) / slope
-        t = t + change
-        if np.all(np.abs(change) <= 1e-13 * np.abs(t)):
-            break
-    return np.asarray(t)
 
 
 def crept(cable: Cable, strain: Vector, delayed: Vector, dt: float) -> tuple[Vector, Vector]:
@@ -188,20 +181,18 @@ class Chain:
     """s_n of the sample: material onto the last node's drum [m]."""
     dt: float
 
-    def material(self, fluxes: Complex) -> Complex:
-        """(E2), with s from one sample to the next; fluxes have the shape (..., contacts)."""
-        edge = fluxes[..., :1] * 0
-        s = np.concatenate([edge + self.entered, fluxes, edge + self.left], axis=-1)
-        return np.asarray(self.before + s[..., :-1] - s[..., 1:])
+    def material(self, fluxes: Vector) -> Vector:
+        """(E2), with s from one sample to the next."""
+        s = np.concatenate([[self.entered], fluxes, [self.left]])
+        return np.asarray(self.before - np.diff(s))
 
-    def tension(self, fluxes: Complex) -> Complex:
+    def tension(self, fluxes: Vector) -> Vector:
         """(E1), or (E21)."""
-        strain = self.length / self.material(fluxes) - 1.0
-        taut = np.where(strain.real > 0, strain, 0)
+        taut = np.maximum(self.length / self.material(fluxes) - 1.0, 0)
         return np.asarray(self.cable.axial_stiffness * taut if not self.cable.bedding_strain else
                           stiffened(self.cable, taut))  # fmt: skip
 
-    def friction(self, fluxes: Complex, t: Complex) -> tuple[Complex, Complex]:
+    def friction(self, fluxes: Vector, t: Vector) -> tuple[Vector, Vector]:
         """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8).
 
         ``t`` are the tensions with these fluxes; slip is against the body, (E25).
@@ -210,88 +201,17 @@ class Chain:
         slips = fluxes + c.shift
         if c.law == "none":
             return slips * 0, slips * 0
-        pull = np.where(t[..., :-1].real > t[..., 1:].real, t[..., :-1], t[..., 1:])
+        pull = np.maximum(t[:-1], t[1:])
         force = bristle_force(c, self.bristle, slips, c.loss * pull + c.drag + EPSILON)
         if self.dt == 0:
             return force, force
         rate = c.damping * c.share * (force - self.bristle) / (c.stiffness * self.dt)
         return force + rate + c.viscous * slips / self.dt, force
 
-    def imbalance(self, fluxes: Complex) -> Complex:
-        """(E11) [N]."""
+    def imbalance(self, fluxes: Vector) -> float:
+        """The largest of (E11) [N]."""
         t = self.tension(fluxes)
-        return np.asarray(t[..., 1:] - t[..., :-1] - self.friction(fluxes, t)[0])
-
-
-def solve(chain: Chain) -> tuple[Vector, float]:
-    """Fluxes that balance a cable, to rounding, and the largest imbalance left [N].
-
-    Dense Newton with a complex-step Jacobian.  If it does not descend, every contact in turn is
-    balanced alone by repeated subdivision, since its imbalance falls with its own flux.
-    """
-    n = chain.bristle.size
-    x = chain.entered + np.cumsum(chain.before)[:-1] - np.cumsum(
-        chain.length * (chain.before.sum() + chain.entered - chain.left) / chain.length.sum()
-    )[:-1]  # one tension throughout  # fmt: skip
-    if n == 0:
-        return x, 0.0
-    worst, floor = np.inf, 8 * np.finfo(float).eps * chain.cable.axial_stiffness
-    for _ in range(40):
-        x, worst = _newton(chain, x, floor)
-        idle = not chain.tension(x + 0j).any()  # only the friction epsilon of (34) is left
-        if worst <= floor or (idle and worst <= 2 * EPSILON):
-            break
-        for i in range(n):
-            x[i] = _balanced_alone(chain, x, i)
-    return x, worst
-
-
-def _newton(chain: Chain, x: Vector, floor: float) -> tuple[Vector, float]:
-    """Newton's method while it descends; one more step after convergence, for the last digit."""
-    n = x.size
-    steps = np.concatenate([1j * STEP * np.eye(n), np.zeros((1, n))])
-    value = chain.imbalance(x + steps)
-    worst = np.abs(value[-1].real).max()
-    for _ in range(30):
-        step = np.linalg.lstsq(value[:-1].imag.T / STEP, -value[-1].real, rcond=1e-13)[0]
-        ahead, last = x + step, worst <= floor
-        if not (chain.material(ahead) > 0).all():
-            ahead = _descended(chain, x, step, worst)
-        value = chain.imbalance(ahead + steps)
-        if not np.abs(value[-1].real).max() < worst:
-            if last:
-                break
-            ahead = _descended(chain, x, step, worst)
-            value = chain.imbalance(ahead + steps)
-        now = np.abs(value[-1].real).max()
-        if not now < worst:
-            break
-        x, worst = ahead, now
-        if last:
-            break
-    return x.copy(), float(worst)
-
-
-def _descended(chain: Chain, x: Vector, step: Vector, worst: float) -> Vector:
-    """The first of x + step / 2, x + step / 4, ... that is below ``worst``; or the last of 19."""
-    trials = x + 0.5 ** np.arange(1.0, 20.0)[:, None] * step
-    possible = trials[(chain.material(trials) > 0).all(axis=-1)]
-    below = np.abs(chain.imbalance(possible + 0j)).max(axis=-1) < worst
-    return np.asarray(possible[np.argmax(below)] if below.any() else trials[-1])
-
-
-def _balanced_alone(chain: Chain, x: Vector, i: int) -> float:
-    """Flux of contact i that balances it while all others keep theirs, by subdivision."""
-    material = chain.material(x)
-    low, high = x[i] - 0.999 * material[i + 1], x[i] + 0.999 * material[i]
-    for _ in range(13):
-        points = np.linspace(low, high, 65)
-        trial = np.tile(x, (65, 1))
-        trial[:, i] = points
-        value = chain.imbalance(trial + 0j)[:, i].real
-        k = int(np.clip(np.count_nonzero(value > 0), 1, 64))
-        low, high = points[k - 1], points[k]
-    return 0.5 * (low + high)
+        return float(np.abs(np.diff(t) - self.friction(fluxes, t)[0]).max(initial=0.0))
 
 
 # --- drum (E3) -----------------------------------------------------------------------------------
@@ -414,54 +334,32 @@ def begin(
     return Begun(robot, pose, earlier, history, motor, joint, dt, tuple(chains), tuple(drums))
 
 
-def finish(begun: Begun, slips: Vector | None = None) -> tuple[History, Outputs]:
-    """The rest of a sample.
-
-    Args:
-        begun: its first half.
-        slips: of all contacts [m], where (E11) is to be evaluated instead of solved.
-    """
+def finish(begun: Begun, slips: Vector) -> tuple[History, Outputs]:
+    """The rest of a sample, with the slips of all contacts [m]; (E11) is evaluated, not solved."""
     robot, pose, history, chains, dt = (
         begun.robot, begun.pose, begun.history, begun.chains, begun.dt
     )  # fmt: skip
-    solved = []
-    for c, chain in enumerate(chains):
-        _, own = rows(robot, c)
-        if history is None:
-            solved.append((np.zeros(chain.bristle.size), 0.0))
-        elif slips is None:
-            solved.append(solve(chain))
-        else:
-            given = slips[own] - chain.contacts.shift
-            solved.append((given, float(np.abs(chain.imbalance(given + 0j)).max(initial=0.0))))
-    x = np.concatenate([s + k.contacts.shift for k, (s, _) in zip(chains, solved, strict=True)])
-    tensions = [k.tension(s + 0j) for k, (s, _) in zip(chains, solved, strict=True)]
-    material = np.concatenate([k.material(s) for k, (s, _) in zip(chains, solved, strict=True)])
-    tension = np.concatenate(tensions).real
-    bristle = np.concatenate(
-        [
-            k.friction(s + 0j, t)[1].real
-            for k, (s, _), t in zip(chains, solved, tensions, strict=True)
-        ]
-    )
-    if history is None:
-        bristle = 0 * bristle
-    speed = x / dt if dt > 0 else 0 * x
+    fluxes = [slips[rows(robot, c)[1]] - k.contacts.shift for c, k in enumerate(chains)]
+    solved = list(zip(chains, fluxes, strict=True))
+    tensions = [chain.tension(flux) for chain, flux in solved]
+    bristle = [k.friction(f, t)[1] for (k, f), t in zip(solved, tensions, strict=True)]
+    speed = slips / dt if dt > 0 else 0 * slips
     lag = np.concatenate(
         [
             in_cells(cable, np.array([p.friction.stribeck_lag for p in cable.pulleys]))
             for cable in robot.cables
         ]
     )
-    lagged = history.lagged_speed if history else 0 * x
+    lagged = history.lagged_speed if history else 0 * slips
     angle, bearing, passive = _axes(robot, history, begun.motor, begun.joint)
     after = History(
-        np.concatenate([k.length for k in chains]), material,
-        np.concatenate([k.delayed for k in chains]), bristle, speed,
+        np.concatenate([k.length for k in chains]),
+        np.concatenate([chain.material(flux) for chain, flux in solved]),
+        np.concatenate([k.delayed for k in chains]), np.concatenate(bristle), speed,
         (lag * lagged + dt * speed) / (lag + dt), angle, bearing, begun.drums,
     )  # fmt: skip
-    residual = np.array([worst for _, worst in solved])
-    return after, _outputs(robot, pose, tension, speed, passive, residual)
+    residual = np.array([chain.imbalance(flux) for chain, flux in solved])
+    return after, _outputs(robot, pose, np.concatenate(tensions), speed, passive, residual)
 
 
 def parts(robot: Robot, c: int) -> tuple[slice, slice]:
