@@ -87,8 +87,9 @@ def test_status_0_holds_whatever_happens_to_the_inputs(
 BEGIN = 8 * SECOND
 
 
-@pytest.mark.parametrize("axes", [("elbow",), ("winch",), ("winch", "elbow")])
-@pytest.mark.parametrize("seconds", [0.45, 0.9])
+@pytest.mark.parametrize(
+    ("axes", "seconds"), [(("elbow",), 0.9), (("winch",), 0.45), (("winch", "elbow"), 0.9)]
+)
 def test_possible_motion_in_a_gap_is_part_of_the_standard_deviation(
     axes: tuple[str, ...], seconds: float, model: Model, course: Course
 ) -> None:
@@ -101,9 +102,7 @@ def test_possible_motion_in_a_gap_is_part_of_the_standard_deviation(
         assert verdict.beyond(5.0) <= BEYOND_FIVE
     if len(axes) == 1:
         assert inside.judged >= 16 * 500 * (seconds - 0.05)
-        assert inside.ratio.size > 0
-        if seconds > 0.4:
-            assert inside.ratio.size < 0.9 * inside.judged, "the middle of the gap is UNSURE"
+        assert 0 < inside.ratio.size < 0.9 * inside.judged, "the middle of the gap is UNSURE"
 
 
 @pytest.mark.parametrize("hertz", [0.7, 1.0, 1.5, 2.0, 3.0])
@@ -133,6 +132,7 @@ def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course
         assert live.sample is not None
         assert live.sample.unseen.size == 0
         assert live.conditioner.steps == 0
+        assert live.conditioner.lagging == {}
 
     outputs = run(model, course, Faults(), watch=unseen)
     verdict = judge(course, outputs, KNOWN_NS, course.duration_ns)
@@ -140,7 +140,7 @@ def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course
     assert verdict.ratio.size > 0.99 * verdict.judged
 
 
-@pytest.mark.parametrize("hertz", [20, 50, 100, 200])
+@pytest.mark.parametrize("hertz", [20, 200])
 def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course: Course) -> None:
     period = SECOND // hertz
     slip = 0.5 if hertz >= 50 else 1.0
@@ -157,8 +157,8 @@ def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course
 
 @pytest.mark.parametrize(
     ("axis", "slip", "in_stddev"),
-    [("elbow", 0.002, True), ("elbow", 0.005, False), ("elbow", 0.01, False),
-     ("elbow", -0.02, False), ("winch", 0.02, True), ("winch", 0.05, False)],
+    [("elbow", 0.002, True), ("elbow", 0.005, False), ("elbow", -0.02, False),
+     ("winch", 0.02, True), ("winch", 0.05, False)],
 )  # fmt: skip
 def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth(
     axis: str, slip: float, in_stddev: bool, model: Model, course: Course
@@ -175,9 +175,7 @@ def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth
     assert share > 0.9 if in_stddev else share < 0.001
 
 
-@pytest.mark.parametrize(
-    ("axis", "apart"), [("winch", 0.015), ("elbow", 0.015), ("winch", 0.3), ("elbow", 0.1)]
-)
+@pytest.mark.parametrize(("axis", "apart"), [("winch", 0.015), ("elbow", 0.1)])
 def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
     axis: str, apart: float, model: Model, course: Course
 ) -> None:
@@ -201,25 +199,25 @@ def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_s
     clock: tuple[int, float], axis: str, lag_ms: float, ppm: float, model: Model, course: Course
 ) -> None:
     """To within an interval of the other axis's readings, and what a clock creeps in a second."""
-    found: list[dict[str, tuple[int, float]]] = []
-    for faults in (Faults(clocks={"elbow": clock}), Faults()):
-        outputs = run(
-            model, course, faults, watch=lambda live: found.append(live.conditioner.lagging)
-        )
-        verdict = judge(course, outputs, 0, course.duration_ns)
-        assert verdict.ratio.size > 0.4 * verdict.judged
-        assert verdict.beyond(5.0) <= BEYOND_FIVE
-    lag_ns, growth = found[0][axis]
-    assert found[0].keys() == {axis}
+    found: dict[str, tuple[int, float]] = {}
+    outputs = run(
+        model, course, Faults(clocks={"elbow": clock}),
+        watch=lambda live: found.update(live.conditioner.lagging),
+    )  # fmt: skip
+    verdict = judge(course, outputs, 0, course.duration_ns)
+    assert verdict.ratio.size > 0.4 * verdict.judged
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+    lag_ns, growth = found[axis]
+    assert found.keys() == {axis}
     assert lag_ns * 1e-6 == pytest.approx(lag_ms, abs=3.1)
     assert growth * 1e6 == pytest.approx(ppm, abs=1.0 if axis == "elbow" else 250.0)
-    assert found[1] == {}
 
 
-@pytest.mark.parametrize("axis", ["winch", "elbow"])
-@pytest.mark.parametrize("late", [5 * MS, 100 * MS, SECOND])
+@pytest.mark.parametrize(
+    ("axis", "late"), [("winch", 5 * MS), ("elbow", 100 * MS), ("winch", SECOND)]
+)
 def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_late(
-    late: int, axis: str, model: Model, course: Course
+    axis: str, late: int, model: Model, course: Course
 ) -> None:
     outputs = run(model, course, Faults(late_ns={axis: late}))
     verdict = judge(course, outputs, SECOND, course.duration_ns)
@@ -242,10 +240,8 @@ HOUR = 3600 * SECOND
 @pytest.mark.parametrize(
     "after",
     [
-        Faults(),
         Faults(restart_ns=BEGIN + SECOND, stop_ns=30 * MS),
         Faults(clock_ns=(BEGIN + SECOND, -HOUR)),
-        Faults(clock_ns=(BEGIN + SECOND, HOUR)),
     ],
 )
 def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
@@ -265,7 +261,7 @@ def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
 
 @pytest.mark.parametrize(
     ("axis", "size", "stop_ns"),
-    [("elbow", 0.02, 30 * MS), ("elbow", -0.005, 2 * SECOND), ("winch", 0.13, SECOND)],
+    [("elbow", -0.005, 2 * SECOND), ("winch", 0.13, SECOND)],
 )
 def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
     axis: str, size: float, stop_ns: int, model: Model, course: Course, tmp_path: Path
@@ -292,7 +288,6 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
     ("name", "lie"),
     [
         (CELL, Lie("freezes", 0)),
-        (CELL, Lie("is stuck", 0, 0.0)),
         (CELL, Lie("is stuck", 0, 30.0)),
         (EFFORT, Lie("freezes", 0)),
         (EFFORT, Lie("is stuck", 0, 0.0)),

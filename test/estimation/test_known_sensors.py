@@ -53,9 +53,7 @@ BREAKS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "off"), [("restart", -3.0), ("restart", 3.0), ("clock back", 3.0), ("gap", -3.0)]
-)
+@pytest.mark.parametrize(("name", "off"), [("restart", 3.0), ("clock back", 3.0), ("gap", -3.0)])
 def test_a_trusted_cell_that_is_off_after_a_break_is_not_believed(
     name: str, off: float, model: Model, course: Course, tmp_path: Path
 ) -> None:
@@ -229,7 +227,7 @@ def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course
     assert np.mean(within) >= 0.92
 
 
-@pytest.mark.parametrize(("share", "late"), [(0.95, 50), (0.95, 150), (1.05, 150)])
+@pytest.mark.parametrize(("share", "late"), [(0.95, 50), (1.05, 150)])
 def test_a_late_reading_tells_less_where_the_tension_has_changed_since(
     share: float, late: int, model: Model
 ) -> None:

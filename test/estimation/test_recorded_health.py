@@ -67,9 +67,7 @@ def test_a_lost_preload_is_named_with_its_cycles_in_every_output(
         assert cycles in text
 
 
-@pytest.mark.parametrize(
-    ("health", "runs"), [("off", False), ("auto", False), ("references", True)]
-)
+@pytest.mark.parametrize(("health", "runs"), [("auto", False), ("references", True)])
 def test_references_are_compared_on_request_only(unheard: str, health: Health, runs: bool) -> None:
     found = compare_bag(BagTask(unheard, Topics(), ROBOT, health=health))
     assert (found.health is not None) is runs

@@ -33,7 +33,7 @@ def test_every_program_exists_and_gets_the_robot(tmp_path: Path) -> None:
     assert "wished/position:=commands/position" in without["swing"]
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGHUP])
 def test_no_program_is_left_behind(by: signal.Signals) -> None:
     child = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
     lines = (
