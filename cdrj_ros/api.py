@@ -343,16 +343,12 @@ def identify(
     from cdrj_ros.evaluation.inputs import read_inputs
     from cdrj_ros.identification.fit import identify as identify_numbers
     from cdrj_ros.identification.observations import Recorded
-    from cdrj_ros.identification.priors import fitted_along, known_before
-    from cdrj_ros.identification.unknowns import parse_unknowns, without_priors
+    from cdrj_ros.identification.priors import chosen_unknowns
     from cdrj_ros.recordings import Topics
 
     model = _loaded(model)
     robot, document = model.robot, dict(model.robot.document)
-    unknowns = known_before(document, robot.uncertainty, parse_unknowns(document, fit))
-    if not only:
-        unknowns += fitted_along(document, robot.uncertainty, unknowns)
-    unknowns = without_priors(unknowns, free)
+    unknowns = chosen_unknowns(document, robot, fit, free, only=only)
     recordings = []
     for bag in [bags] if isinstance(bags, (str, Path)) else bags:
         read = read_inputs(str(bag), topics or Topics(), model)

@@ -22,11 +22,10 @@ from cdrj_ros.identification.pose import (
     pose_unknowns,
     search_ranges,
 )
-from cdrj_ros.identification.priors import fitted_along, known_before
+from cdrj_ros.identification.priors import chosen_unknowns
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import (
     Unknown,
-    parse_unknowns,
     starting_values,
     with_bounds,
     with_priors,
@@ -80,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--settings", metavar="FILE",
-        help="bounds, priors, references to fit, weights, loss, starts and more (YAML; all keys "
+        help="bounds, priors, references to fit, loss, starts and more (YAML; all keys "
         "with their defaults in config/identify.yaml)",
     )  # fmt: skip
     parser.add_argument("--out", metavar="FILE", help="robot file to write; comments are kept")
@@ -200,18 +199,16 @@ def _unknowns(
 ) -> tuple[Unknown, ...]:
     """The numbers to fit, with bounds and priors."""
     robot = build_robot(document, source)
+    free = split_outside(arguments.free, ",") if arguments.free else ()
     if arguments.source is not None:
         unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))
+        unknowns = without_priors(unknowns, free)
     elif arguments.fit is None:
         return ()
     else:
-        unknowns = known_before(
-            document, robot.uncertainty, parse_unknowns(document, arguments.fit)
-        )
-        if not chosen.get("only", False):
-            unknowns += fitted_along(document, robot.uncertainty, unknowns)
-    free = split_outside(arguments.free, ",") if arguments.free else ()
-    unknowns = without_priors(with_bounds(unknowns, chosen.get("bounds", {})), free)
+        only = chosen.get("only", False)
+        unknowns = chosen_unknowns(document, robot, arguments.fit, free, only=only)
+    unknowns = with_bounds(unknowns, chosen.get("bounds", {}))
     priors = {
         name: (float(one["mean"]), float(one["stddev"]))
         for name, one in chosen.get("priors", {}).items()
@@ -223,7 +220,7 @@ def _settings(chosen: Document, quick: bool) -> Settings:
     usual = Settings()
     return Settings(
         tuple(chosen.get("channels", usual.channels)),
-        chosen.get("weights", usual.weights),
+        usual.weights,
         chosen.get("sigmas"),
         chosen.get("loss", usual.loss),
         chosen.get("starts", usual.starts),

@@ -12,8 +12,6 @@ from functools import partial
 from math import degrees, inf, radians
 from typing import Final, Literal
 
-import numpy as np
-
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Cable, Motor, Pulley, Robot, Uncertainty, Winch
 
@@ -81,11 +79,7 @@ def changes_of(robot: Robot, known: Uncertainty | None) -> list[Callable[[], Cha
         robot: the robot as its file describes it.
         known: what is uncertain about the file's numbers; None: nothing.
     """
-    loose = {}
-    if known is not None:
-        loose = dict(
-            zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True)
-        )
+    loose = known.stddev if known else {}
     tight = [cable for cable in robot.cables if cable.preload >= LEAST_PRELOAD]
     makers: list[Callable[[], Change]] = [
         partial(_preload, robot, [cable], loose) for cable in tight

@@ -14,8 +14,8 @@ from math import log, sqrt
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.identification.observations import samples_by
 from cdrj_ros.identification.problem import Loss, Problem, Progress
 from cdrj_ros.identification.residual_statistics import (
@@ -25,8 +25,6 @@ from cdrj_ros.identification.residual_statistics import (
 )
 from cdrj_ros.identification.solver import minimise, prior_residuals, robust_weights
 from cdrj_ros.robot.description import Robot, Winch
-
-Vector = NDArray[np.float64]
 
 CERTAIN: Final = log(1000.0)
 """Logarithm of the likelihood ratio of the two hypotheses from which one of them is accepted."""

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.drums import DrumFinding, compare_drums, drums_in_doubt
@@ -44,10 +45,6 @@ from cdrj_ros.identification.starts import many_starts, sought
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import EFFORT, prepare
 from cdrj_ros.robot.reader import build_robot
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
-
 
 DISTRUST: Final = 1.25
 """Factor by which (I6) exceeds (I2) where the fit has trusted its residuals too much."""
@@ -210,7 +207,7 @@ def _stddev_before(rounds: Rounds, found: Vector) -> Vector:
     known = rounds.model.robot.uncertainty
     if known is None:
         return found
-    before = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+    before = known.stddev
     names = [unknown.paths[0] for unknown in rounds.unknowns]
     return np.array([before.get(name, stddev) for name, stddev in zip(names, found, strict=True)])
 

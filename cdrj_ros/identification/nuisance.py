@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Observations, changes_conditioning
@@ -24,10 +24,6 @@ from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
-
 
 Cause = Mapping[str, float]
 """One standard deviation of numbers that deviate together [SI], by path, signed."""

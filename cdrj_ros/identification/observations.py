@@ -6,21 +6,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from math import sqrt
-from typing import Final, Literal, NamedTuple, get_args
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.whole_recording import condition
-from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import EFFORT, Layout, Model, channel_columns
 from cdrj_ros.robot.description import Robot
-
-Vector = NDArray[np.float64]
-Stamps = NDArray[np.int64]
-
 
 CONDITIONING_KEYS: Final = ("clock_offset", "scale", "period", "correction")
 """Keys of motors and joints that change the conditioned samples by more than a constant."""
@@ -262,7 +258,6 @@ def groups_of(channels: Sequence[Channel], stamp_ns: Stamps) -> tuple[Group, ...
 
 
 Weights = Literal["spread", "noise"]
-WEIGHTS: Final[tuple[Weights, ...]] = get_args(Weights)
 
 
 def chosen_channels(

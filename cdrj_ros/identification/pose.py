@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -75,7 +74,7 @@ def pose_unknowns(document: Document, robot: Robot) -> tuple[PoseUnknown, ...]:
         document: content of the robot file.
         robot: built from it.
     """
-    stated = _stddev_by_path(robot)
+    stated = robot.uncertainty.stddev if robot.uncertainty else {}
     found = [*_zeros(document)]
     for cable in document["cables"]:
         at = f"cables.{cable['name']}"
@@ -118,14 +117,6 @@ def _pulley(
 def _with_prior(document: Document, path: str, stddev: float, why: str) -> PoseUnknown:
     (unknown,) = parse_unknowns(document, path)
     return PoseUnknown(replace(unknown, prior=(unknown.start, stddev)), why)
-
-
-def _stddev_by_path(robot: Robot) -> dict[str, float]:
-    known = robot.uncertainty
-    if known is None:
-        return {}
-    variances = np.diag(known.covariance).tolist()
-    return dict(zip(known.parameters, map(sqrt, variances), strict=True))
 
 
 def moved_ranges(

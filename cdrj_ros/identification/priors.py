@@ -16,8 +16,9 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.identification.unknowns import LOG_REACH, Unknown, allowed_values, parse_unknowns
-from cdrj_ros.robot.description import Uncertainty
+from cdrj_ros.identification.unknowns import LOG_REACH, Unknown, parse_unknowns, without_priors
+from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.document import allowed_range
 from cdrj_ros.robot.parameters import find_number
 
 ALONG: Final = (
@@ -58,8 +59,7 @@ def _default_stddev(known: Uncertainty | None) -> dict[str, float]:
     """Default standard deviations of the numbers whose accuracy the file leaves open [SI]."""
     if known is None:
         return {}
-    deviations = np.sqrt(np.diag(known.covariance)).tolist()
-    return dict(zip(known.parameters[known.stated :], deviations[known.stated :], strict=True))
+    return dict([*known.stddev.items()][known.stated :])
 
 
 def _level_of(path: str, stddev: Mapping[str, float]) -> str:
@@ -98,6 +98,28 @@ def fitted_along(
     return tuple(along)
 
 
+def chosen_unknowns(
+    document: Document, robot: Robot, fit: str, free: Iterable[str], *, only: bool
+) -> tuple[Unknown, ...]:
+    """The unknowns of a fit, with what is known of them before.
+
+    Args:
+        document: content of the robot file.
+        robot: the robot that it describes.
+        fit: the numbers, as ``parse_unknowns`` takes them.
+        free: those of which nothing is known before.
+        only: whether no others are fitted along.
+
+    Raises:
+        UsageError: a name is no number of the file, or is not among the unknowns.
+    """
+    known = robot.uncertainty
+    unknowns = known_before(document, known, parse_unknowns(document, fit))
+    if not only:
+        unknowns += fitted_along(document, known, unknowns)
+    return without_priors(unknowns, free)
+
+
 FAR: Final = 5.0
 """Largest deviation of a cause of error [standard deviations]."""
 
@@ -116,7 +138,8 @@ def unknown_causes(
         numbers = [find_number(document, path) for path in cause]
         lower, upper = -FAR, FAR
         for number, path, size in zip(numbers, cause, cause.values(), strict=True):
-            low, high = allowed_values(number)
+            allowed = allowed_range(number.rules)
+            low, high = allowed.lower, allowed.upper
             if low == 0.0:
                 low = number.value / LOG_REACH
             if number.key == "reference_angle" and path.startswith("joints."):

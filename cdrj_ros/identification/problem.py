@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import (
-    WEIGHTS,
     Observations,
     Recorded,
     Weights,
@@ -32,8 +31,6 @@ from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
-
-Vector = NDArray[np.float64]
 
 Loss = Literal["linear", "soft_l1", "huber"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
@@ -81,8 +78,6 @@ def check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings:
         raise UsageError("there is no recording to fit to")
     if settings.loss not in LOSSES:
         raise UsageError(f"the loss must be one of {', '.join(LOSSES)}, got {settings.loss!r}")
-    if settings.weights not in WEIGHTS:
-        raise UsageError(f"weights must be one of {', '.join(WEIGHTS)}, got {settings.weights!r}")
     if not 1 <= settings.starts <= 1000:
         raise UsageError(f"starts must be in [1, 1000], got {settings.starts}")
 

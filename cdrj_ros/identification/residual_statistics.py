@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.identification.observations import (
     Observations,
     noise_of,
@@ -22,9 +23,7 @@ from cdrj_ros.identification.observations import (
 )
 from cdrj_ros.identification.problem import Problem
 
-Vector = NDArray[np.float64]
 Labels = NDArray[np.int64]
-Table = NDArray[np.float64]
 
 
 STRETCHES: Final = 4

@@ -13,15 +13,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.problem import Loss, Problem, Progress, residuals_together
 from cdrj_ros.identification.residual_statistics import effective_variance, noise_stated
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
-
 
 STEP: Final = 2e-3
 """Finite-difference step of the Jacobian, in coordinates."""

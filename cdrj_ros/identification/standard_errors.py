@@ -22,6 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.identification.nuisance import (
     Cause,
     Nuisance,
@@ -42,9 +43,6 @@ from cdrj_ros.identification.residual_statistics import (
 from cdrj_ros.identification.solver import Minimum, limits, prior_gradient, prior_information
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.robot.parameters import find_number
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 class Accuracy(NamedTuple):

@@ -10,13 +10,11 @@ from itertools import zip_longest
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.identification.problem import Problem, Progress
 from cdrj_ros.identification.residual_statistics import independent_states
 from cdrj_ros.identification.solver import Minimum, limits, minimise, prior_residuals
-
-Vector = NDArray[np.float64]
 
 DRAWS: Final = 12
 """Random points evaluated for each random start."""
@@ -72,10 +70,7 @@ class _Before(NamedTuple):
 def _before(problem: Problem) -> _Before:
     """The priors; a number without one has the standard deviation that the file leaves it."""
     file = problem.begin.robot.uncertainty
-    stddev: dict[str, float] = {}
-    if file is not None:
-        deviations = np.sqrt(np.diag(file.covariance)).tolist()
-        stddev = dict(zip(file.parameters, deviations, strict=True))
+    stddev = file.stddev if file else {}
     numbers: list[tuple[float, float] | None] = []
     for unknown in problem.unknowns:
         own = stddev.get(unknown.paths[0], 0.0)

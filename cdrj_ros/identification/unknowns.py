@@ -13,18 +13,15 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from itertools import repeat
-from math import exp, inf, isfinite, log
+from math import exp, isfinite, log
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.parameters import Number, find_number, matching_paths, split_outside
-
-Vector = NDArray[np.float64]
-
+from cdrj_ros.robot.document import allowed_range
+from cdrj_ros.robot.parameters import find_number, matching_paths, split_outside
 
 STEP_SHARE: Final = 0.2
 """Fraction of the number to which a coordinate step of 1 corresponds."""
@@ -229,7 +226,8 @@ def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...])
     starts = [sign * number.value for number, sign in zip(numbers, signs, strict=True)]
     start = float(np.mean(starts))
     first = numbers[0]
-    lower, upper = allowed_values(first)
+    allowed = allowed_range(first.rules)
+    lower, upper = allowed.lower, allowed.upper
     if -1 in signs:
         lower, upper = max(lower, -upper), min(upper, -lower)
     if first.key == "reference_angle" and paths[0].startswith("joints."):
@@ -253,14 +251,6 @@ def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...])
             min(upper, start + SIGNED_REACH * step),
         )
     return Unknown(paths, signs, start, lower, upper, step)
-
-
-def allowed_values(number: Number) -> tuple[float, float]:
-    """Bounds of the schema."""
-    rules = number.rules
-    lower = float(rules.get("minimum", rules.get("exclusiveMinimum", -inf)))
-    upper = float(rules.get("maximum", rules.get("exclusiveMaximum", inf)))
-    return lower, upper
 
 
 def with_bounds(

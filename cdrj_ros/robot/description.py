@@ -120,6 +120,12 @@ class Uncertainty:
     """Standard deviation of the error of the model itself, by channel: ``effort/NAME`` [N m] or
     ``tension/CABLE/ELEMENT`` [N]."""
 
+    @property
+    def stddev(self) -> dict[str, float]:
+        """Standard deviations by path [SI]."""
+        deviations = np.sqrt(np.diag(self.covariance)).tolist()
+        return dict(zip(self.parameters, deviations, strict=True))
+
 
 @dataclass(frozen=True)
 class Residual:

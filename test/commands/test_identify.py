@@ -12,7 +12,6 @@ from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
 from cdrj_ros.commands import identify, simulate, validate
 from cdrj_ros.commands.identify_task import load_settings, parser, task_of
-from cdrj_ros.identification.observations import WEIGHTS
 from cdrj_ros.identification.problem import LOSSES
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
 from cdrj_ros.robot.document import load_schema
@@ -176,7 +175,6 @@ def test_the_shipped_settings_are_the_defaults_and_name_every_key() -> None:
     shipped = load_settings(str(ROOT / "config" / "identify.yaml"))
     schema = load_schema("cdrj_ros.commands", "identify.schema.json")["properties"]
     assert list(shipped) == list(schema)
-    assert schema["weights"]["enum"] == list(WEIGHTS)
     assert schema["loss"]["enum"] == list(LOSSES)
     words = [str(SAMPLE), "--robot", ROBOT, "--fit", "friction.rho"]
     usual = task_of(parser().parse_args(words))
