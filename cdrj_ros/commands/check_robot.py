@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
 from math import isfinite
-from typing import Any
+from typing import Any, Final
 
 from cdrj_ros.commands.check_robot_text import print_inspection
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.estimation.reading_limits import slips
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion
+from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import MOST_CAUSES, Shares, uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
@@ -60,122 +62,85 @@ def _body(argv: Sequence[str]) -> int:
     return DONE
 
 
+NAMES: Final = {
+    "wrap": "wrap_angle", "needed": "needed_to_slip", "followed": "tension",
+    "worst": "worst_tension",
+}  # fmt: skip
+"""Keys of the JSON document for fields of other names."""
+
+PER_JOINT: Final = ("moment_arm", "slack_after", "low_at", "high_at")
+"""Fields with one value for every joint."""
+
+
 def json_text(
     inspection: Inspection, suspicions: Sequence[Suspicion], shares: Shares | None
 ) -> str:
-    """The results as a JSON document."""
-    document = _document(inspection, suspicions)
-    document["uncertainty"] = _shares_document(inspection.model, shares)
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _document(inspection: Inspection, suspicions: Sequence[Suspicion]) -> dict[str, Any]:
-    """All printed results in SI units; ``null`` for results without a value."""
-    robot = inspection.model.robot
-    names = inspection.model.layout.joints
-    return {
+    """The results as a JSON document: all that is printed, in SI; null for what has no value."""
+    model = inspection.model
+    robot, joints = model.robot, model.layout.joints
+    document = {
         "robot": robot.name,
         "source": robot.source,
         "poses": len(inspection.poses),
-        "motors": [
-            {"name": motor.name, "angle": _extent(names, motor.angle)}
-            for motor in inspection.motors
-        ],
-        "encoders": [
-            one._asdict() | {"unsure": one.unsure if isfinite(one.unsure) else None}
-            for one in slips(inspection.model)
-        ],
+        "motors": inspection.motors,
+        "encoders": [one._asdict() for one in slips(model)],
         "residual": [
-            {
-                "output": one.output,
-                "bound": one.bound,
-                "stddev": one.stddev,
-                "inputs": {name: list(ends) for name, ends in one.inputs.items()},
-            }
+            {key: getattr(one, key) for key in ("output", "bound", "stddev", "inputs")}
             for one in robot.residuals
         ],
         "cables": [
-            _cable_document(names, cable, check)
+            _cable(cable) | _fields(check, joints)
             for cable, check in zip(robot.cables, inspection.cables, strict=True)
         ],
-        "suspicions": [
-            {"where": entry.where, "text": entry.text, "grave": entry.grave} for entry in suspicions
-        ],
+        "suspicions": suspicions,
+        "uncertainty": shares and _shares(model, shares),
     }
+    text = json.dumps(_plain(document, joints), indent=2, ensure_ascii=False, allow_nan=False)
+    return text + "\n"
 
 
-def _cable_document(names: Sequence[str], cable: Cable, check: CableCheck) -> dict[str, Any]:
-    def arms(extents: Sequence[Extent]) -> dict[str, Any]:
-        return dict(zip(names, (_extent(names, arm) for arm in extents), strict=True))
-
-    slack_after = (way if isfinite(way) else None for way in check.slack_after)
+def _cable(cable: Cable) -> dict[str, Any]:
+    """The numbers of a cable in the file."""
     return {
-        "name": check.name,
         "axial_stiffness": cable.axial_stiffness,
         "bedding_strain": cable.bedding_strain,
         "bedding_tension": cable.bedding_tension if cable.bedding_strain else None,
         "creep_share": cable.creep_share,
         "creep_time": cable.creep_time if cable.creep_share else None,
-        "flow_time": cable.flow_time if isfinite(cable.flow_time) else None,
+        "flow_time": cable.flow_time,
         "preload": cable.preload,
-        "max_tension": cable.maximum_tension if isfinite(cable.maximum_tension) else None,
+        "max_tension": cable.maximum_tension,
         "law": cable.law,
-        "length": _extent(names, check.length),
-        "stiffness": check.stiffness,
-        "moment_arm": arms(check.moment_arm),
-        "transmission_at_rest": _extent(names, check.transmission_at_rest),
-        "transmission_sliding": _extent(names, check.transmission_sliding),
-        "tension": _extent(names, check.followed),
-        "worst_tension": _extent(names, check.worst),
-        "slack_after": dict(zip(names, slack_after, strict=True)),
-        "elements": [
-            {
-                "name": element.name,
-                "length": _extent(names, element.length),
-                "span": _extent(names, element.span),
-                "moment_arm": arms(element.moment_arm),
-            }
-            for element in check.elements
-        ],
-        "pulleys": [
-            {
-                "name": pulley.name,
-                "wrap_angle": _extent(names, pulley.wrap),
-                "transmission_at_rest": _extent(names, pulley.transmission_at_rest),
-                "transmission_sliding": _extent(names, pulley.transmission_sliding),
-                "passing": pulley.passing,
-                "needed_to_slip": pulley.needed,
-            }
-            for pulley in check.pulleys
-        ],
     }
 
 
-def _extent(names: Sequence[str], values: Extent) -> dict[str, Any]:
+def _shares(model: Model, shares: Shares) -> dict[str, Any]:
+    """All shares by element, without omissions."""
+
+    def by_element(values: Vector) -> dict[str, float]:
+        return dict(zip(model.layout.elements, values.tolist(), strict=True))
+
+    causes = [vars(cause) | {"share": by_element(cause.share)} for cause in shares.causes]
+    return {"stddev": by_element(shares.stddev), "causes": causes}
+
+
+def _fields(one: Any, joints: Sequence[str]) -> dict[str, Any]:
+    """The fields of a dataclass; values per joint are by its name."""
     return {
-        "low": values.low,
-        "high": values.high,
-        "low_at": dict(zip(names, values.low_at, strict=True)),
-        "high_at": dict(zip(names, values.high_at, strict=True)),
+        NAMES.get(name, name): dict(zip(joints, value, strict=True)) if name in PER_JOINT else value
+        for name, value in vars(one).items()
     }
 
 
-def _shares_document(model: Model, shares: Shares | None) -> dict[str, Any] | None:
-    """All shares as plain values for JSON, without omissions."""
-    if shares is None:
-        return None
-    names = model.layout.elements
-    return {
-        "stddev": dict(zip(names, shares.stddev.tolist(), strict=True)),
-        "causes": [
-            {
-                "what": cause.what,
-                "measure": cause.measure,
-                "share": dict(zip(names, cause.share.tolist(), strict=True)),
-            }
-            for cause in shares.causes
-        ],
-    }
+def _plain(value: Any, joints: Sequence[str]) -> Any:
+    """Mappings, lists, texts and finite numbers."""
+    if is_dataclass(value):
+        value = _fields(value, joints)
+    if isinstance(value, Mapping):
+        return {key: _plain(one, joints) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one, joints) for one in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def main(argv: Sequence[str] | None = None) -> int:

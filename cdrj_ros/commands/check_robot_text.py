@@ -13,7 +13,7 @@ from cdrj_ros.foundation.output import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.shares import Cause, Shares
 from cdrj_ros.model.prepared import EFFORT, TENSION, Model
-from cdrj_ros.report.table import UNLIMITED
+from cdrj_ros.report.table import UNLIMITED, new_table
 from cdrj_ros.robot.description import Cable, Robot
 
 if TYPE_CHECKING:
@@ -136,14 +136,9 @@ def _corrections(robot: Robot) -> Iterator[str]:
 
 def _table(robot: Robot, cable: Cable, check: CableCheck) -> Table:
     """The table of one cable for the terminal."""
-    from rich import box
-    from rich.table import Table
     from rich.text import Text  # markup would interpret [mm] as a style
 
-    table = Table(
-        title=cable.name, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD,
-        pad_edge=False,
-    )  # fmt: skip
+    table = new_table(cable.name)
     moving = _moving(check)
     names = [robot.joints[j].name for j in moving]
     arms = [f"arm {name} [{'-' if name in robot.prismatic_joints else 'mm'}]" for name in names]
@@ -245,18 +240,13 @@ def elasticity_text(cable: Cable) -> str:
 
 def _print_shares(model: Model, shares: Shares, console: Console) -> None:
     """Print a table per cable, and the measurements that would help most."""
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
     known = model.robot.uncertainty
     assumed = known is not None and len(known.parameters) > known.stated
     told: list[Cause] = []
     for cable, part in zip(model.robot.cables, model.robot.parts, strict=True):
-        table = Table(
-            title=f"{cable.name}: shares in the variance of the tensions [%]",
-            title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False,
-        )  # fmt: skip
+        table = new_table(f"{cable.name}: shares in the variance of the tensions [%]")
         table.add_column("")
         for k in range(len(cable.element_names)):
             table.add_column(str(k + 1), justify="right", no_wrap=True)

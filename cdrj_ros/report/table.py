@@ -40,7 +40,7 @@ def new_table(title: str = "") -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    heading = Text(printable(title)) if title else None
+    heading = Text(printable(title), style="bold") if title else None
     return Table(title=heading, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
 
 
