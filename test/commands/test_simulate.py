@@ -190,7 +190,7 @@ def test_every_robot_of_the_package_performs_the_default_motion(
 ) -> None:
     """The run covers the first full stroke to either side and must not have a slack cable."""
     path = tmp_path / "bag"
-    assert main([str(path), "--robot", name, "--duration", "20", "--cells", "1"]) == 0
+    assert main([str(path), "--robot", name, "--duration", "14", "--cells", "1"]) == 0
     robot = load_model(name).robot
     joint = robot.joints[0]
     recording = read_recording(path)

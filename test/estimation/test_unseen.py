@@ -351,7 +351,8 @@ def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estim
         others = [np.float64(1.0), np.zeros((2, 2, 2)), np.array("x"), nested]
         others += [np.zeros(own.shape, "M8[ns]")]
         others += [np.full(own.shape, value, own.dtype) for value in (255, 2**62)[: own.itemsize]]
-        for other in [*others, -np.ones(own.shape), np.full(own.shape, 1e308)]:
+        others += [np.full(own.shape, value) for value in (-1.0, 1e308, np.nan)]
+        for other in others:
             rewrite(path, arrays | {name: other})
             again = LiveEstimator(model, options)
             with np.errstate(all="ignore"):

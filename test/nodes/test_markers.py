@@ -16,7 +16,7 @@ from support.estimators import Bench
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cdrj_ros.nodes.markers import MarkersNode
-from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
+from cdrj_ros.view.picture import picture_of
 
 
 @pytest.fixture
@@ -49,53 +49,37 @@ def colour(marker: Any) -> tuple[float, float, float]:
     return marker.color.r, marker.color.g, marker.color.b
 
 
-def test_colour_width_and_line_show_tension_and_status(
+def test_a_marker_has_the_looks_that_the_picture_gives_it(
     drawing: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from cdrj_ros.nodes import feed, view_inputs
 
-    node = drawing()
-    names = list(node.model.layout.elements)
-    preload = node.model.robot.cables[0].preload
-    tension = [preload, 150.0, 0.0, 9.0, 150.0, 150.0, *[1.0] * (len(names) - 6)]
-    status = [0, 0, T.SLACK, T.UNSURE, T.STALE, T.INVALID, *[0] * (len(names) - 6)]
-    drawn = hear(node, "tensions", T(name=names, tension=tension, status=status, stddev=[]))
-    taut, high, slack, unsure, stale, invalid = (drawn[f"cables/{k}"] for k in range(6))
-    assert colour(taut) == pytest.approx(tension_colour(preload, preload, 150.0))
-    assert colour(high) == pytest.approx(LIMIT_COLOUR)
-    assert slack.scale.x < 0.5 * taut.scale.x
-    assert unsure.color.a < 0.5 < taut.color.a
-    for marker in (stale, invalid):
-        assert marker.type == Marker.LINE_LIST
-        assert colour(marker) != pytest.approx(LIMIT_COLOUR)
+    node = drawing(labels=True, force_scale=0.001)
+    names, pulley = list(node.model.layout.elements), node.model.layout.pulleys[0]
+    rest = [1.0] * (len(names) - 4)
+    tension, status = [18.0, 0.0, 9.0, 150.0, *rest], [0, T.SLACK, T.UNSURE, T.INVALID]
+    hear(node, "tensions", T(name=names, tension=tension, status=[*status, *[0] * len(rest)]))
+    assert markers_of(node)["forces/1"].action == Marker.DELETE
+    message = NodalForces(
+        name=[pulley], force_x=[10.0], force_y=[0.0], force_z=[0.0], magnitude=[10.0],
+        friction=[0.0], slip_speed=[0.01], status=[0],
+    )  # fmt: skip
+    drawn = hear(node, "nodal_forces", message)
+    picture = picture_of(node.model, node.inputs.snapshot(), force_scale=0.001)
+    for k, look in enumerate(picture.cables):
+        marker = drawn[f"cables/{k}"]
+        assert marker.type == (Marker.LINE_LIST if look.dashed else Marker.LINE_STRIP)
+        assert (marker.scale.x, marker.color.a) == pytest.approx((look.width, look.opacity))
+        assert colour(marker) == pytest.approx(look.colour)
+        assert drawn[f"labels/{k}"].text == look.label
+    for k, body in enumerate(picture.bodies):
+        assert colour(drawn[f"bodies/{k}"]) == pytest.approx(body.colour)
+    start, end = drawn["forces/1"].points
+    assert (end.x - start.x, end.y - start.y) == pytest.approx((0.01, 0.0))
     later = monotonic() + view_inputs.SILENCE_S + 0.1
     monkeypatch.setattr(feed, "monotonic", lambda: later)
-    cables = [marker for marker in node.picture().markers if marker.ns == "cables"]
-    assert {marker.type for marker in cables} == {Marker.LINE_LIST}
-    assert len(cables) == len(names)
-
-
-def test_slipping_pulleys_change_colour_and_forces_become_arrows(drawing: Any) -> None:
-    node = drawing(labels=True, force_scale=0.001)
-    name = node.model.layout.pulleys[0]
-
-    def force(speed: float, status: int = 0) -> dict[str, Any]:
-        message = NodalForces(
-            name=[name], force_x=[10.0], force_y=[0.0], force_z=[0.0], magnitude=[10.0],
-            friction=[0.0], slip_speed=[speed], status=[status],
-        )  # fmt: skip
-        return hear(node, "nodal_forces", message)
-
-    assert markers_of(node)["forces/1"].action == Marker.DELETE
-    still, moving = force(0.0), force(0.01)
-    assert colour(still["bodies/1"]) != colour(moving["bodies/1"])
-    start, end = moving["forces/1"].points
-    assert end.x - start.x == pytest.approx(0.01)
-    assert end.y == pytest.approx(start.y)
-    gone = force(0.01, NodalForces.INVALID)
-    assert gone["forces/1"].action == Marker.DELETE
-    assert colour(gone["bodies/1"]) == colour(still["bodies/1"])
-    assert any(marker.text for marker in moving.values())
+    old = [marker.type for marker in node.picture().markers if marker.ns == "cables"]
+    assert old == [Marker.LINE_LIST] * len(names)
 
 
 @pytest.mark.parametrize("robot", ["finger", "wrist"])
