@@ -30,21 +30,14 @@ from support.campaign_draws import course as random_course
 from support.campaign_draws import single
 
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 COUNT = 2.0 * np.pi / 2**14
 """Of the encoder of the joint [rad]."""
 KNOWN_NS = 5 * SECOND
 """Time after which the friction history of a run is known, and most elements have status 0."""
 BEYOND_TWO, BEYOND_FIVE = 0.08, 0.001
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 @pytest.fixture(scope="module")

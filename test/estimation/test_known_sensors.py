@@ -30,7 +30,6 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 
-ROBOT = str(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
 BREAK = 6 * SECOND
 HOUR = 3600 * SECOND
 MEASURED = Options(tension_sensors=True)
@@ -89,7 +88,7 @@ LOST = "29.5,26.26"
 
 def _learned(model: Model, course: Course) -> LiveEstimator:
     """An estimator that has learned the lost preload from a cell, after ``BREAK``."""
-    true = course_of(load_model(ROBOT, LOST), BREAK / SECOND, sine(0.3, 0.45))
+    true = course_of(load_model("prototype", LOST), BREAK / SECOND, sine(0.3, 0.45))
     live = LiveEstimator(model, MEASURED)
     for k in range(0, BREAK // MS, 2):
         stamp = START + k * MS
@@ -207,7 +206,7 @@ def test_a_memory_that_is_not_one_is_refused_and_changes_nothing(
 def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course) -> None:
     """Its cable has lost too much at once to be taken for a change of preload."""
     preloads = [cable.preload for cable in model.robot.cables]
-    true = load_model(ROBOT, [0.4 * preloads[0], preloads[1]])
+    true = load_model("prototype", [0.4 * preloads[0], preloads[1]])
     after = course_of(true, course.duration_ns / SECOND, sine(0.3, 0.45))
     live = LiveEstimator(model, MEASURED)
     within = []

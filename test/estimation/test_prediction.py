@@ -17,21 +17,14 @@ from support.campaign import (
     sine,
 )
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
-from support.places import ROBOT
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion as motions
 
 SLOW = {"winch": 4 * MS, "elbow": 100_144_075}
 """Intervals of the readings by axis [ns]: the elbow's readings wander against the reversals."""
-
-
-@pytest.fixture(scope="module")
-def model() -> Model:
-    return load_model(ROBOT)
 
 
 @pytest.fixture(scope="module")

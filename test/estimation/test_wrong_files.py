@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from support.page_lines import loaded_tool
 from support.places import ROBOTS, ROOT
 
 from cdrj_ros.estimation.ensemble import Ensemble
@@ -24,13 +23,7 @@ from cdrj_ros.robot.reader import parse_robot
 
 @pytest.fixture(scope="module")
 def tool() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("wrong_files", ROOT / "tools" / "wrong_files.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return loaded_tool(ROOT / "tools" / "wrong_files.py")
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from support.places import ROBOTS
@@ -29,15 +27,6 @@ def robot_file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def listening(ros: None) -> Iterator[Any]:
-    node = Node("reader")
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-
-
 def test_the_frames_are_those_of_the_description(robot_file: Path) -> None:
     with description_given(lambda: URDF):
         told = load_robot(robot_file)
@@ -49,19 +38,19 @@ def test_without_a_node_one_line_says_where_to_get_it(robot_file: Path) -> None:
         load_robot(robot_file)
 
 
-def test_the_topic_of_robot_state_publisher_is_heard(listening: Any) -> None:
-    listening.create_publisher(String, "/robot_description", KEPT).publish(String(data=URDF))
-    assert robot_description(listening, wait_s=60.0) == URDF
+def test_the_topic_of_robot_state_publisher_is_heard(node: Any) -> None:
+    node.create_publisher(String, "/robot_description", KEPT).publish(String(data=URDF))
+    assert robot_description(node, wait_s=60.0) == URDF
 
 
-def test_the_parameter_comes_before_the_topic(listening: Any) -> None:
-    listening.declare_parameter("robot_description", URDF)
-    assert robot_description(listening, wait_s=0.0) == URDF
+def test_the_parameter_comes_before_the_topic(node: Any) -> None:
+    node.declare_parameter("robot_description", URDF)
+    assert robot_description(node, wait_s=0.0) == URDF
 
 
-def test_silence_is_one_clear_line(listening: Any) -> None:
+def test_silence_is_one_clear_line(node: Any) -> None:
     with pytest.raises(UsageError, match=r"no URDF on /robot_description within 0\.1 s"):
-        robot_description(listening, wait_s=0.1)
+        robot_description(node, wait_s=0.1)
 
 
 RIG = {"payload": 0.01}
@@ -97,12 +86,12 @@ def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
 
 @pytest.mark.parametrize("name", ["estimator", "markers", "view", "rig"])
 def test_every_node_of_a_robot_takes_the_description_of_the_topic(
-    name: str, listening: Any, robot_file: Path
+    name: str, node: Any, robot_file: Path
 ) -> None:
-    publisher = listening.create_publisher(String, "/robot_description", KEPT)
+    publisher = node.create_publisher(String, "/robot_description", KEPT)
     sooner = threading.Timer(0.2, lambda: publisher.publish(String(data=URDF)))
     sooner.start()
-    node, joints = make(name, {"robot": str(robot_file)})
-    node.destroy_node()
+    made, joints = make(name, {"robot": str(robot_file)})
+    made.destroy_node()
     sooner.join()
     assert joints == ("abduction", "mcp", "pip")
