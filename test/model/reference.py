@@ -290,55 +290,32 @@ class Outputs:
     """Largest of every cable [N]."""
 
 
-@dataclass(frozen=True)
-class Begun:
-    """One sample before its fluxes are known."""
-
-    robot: Robot
-    pose: Geometry
-    earlier: Geometry | None
-    history: History | None
-    motor: Vector
-    joint: Vector
-    dt: float
-    chains: tuple[Chain, ...]
-    drums: tuple[Drum | None, ...]
-
-
-def begin(
+def sample(
     robot: Robot,
     rest: Geometry,
     pose: Geometry,
     earlier: Geometry | None,
     history: History | None,
-    motor: Vector,
-    joint: Vector,
+    angles: tuple[Vector, Vector],
+    slips: Vector,
     dt: float,
-) -> Begun:
-    """The first half of a sample, which does not depend on the fluxes.
+) -> tuple[History, Outputs]:
+    """History and results of a sample; (E11) is evaluated, not solved.
 
     Args:
         robot: the description.
         rest, pose: geometry in the reference pose and now.
         earlier: geometry at the sample before; None for the first sample, as the history.
         history: None for the first sample.
-        motor, joint: angles [rad] or [m].
+        angles: of motors and joints [rad] or [m].
+        slips: of all contacts since the sample before [m].
         dt: time since the sample before [s].
     """
-    chains: list[Chain] = []
-    drums: list[Drum | None] = []
-    for c in range(len(robot.cables)):
-        chain, ends = _prepared(robot, c, rest, pose, earlier, history, motor, dt)
-        chains.append(chain)
-        drums.extend(ends)
-    return Begun(robot, pose, earlier, history, motor, joint, dt, tuple(chains), tuple(drums))
-
-
-def finish(begun: Begun, slips: Vector) -> tuple[History, Outputs]:
-    """The rest of a sample, with the slips of all contacts [m]; (E11) is evaluated, not solved."""
-    robot, pose, history, chains, dt = (
-        begun.robot, begun.pose, begun.history, begun.chains, begun.dt
-    )  # fmt: skip
+    prepared = [
+        _prepared(robot, c, rest, pose, earlier, history, angles[0], dt)
+        for c in range(len(robot.cables))
+    ]
+    chains = [chain for chain, _ in prepared]
     fluxes = [slips[rows(robot, c)[1]] - k.contacts.shift for c, k in enumerate(chains)]
     solved = list(zip(chains, fluxes, strict=True))
     tensions = [chain.tension(flux) for chain, flux in solved]
@@ -351,12 +328,13 @@ def finish(begun: Begun, slips: Vector) -> tuple[History, Outputs]:
         ]
     )
     lagged = history.lagged_speed if history else 0 * slips
-    angle, bearing, passive = _axes(robot, history, begun.motor, begun.joint)
+    angle, bearing, passive = _axes(robot, history, *angles)
     after = History(
         np.concatenate([k.length for k in chains]),
         np.concatenate([chain.material(flux) for chain, flux in solved]),
         np.concatenate([k.delayed for k in chains]), np.concatenate(bristle), speed,
-        (lag * lagged + dt * speed) / (lag + dt), angle, bearing, begun.drums,
+        (lag * lagged + dt * speed) / (lag + dt), angle, bearing,
+        tuple(drum for _, ends in prepared for drum in ends),
     )  # fmt: skip
     residual = np.array([chain.imbalance(flux) for chain, flux in solved])
     return after, _outputs(robot, pose, np.concatenate(tensions), speed, passive, residual)
