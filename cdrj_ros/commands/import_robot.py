@@ -36,6 +36,11 @@ def _body(argv: Sequence[str]) -> int:
     arguments = _parser().parse_args(argv)
     check_outputs({"--out": arguments.out}, [arguments.model])
     path = Path(arguments.model)
+    if Path(arguments.out).is_file():
+        raise UsageError(
+            f"--out {printable(arguments.out)} is there already, and may have values that were "
+            "measured: delete it, or write another file"
+        )
     if not path.exists():
         raise UsageError(f"there is no model {printable(arguments.model)}")
     if path.suffix == ".urdf":

@@ -72,10 +72,10 @@ def preloads_of(model: Model, preloads: Mapping[str, float]) -> Change:
             raise UsageError(f"there is no cable {name!r}; there are {', '.join(known)}")
         if not 0.0 <= value < 1e6:
             raise UsageError(f"preload of {name} must be in [0, 1e6) N, got {value:g}")
+    changed = [f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items() if v != known[n]]
     return Change(
         {f"cables.{name}.preload": value for name, value in preloads.items()},
-        "; ".join(f"{n}: {known[n]:g} N, now {v:g} N" for n, v in preloads.items() if v != known[n])
-        or "all preloads as before",
+        f"preload of {'; '.join(changed)}" if changed else "preloads as before",
     )
 
 

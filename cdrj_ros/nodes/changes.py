@@ -86,22 +86,20 @@ class Changes:
         return response
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._answer(response, self._tare, "")
+        return self._answer(response, self._tare)
 
     def _on_set_preload(
         self, request: SetPreload.Request, response: SetPreload.Response
     ) -> SetPreload.Response:
-        return self._answer(
-            response, lambda: self._of.live.set_preload(_preloads(request)), "preload of "
-        )
+        return self._answer(response, lambda: self._of.live.set_preload(_preloads(request)))
 
-    def _answer(self, response: Any, change: Callable[[], str], log: str) -> Any:
+    def _answer(self, response: Any, change: Callable[[], str]) -> Any:
         """Make a change of the robot's numbers; the response says what it did, or why not."""
         try:
             response.message, response.success = change(), True
             self._of.forget()
             self.show_in_force()
-            self._node.get_logger().info(f"{log}{response.message}")
+            self._node.get_logger().info(response.message)
         except CdrjError as error:
             response.success, response.message = False, f"nothing changed: {error}"
         return response

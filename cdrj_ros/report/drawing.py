@@ -37,6 +37,10 @@ MUTED: Final = "#62625d"
 LINK: Final = "#e9e7df"
 SHADE: Final = "#bdb9ab"
 
+POINT: Final[dict[str, Any]] = {"marker": "o", "markersize": 4.0}
+ANCHOR: Final[dict[str, Any]] = {"marker": "s", "markersize": 6.0}
+"""Marks of eyelets, of drums without an axis, and of anchors."""
+
 FONT_SIZE: Final = 12.0
 """Size of text [px]."""
 
@@ -51,6 +55,9 @@ FADED: Final = 0.28
 
 MOST_JOINTS: Final = 6
 """Largest number of joints for which the ends of the range are drawn."""
+
+MOST_CABLES: Final = 20
+"""Largest number of cables whose names and elements are written."""
 
 PLANE: Final = (("x", "y", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), ""),)
 SPACE: Final = (
@@ -145,15 +152,16 @@ def _draw_view(
                 for line in outlines(body):
                     edge = INK if body.kind == "winch" else MUTED
                     axes.plot(*(line @ projection).T, color=edge, linewidth=0.8, zorder=2)
-                if body.kind == "anchor":
-                    axes.plot(*(body.centre @ projection), "s", color=cable_colour(c), zorder=5)
+                if body.kind == "anchor" or body.shape == "point":
+                    mark = ANCHOR if body.kind == "anchor" else POINT
+                    axes.plot(*(body.centre @ projection), **mark, color=cable_colour(c), zorder=5)
             for e, path in enumerate(_cut_off(paths, room)):
                 line = path @ projection
                 axes.plot(
                     *line.T, color=cable_colour(c), linewidth=1.9 if bold else 1.0, alpha=alpha,
                     zorder=4 if bold else 3,
                 )  # fmt: skip
-                if bold:
+                if bold and len(robot.cables) <= MOST_CABLES:
                     _number(axes, line, str(e + 1), cable_colour(c))
     axes.set_aspect("equal", adjustable="datalim")
     axes.spines[["right", "top"]].set_visible(False)
@@ -213,9 +221,12 @@ def _legend(robot: Robot) -> list[Line2D]:
     handles = [
         Line2D([], [], color=cable_colour(c), linewidth=2.2, label=printable(cable.name))
         for c, cable in enumerate(robot.cables)
+        if len(robot.cables) <= MOST_CABLES
     ]
     handles.append(Line2D([], [], color=INK, linewidth=1.0, label="winch"))
     handles.append(Line2D([], [], color=MUTED, linewidth=1.0, label="pulley or body"))
+    handles.append(Line2D([], [], color=INK, linestyle="", **POINT, label="eyelet"))
+    handles.append(Line2D([], [], color=INK, linestyle="", **ANCHOR, label="anchor"))
     return handles
 
 

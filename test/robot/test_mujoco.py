@@ -202,3 +202,8 @@ def test_only_the_tendons_asked_for_are_imported(
     arguments = [str(tmp_path / "model.xml"), "--tendons", "x", "--out", str(tmp_path / "o.yaml")]
     assert import_robot.main(arguments) == 2
     assert "there is no tendon x; the model has abcd, branched" in capsys.readouterr().err
+    before = (tmp_path / "robot.yaml").read_bytes()
+    arguments[-1] = str(tmp_path / "robot.yaml")
+    assert import_robot.main(arguments) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert (tmp_path / "robot.yaml").read_bytes() == before
