@@ -116,7 +116,7 @@ def preloaded(
     robot = now.model.robot
     preloads, recorded = scale_readings(robot, now.rest, now.poses, readings)
     values = preloads_of(now.model, preloads).values
-    after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.0%}")
+    after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.1%}")
     return after if recorded is None else fitted(after, [recorded], say)
 
 

@@ -199,8 +199,9 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
     for path, variance in zip(known.parameters, np.diag(known.covariance), strict=True):
         assert stddev[path] == pytest.approx(np.sqrt(variance), rel=5e-3), path
     i, j = (entry["parameters"].index(f"cables.{name}.preload") for name in ("upper", "lower"))
-    assert stddev["cables.upper.preload"] == pytest.approx(0.9)
-    assert entry["correlation"][i][j] == pytest.approx(8.0 / 9.0, abs=1e-3), "3 % of which 1 % own"
+    assert stddev["cables.upper.preload"] == pytest.approx(0.045 * 30.0)
+    common = 1.0 - (1.0 / 4.5) ** 2  # 1 % is its own
+    assert entry["correlation"][i][j] == pytest.approx(common, abs=1e-3)
 
 
 def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion() -> None:
