@@ -566,6 +566,10 @@ class Robot:
     def estimate_size(self) -> int:
         """Numbers of an estimate."""
 
+    @property
+    def scratch_size(self) -> int:
+        """Numbers of the workspace."""
+
     def step(
         self,
         before: State,

@@ -255,6 +255,8 @@ void bind_robot(nb::module_& core) {
             "numbers"_a)
         .def_prop_ro("state_size", [](const HeldRobot& h) { return h.robot.state_size(); })
         .def_prop_ro("estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
+        .def_prop_ro(
+            "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); })
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
             "One sample: (state, angles) -> (state, estimate, solved).\n\n"

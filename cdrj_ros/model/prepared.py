@@ -23,11 +23,7 @@ from cdrj_ros.model.packing import (
 )
 from cdrj_ros.model.state import (
     ScratchViews,
-    estimate_size,
-    estimate_views,
-    scratch_size,
     scratch_views,
-    state_size,
 )
 from cdrj_ros.robot.description import Robot, Winch
 
@@ -113,13 +109,17 @@ class Model:
     sizes: Sizes
     """Numbers of its parts."""
     layout: Layout
-    state_size: int
     core: _core.Robot = field(init=False, compare=False, repr=False)
     """The robot as the compiled core reads it, from ``topology`` and ``constants``."""
 
     def __post_init__(self) -> None:
         """Hand the robot to the core."""
         object.__setattr__(self, "core", _core.Robot(self.topology, self.constants))
+
+    @property
+    def state_size(self) -> int:
+        """Numbers of a state."""
+        return self.core.state_size
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def placed(
     model: Model, joint_angle: Vector, motor_angle: Vector | None = None
 ) -> tuple[Shape, ScratchViews]:
     """As ``shape_at``; the second result is the scratch, with the poses of the frames."""
-    scratch = np.zeros(scratch_size(model.sizes))
+    scratch = np.zeros(model.core.scratch_size)
     drums = np.empty(0) if motor_angle is None else motor_angle
     possible = model.core.shape(drums, joint_angle, scratch)
     views = scratch_views(model.sizes, scratch)
@@ -250,16 +250,16 @@ def _model(robot: Robot) -> Model:
         constants=constants,
         sizes=sizes,
         layout=_layout(robot, parts.pulleys, sizes),
-        state_size=state_size(sizes),
     )
 
 
 def _layout(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
-    """Layout of the estimate; its slices have the order of ``EstimateViews``."""
+    """Layout of the estimate, whose parts have the order of ``Estimate`` in ``core/layout.hpp``."""
     elements = tuple(name for cable in robot.cables for name in cable.element_names)
     pulleys = tuple(name for cable in robot.cables for name in cable.pulley_names)
-    size = estimate_size(sizes)
-    ends = np.cumsum([0, *(part.size for part in estimate_views(sizes, np.empty(size)))]).tolist()
+    counts = [*2 * [sizes.elements], *6 * [sizes.pulleys], sizes.motors, sizes.joints]
+    counts += [*2 * [sizes.cables], *2 * [sizes.residuals]]
+    ends = np.cumsum([0, *counts]).tolist()
     slices = [slice(a, b) for a, b in pairwise(ends)]
     before = rows["element"].astype(np.intp)
     before.flags.writeable = False
@@ -273,7 +273,7 @@ def _layout(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
         tuple(joint.name for joint in robot.joints),
         tuple(cable.name for cable in robot.cables),
         before,
-        size,
+        ends[-1],
         *slices,
     )
 
@@ -340,7 +340,7 @@ def _are_possible(model: Model, joint_angles: NDArray[np.float64]) -> NDArray[np
     poses, sizes = len(joint_angles), model.sizes
     length, wrap = np.empty((poses, sizes.elements)), np.empty((poses, sizes.pulleys))
     possible = np.empty(poses, dtype=np.bool_)
-    scratch = np.zeros(scratch_size(sizes))
+    scratch = np.zeros(model.core.scratch_size)
     found = scratch_views(sizes, scratch)
     motor_angle = np.empty(0)
     for k in range(poses):

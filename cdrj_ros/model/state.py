@@ -1,7 +1,6 @@
-"""Named views of state, estimate and scratch, which one sample reads and writes.
+"""Named views of state and scratch, which one sample reads and writes, and the flags of a status.
 
-``advance`` writes one vector: the new state, the estimate, then its scratch.  Only this file
-defines their layout, and the flags of a status.
+``core/layout.hpp`` lays them out; ``Layout`` has the slices of an estimate.
 """
 
 from __future__ import annotations
@@ -10,14 +9,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.packing import RECORDS, Part, Rows, Sizes, part, size_of, views
+from cdrj_ros.model.packing import RECORDS, Part, Rows, Sizes, part, views
 
 OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
 """Bit flags of an element's status; cdrj_msgs/CableTensions defines the same values."""
 
 
 class StateViews(NamedTuple):
-    """State of a robot between two samples: views of a state, in its order."""
+    """State of a robot between two samples: views of its first parts, in its order."""
 
     started: Vector
     """0 before the first sample, then 1, shape (1,)."""
@@ -48,47 +47,10 @@ class StateViews(NamedTuple):
     """Friction torques of motors, then joints [N m], of prismatic joints [N], shape (axes,)."""
     drums: Rows
     """Of every end that takes up cable, shape (drums,); see ``EndTopology.drum``."""
-    middles: Rows
-    """Of every node, shape (nodes,)."""
-    residual_inputs: Rows
-    """As in ``Topology``."""
-
-
-class EstimateViews(NamedTuple):
-    """Results of a sample: views of an estimate, in its order."""
-
-    tension: Vector
-    """[N], shape (elements,)."""
-    status: Vector
-    """Bit flags, see ``cdrj_ros.model.state``, shape (elements,)."""
-    force_x: Vector
-    """Force of the cable on every pulley [N], shape (pulleys,)."""
-    force_y: Vector
-    """[N], shape (pulleys,)."""
-    force_z: Vector
-    """[N], shape (pulleys,)."""
-    magnitude: Vector
-    """Of the force on every pulley [N], (38), shape (pulleys,)."""
-    friction: Vector
-    """Tension after less tension before every pulley [N], shape (pulleys,)."""
-    slip_speed: Vector
-    """[m/s], positive towards the last node, shape (pulleys,)."""
-    motor_effort: Vector
-    """[N m], shape (motors,)."""
-    joint_effort: Vector
-    """[N m], of prismatic joints [N], shape (joints,)."""
-    iterations: Vector
-    """Newton iterations of every cable, shape (cables,)."""
-    residual: Vector
-    """Largest force imbalance at a pulley of every cable [N], shape (cables,)."""
-    correction: Vector
-    """Learned correction that is part of an output [N] or [N m], shape (residuals,)."""
-    trust: Vector
-    """Share of it that applies, (R3), shape (residuals,)."""
 
 
 class ScratchViews(NamedTuple):
-    """Intermediate values of a sample: views of the scratch, in its order."""
+    """Geometry of a sample: views of the first parts of the scratch, in its order."""
 
     element_length: Vector
     """Geometric length of every element with its share of the arcs [m], shape (elements,)."""
@@ -115,13 +77,6 @@ class ScratchViews(NamedTuple):
     """Of every frame by every joint, shape (frames, joints)."""
     touches: Rows
     """Of every node, shape (nodes,)."""
-    middles: Rows
-    """Of the same nodes."""
-    products: Vector
-    """Of the learned corrections, (R1), shape (residual_weights,)."""
-    history: Vector
-    """The state before the sample, by the contact cells of this sample, shape (state_size,); empty
-    unless some of them are fixed to the surface of a body."""
 
 
 @lru_cache
@@ -143,14 +98,7 @@ def _state_parts(sizes: Sizes) -> tuple[Part, ...]:
         axes,
         axes,
         part(sizes.drums, record=RECORDS["Drum"]),
-        part(sizes.nodes, record=RECORDS["ArcMiddle"]),
-        part(sizes.residual_inputs, record=RECORDS["ResidualInput"]),
     )
-
-
-def state_size(sizes: Sizes) -> int:
-    """Floats of the state."""
-    return size_of(_state_parts(sizes))
 
 
 def state_views(sizes: Sizes, state: Vector) -> StateViews:
@@ -162,27 +110,6 @@ def state_views(sizes: Sizes, state: Vector) -> StateViews:
             then have the same first axis.
     """
     return StateViews(*views(state, _state_parts(sizes)))
-
-
-@lru_cache
-def _estimate_parts(sizes: Sizes) -> tuple[Part, ...]:
-    """The parts of an estimate, in the order of ``EstimateViews``."""
-    elements, pulleys, cables = (
-        part(sizes.elements), part(sizes.pulleys), part(sizes.cables),
-    )  # fmt: skip
-    axes = part(sizes.motors), part(sizes.joints)
-    learned = part(sizes.residuals)
-    return (elements, elements, *(6 * (pulleys,)), *axes, cables, cables, learned, learned)
-
-
-def estimate_size(sizes: Sizes) -> int:
-    """Floats of the estimate."""
-    return size_of(_estimate_parts(sizes))
-
-
-def estimate_views(sizes: Sizes, estimate: Vector) -> EstimateViews:
-    """Named views of the parts of an estimate, shape (estimate_size,) or longer."""
-    return EstimateViews(*views(estimate, _estimate_parts(sizes)))
 
 
 @lru_cache
@@ -202,17 +129,9 @@ def _scratch_parts(sizes: Sizes) -> tuple[Part, ...]:
         part(sizes.frames, record=RECORDS["Pose"]),
         part(sizes.frames, sizes.joints, record=RECORDS["Twist"]),
         part(sizes.nodes, record=RECORDS["Touch"]),
-        part(sizes.nodes, record=RECORDS["ArcMiddle"]),
-        part(sizes.residual_weights),
-        part(state_size(sizes) if sizes.surfaces > 0 else 0),
     )
 
 
-def scratch_size(sizes: Sizes) -> int:
-    """Floats of the scratch."""
-    return size_of(_scratch_parts(sizes))
-
-
 def scratch_views(sizes: Sizes, scratch: Vector) -> ScratchViews:
-    """Named views of the parts of the scratch, shape (scratch_size,)."""
+    """Named views of the parts of the scratch, shape (core.scratch_size,)."""
     return ScratchViews(*views(scratch, _scratch_parts(sizes)))
