@@ -23,9 +23,9 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
 from cdrj_ros.model.filling import stribeck_of
 from cdrj_ros.model.packing import constant_views, topology_views
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Course, Model, prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot
-from cdrj_ros.simulation.assembly import Course, course
+from cdrj_ros.simulation.assembly import course
 from examples.paper.friction_chain import (
     CableMotion,
     Readings,
