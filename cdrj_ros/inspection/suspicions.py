@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.contact_suspicions import contact_suspicions
 from cdrj_ros.model.elasticity import elasticity_of, strain_at
@@ -348,16 +349,11 @@ def effort_slopes(model: Model, joint_angle: NDArray[np.float64]) -> NDArray[np.
     """
     robot = model.robot
     shape = shape_at(model, joint_angle)
-    slopes = np.zeros((len(robot.motors), len(robot.joints)))
-    names = [motor.name for motor in robot.motors]
-    for cable, own in zip(robot.cables, robot.parts, strict=True):
-        stiffness = cable.axial_stiffness / float(shape.length[own].sum())
-        longer = shape.lever_arm[own].sum(axis=0)
-        for node in (cable.nodes[0], cable.nodes[-1]):
-            if isinstance(node, Winch):
-                m = names.index(node.motor)
-                sign = robot.motors[m].effort_sign
-                slopes[m] -= sign * node.winding * node.radius * stiffness * longer
+    starts = [part.start for part in robot.parts]
+    length, longer = (np.add.reduceat(one, starts) for one in (shape.length, shape.lever_arm))
+    stiffness = [cable.axial_stiffness for cable in robot.cables] / length
+    signs = np.array([motor.effort_sign for motor in robot.motors])
+    slopes: Matrix = -signs[:, None] * (robot.drums.T @ (stiffness[:, None] * longer))
     return slopes
 
 
