@@ -18,11 +18,11 @@ from truth.comparison import compare
 from truth.scenes import Scene, Truth
 
 SCENES = {
-    "skew_cylinders": lambda: robots.skew_cylinders(9.0, 125),
-    "sphere": lambda: robots.sphere(20.0, 100),
-    "carriage": lambda: robots.carriage(10.0, 125),
-    "platform": lambda: robots.platform(10.0, 100),
-    "sheath_157": lambda: robots.sheath(np.radians(157.0), 9.0, 125),
+    "skew_cylinders": lambda: robots.skew_cylinders(9.0, 62.5),
+    "sphere": lambda: robots.sphere(20.0, 50),
+    "carriage": lambda: robots.carriage(10.0, 62.5),
+    "platform": lambda: robots.platform(10.0, 75),
+    "sheath_157": lambda: robots.sheath(np.radians(157.0), 9.0, 62.5),
 }
 
 
