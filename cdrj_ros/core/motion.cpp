@@ -26,16 +26,30 @@ double faded(double before, double now, double keep) {
 void Motion::take(Nanoseconds stamp_ns, double angle) {
     if (begin_ns >= 0 && stamp_ns >= begin_ns) {  // else the clock went back during a restart
         if (stamp_ns - part_ns >= PART_NS) {
-            const double certain = std::abs(angle - part) - 2.0 * band;
-            fastest = std::max(fastest, certain / ((stamp_ns - part_ns) * 1e-9));
+            close_part((stamp_ns - part_ns) * 1e-9, angle - part);
             part_ns = stamp_ns;
             part = angle;
         }
         if (stamp_ns - begin_ns < WINDOW_NS) return;
         close((stamp_ns - begin_ns) * 1e-9, angle - begin);
     }
+    if (part_ns != stamp_ns) part_span = 0.0;
     begin_ns = part_ns = stamp_ns;
     begin = part = angle;
+}
+
+/// Ends a part of `length` [s] in which the axis has moved by `moved`.
+void Motion::close_part(double length, double moved) {
+    const double mean = moved / length;
+    fastest = std::max(fastest, (std::abs(moved) - 2.0 * band) / length);
+    if (part_span > 0.0) {
+        const double noise = 2.0 * band * (1.0 / length + 1.0 / part_span);
+        const double change = std::abs(mean - part_velocity) - noise;
+        acceleration = std::max(acceleration, change / (0.5 * (length + part_span)));
+        seen_ns = seen();
+    }
+    part_span = length;
+    part_velocity = mean;
 }
 
 /// Ends a window of `length` [s] in which the axis has moved by `moved`.
@@ -77,7 +91,7 @@ Nanoseconds Motion::seen() const {
 Motion Motion::elsewhen() const {
     Motion later = *this;
     later.begin_ns = -1;
-    later.begin = later.span = later.velocity = 0.0;
+    later.begin = later.span = later.velocity = later.part_span = 0.0;
     later.seen_ns = seen();
     return later;
 }

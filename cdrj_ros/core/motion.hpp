@@ -15,8 +15,10 @@ struct Motion {
     double negligible = 0.0;      // standard deviations up to this are not reported, positive
     Nanoseconds begin_ns = -1;    // first reading of the current window; -1 before the first one
     double begin = 0.0;           // angle there
-    Nanoseconds part_ns = -1;     // first reading of the part in progress, for `fastest`
+    Nanoseconds part_ns = -1;     // first reading of the part in progress
     double part = 0.0;            // angle there
+    double part_span = 0.0;       // length of the part before it [s]; 0 if there is none
+    double part_velocity = 0.0;   // mean over that part [rad/s]
     double span = 0.0;            // length of the last window [s]
     double velocity = 0.0;        // mean over the last window [rad/s]
     double speed = 0.0;           // V of (C2): rises at once and decays [rad/s]
@@ -57,6 +59,7 @@ struct Motion {
 
 private:
     void close(double span, double moved);
+    void close_part(double length, double moved);
     Nanoseconds seen() const;
 };
 

@@ -47,6 +47,8 @@ class Motion:
     begin: float = 0.0
     part_ns: int = -1
     part: float = 0.0
+    last_part: tuple[float, float] | None = None
+    """Length and velocity."""
     span: float = 0.0
     velocity: float = 0.0
     speed: float = 0.0
@@ -61,13 +63,23 @@ class Motion:
     def take(self, stamp: int, angle: float) -> None:
         if 0 <= self.begin_ns <= stamp:
             if stamp - self.part_ns >= 20_000_000:
-                certain = abs(angle - self.part) - 2.0 * self.band
-                self.fastest = max(self.fastest, certain / ((stamp - self.part_ns) * 1e-9))
+                self._close_part((stamp - self.part_ns) * 1e-9, angle - self.part)
                 self.part_ns, self.part = stamp, angle
             if stamp - self.begin_ns < WINDOW_NS:
                 return
             self._close((stamp - self.begin_ns) * 1e-9, angle - self.begin)
+        if self.part_ns != stamp:
+            self.last_part = None
         self.begin_ns, self.begin = self.part_ns, self.part = stamp, angle
+
+    def _close_part(self, span: float, moved: float) -> None:
+        velocity = moved / span
+        self.fastest = max(self.fastest, (abs(moved) - 2.0 * self.band) / span)
+        if self.last_part is not None:
+            length, before = self.last_part
+            change = abs(velocity - before) - 2.0 * self.band * (1.0 / span + 1.0 / length)
+            self.acceleration = max(self.acceleration, change / (0.5 * (span + length)))
+        self.last_part = span, velocity
 
     def _close(self, span: float, moved: float) -> None:
         certain = max(abs(moved) - 2.0 * self.band, 0.0)
@@ -98,7 +110,7 @@ class Motion:
         return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
 
     def elsewhen(self) -> Motion:
-        return replace(self, begin_ns=-1, begin=0.0, span=0.0, velocity=0.0)
+        return replace(self, begin_ns=-1, begin=0.0, span=0.0, velocity=0.0, last_part=None)
 
     def knows(self, span_ns: int) -> bool:
         if span_ns <= WINDOW_NS:
