@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass
-from math import isfinite
+from collections.abc import Sequence
+from functools import partial
 from typing import Any, Final
 
 from cdrj_ros.commands.check_robot_text import print_inspection
@@ -15,7 +13,7 @@ from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.estimation.reading_limits import slips
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.files import check_outputs, write_text
-from cdrj_ros.foundation.output import printable
+from cdrj_ros.foundation.output import Json, json_text, plain, printable
 from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import MOST_CAUSES, Shares, uncertainty_shares
@@ -50,10 +48,10 @@ def _body(argv: Sequence[str]) -> int:
     suspicions = find_suspicions(inspection)
     shares = uncertainty_shares(model)
     if to_terminal:
-        print(json_text(inspection, suspicions, shares), end="")
+        print(json_text(results(inspection, suspicions, shares)), end="")
         return DONE
     if arguments.json:
-        write_text(arguments.json, json_text(inspection, suspicions, shares))
+        write_text(arguments.json, json_text(results(inspection, suspicions, shares)))
     print_inspection(inspection, suspicions, shares)
     if shares is None and model.robot.uncertainty is not None:
         print(f"shares of the uncertainty left out: it has more than {MOST_CAUSES} causes")
@@ -72,10 +70,8 @@ PER_JOINT: Final = ("moment_arm", "slack_after", "low_at", "high_at")
 """Fields with one value for every joint."""
 
 
-def json_text(
-    inspection: Inspection, suspicions: Sequence[Suspicion], shares: Shares | None
-) -> str:
-    """The results as a JSON document: all that is printed, in SI; null for what has no value."""
+def results(inspection: Inspection, suspicions: Sequence[Suspicion], shares: Shares | None) -> Json:
+    """All that is printed, in SI; null for what has no value."""
     model = inspection.model
     robot, joints = model.robot, model.layout.joints
     document = {
@@ -89,14 +85,13 @@ def json_text(
             for one in robot.residuals
         ],
         "cables": [
-            _cable(cable) | _fields(check, joints)
+            _cable(cable) | _fields(joints, check)
             for cable, check in zip(robot.cables, inspection.cables, strict=True)
         ],
         "suspicions": suspicions,
         "uncertainty": shares and _shares(model, shares),
     }
-    text = json.dumps(_plain(document, joints), indent=2, ensure_ascii=False, allow_nan=False)
-    return text + "\n"
+    return plain(document, partial(_fields, joints))
 
 
 def _cable(cable: Cable) -> dict[str, Any]:
@@ -124,23 +119,12 @@ def _shares(model: Model, shares: Shares) -> dict[str, Any]:
     return {"stddev": by_element(shares.stddev), "causes": causes}
 
 
-def _fields(one: Any, joints: Sequence[str]) -> dict[str, Any]:
+def _fields(joints: Sequence[str], one: Any) -> dict[str, Any]:
     """The fields of a dataclass; values per joint are by its name."""
     return {
         NAMES.get(name, name): dict(zip(joints, value, strict=True)) if name in PER_JOINT else value
         for name, value in vars(one).items()
     }
-
-
-def _plain(value: Any, joints: Sequence[str]) -> Any:
-    """Mappings, lists, texts and finite numbers."""
-    if is_dataclass(value):
-        value = _fields(value, joints)
-    if isinstance(value, Mapping):
-        return {key: _plain(one, joints) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(one, joints) for one in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def main(argv: Sequence[str] | None = None) -> int:

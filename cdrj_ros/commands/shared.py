@@ -12,13 +12,10 @@ docs/recordings.md describes every key.
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from cdrj_ros import __version__
 from cdrj_ros.evaluation.channels import unit_of
@@ -26,7 +23,7 @@ from cdrj_ros.evaluation.comparison import DROP_CAUSES
 from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import ChannelError, Errors
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.output import say
+from cdrj_ros.foundation.output import Json, json_text, plain, say
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings import Topics
 
@@ -162,8 +159,6 @@ FORMAT: Final = "cdrj_ros/validation"
 VERSION: Final = 2
 """Incremented when a key changes its meaning or is removed, but not for new keys."""
 
-Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
-
 
 def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
     """Content of the file written by ``write_results``, as plain lists and dictionaries.
@@ -175,11 +170,11 @@ def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
             "path": bag.path,
             "duration_s": bag.duration_s,
             "channels": _channels(own),
-            "friction": {one.name: _without(asdict(one), "name") for one in bag.friction},
+            "friction": {one.name: _without(vars(one), "name") for one in bag.friction},
             "counters": bag.counters,
             "notes": bag.notes,
             "facts": bag.facts,
-            "health": asdict(bag.health) if bag.health else None,
+            "health": bag.health,
         }
         for bag, own in zip(errors.bags, errors.of_bags, strict=True)
     ]
@@ -187,15 +182,15 @@ def results(errors: Errors, limit_check: LimitCheck | None = None) -> Json:
     if limit_check is not None:
         outside = [
             {
-                **_without(asdict(one), "least", "bound", "unit"),
+                **_without(vars(one), "least", "bound", "unit"),
                 "min" if one.least else "max": one.bound,
                 "by": one.by,
             }
             for one in limit_check.outside
         ]
-        limits = {**asdict(limit_check), "outside": outside}
+        limits = {**vars(limit_check), "outside": outside}
         limits["file"] = limits.pop("source")
-    return _plain(
+    return plain(
         {
             "format": FORMAT,
             "version": VERSION,
@@ -214,25 +209,14 @@ def write_results(
     Raises:
         OSError: the file cannot be written; an existing file is then kept.
     """
-    text = json.dumps(results(errors, limit_check), indent=2, ensure_ascii=False, allow_nan=False)
-    write_text(path, text + "\n")
+    write_text(path, json_text(results(errors, limit_check)))
 
 
 def _channels(errors: Mapping[str, ChannelError]) -> dict[str, dict[str, Any]]:
     return {
-        name: {**asdict(error), "unit": error.unit or unit_of(name)}
-        for name, error in errors.items()
+        name: {**vars(error), "unit": error.unit or unit_of(name)} for name, error in errors.items()
     }
 
 
 def _without(entries: dict[str, Any], *names: str) -> dict[str, Any]:
     return {name: value for name, value in entries.items() if name not in names}
-
-
-def _plain(value: Any) -> Json:
-    """A value with lists for tuples, and null for numbers that are not finite."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    return value if not isinstance(value, float) or math.isfinite(value) else None

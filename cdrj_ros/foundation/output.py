@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import is_dataclass
 from time import monotonic
-from typing import Any, Final, TextIO, cast
+from typing import Any, Final, TextIO, TypeAlias, cast
 
 
 def say(text: object = "", *, file: TextIO | None = None, flush: bool = False) -> None:
@@ -111,6 +113,29 @@ def printable(text: object) -> str:
         character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
         for character in text
     )
+
+
+Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
+
+
+def plain(value: Any, fields: Callable[[Any], Mapping[str, Any]] = vars) -> Json:
+    """A value as JSON has it: lists for tuples, null for numbers that are not finite.
+
+    ``fields`` gives those of a dataclass by their keys.
+    """
+    if is_dataclass(value):
+        value = fields(value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(one, fields) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(one, fields) for one in value]
+    found: Json = value
+    return None if isinstance(found, float) and not math.isfinite(found) else found
+
+
+def json_text(document: Json) -> str:
+    """A JSON document as text."""
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def counted(number: int, noun: str) -> str:
