@@ -13,7 +13,7 @@ taken up.  With ``e_b`` = 0 the cable is linear.  Solved for T, (E21) is a quadr
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,29 +35,13 @@ class Elasticity(NamedTuple):
     """T_b: tension at which half of ``bedding_strain`` is taken up [N]."""
 
 
-class ElasticNumbers(Protocol):
-    """A cable of a robot or of the core, or the rows of many."""
-
-    @property
-    def axial_stiffness(self) -> Any:
-        """EA [N]."""
-
-    @property
-    def bedding_strain(self) -> Any:
-        """e_b [-]."""
-
-    @property
-    def bedding_tension(self) -> Any:
-        """T_b [N]."""
-
-
-def elasticity_of(cable: ElasticNumbers) -> Elasticity:
-    """The law of a cable of a robot, or of a row of ``packing.CableNumbers``."""
+def elasticity_of(cable: Any) -> Elasticity:
+    """The law of a cable of a robot, or of a row of ``Constants.cables``."""
     return Elasticity(cable.axial_stiffness, cable.bedding_strain, cable.bedding_tension)
 
 
 def elasticities(rows: Any) -> Elasticity:
-    """The laws of many rows of ``packing.CableNumbers``; the fields have the shape of ``rows``."""
+    """The laws of many rows of ``Constants.cables``; the fields have the shape of ``rows``."""
     return Elasticity(*(rows[name] for name in Elasticity._fields))
 
 

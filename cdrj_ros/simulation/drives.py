@@ -8,7 +8,7 @@ torque limit stalls.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
@@ -16,9 +16,8 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Cable, Robot, Winch
 from cdrj_ros.simulation.commands import Command, DriveLimits, Mode, Trajectory
-from cdrj_ros.simulation.faults import drums_of
 
 Program = Callable[[int], Vector]
 """Function from the step number to the angles of all motors [rad], shape (motors,)."""
@@ -65,16 +64,15 @@ def drive_limits(
         UsageError: an inertia too small for the step against the cables' stiffness.
     """
     speeds, torques, inertias = [], [], []
-    for k, motor in enumerate(robot.motors):
+    for motor in robot.motors:
         speeds.append(min(USUAL_SPEED if max_speed is None else max_speed, motor.max_speed))
         strongest = max(
-            (abs(radius) * robot.cables[c].maximum_tension for c, _, m, radius in drums_of(robot)
-             if m == k),
+            (node.reel * cable.maximum_tension for cable, _, node in _drums(robot, motor.name)),
             default=np.inf,
-        )  # fmt: skip
-        usual = float(strongest) if np.isfinite(strongest) else USUAL_TORQUE
+        )
+        usual = strongest if np.isfinite(strongest) else USUAL_TORQUE
         torques.append(usual if max_torque is None else max_torque)
-        least = _stiffness(robot, k) / (RESOLVED * rate) ** 2
+        least = _stiffness(robot, motor.name) / (RESOLVED * rate) ** 2
         if rotor_inertia is not None and rotor_inertia < least:
             raise UsageError(
                 f"rotor_inertia must be at least {least:.3g} kg m^2 for {motor.name}, got "
@@ -89,16 +87,21 @@ def drive_limits(
     )  # fmt: skip
 
 
-def _stiffness(robot: Robot, motor: int) -> float:
+def _drums(robot: Robot, motor: str) -> Iterator[tuple[Cable, int, Winch]]:
+    """Drums of a motor: the cable of each, the index of its element there, and the drum."""
+    for cable, part in zip(robot.cables, robot.parts, strict=True):
+        for element, node in ((part.start, cable.nodes[0]), (part.stop - 1, cable.nodes[-1])):
+            if isinstance(node, Winch) and node.motor == motor:
+                yield cable, element, node
+
+
+def _stiffness(robot: Robot, motor: str) -> float:
     """Stiffness of the cables' first elements against one motor, with all else held [N m/rad]."""
-    pose = robot.reference_pose
-    length = shape_at(prepare(robot, check_range=False), pose).length
-    total = 0.0
-    for cable, node, owner, radius in drums_of(robot):
-        if owner == motor:
-            element = length[robot.parts[cable]][0 if node == 0 else -1]
-            total += radius**2 * robot.cables[cable].axial_stiffness / float(element)
-    return total
+    length = shape_at(prepare(robot, check_range=False), robot.reference_pose).length
+    return sum(
+        node.reel**2 * cable.axial_stiffness / float(length[element])
+        for cable, element, node in _drums(robot, motor)
+    )
 
 
 class Drives:

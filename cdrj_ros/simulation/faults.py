@@ -224,9 +224,10 @@ def _end(cable: Cable, fault: Fault) -> tuple[int, float, int]:
 
 def _wound_together(robot: Robot, index: int) -> list[int]:
     """Indices of the cables that share a motor with this one, including itself."""
-    drums = drums_of(robot)
-    motors = {motor for cable, _, motor, _ in drums if cable == index}
-    return sorted({index} | {cable for cable, _, motor, _ in drums if motor in motors})
+    motors = [
+        {node.motor for node in cable.nodes if isinstance(node, Winch)} for cable in robot.cables
+    ]
+    return [c for c, own in enumerate(motors) if c == index or own & motors[index]]
 
 
 def _elongation(robot: Robot, index: int) -> float:
@@ -235,14 +236,3 @@ def _elongation(robot: Robot, index: int) -> float:
     length = shape_at(prepare(robot), robot.reference_pose).length[robot.parts[index]].sum()
     secant = secant_at(elasticity_of(cable), cable.preload)
     return float(length * cable.preload / (secant + cable.preload))
-
-
-def drums_of(robot: Robot) -> list[tuple[int, int, int, float]]:
-    """Every drum of a robot: (cable, node, motor, radius with the winding's sign [m])."""
-    names = [motor.name for motor in robot.motors]
-    return [
-        (c, k, names.index(node.motor), node.winding * node.reel)
-        for c, cable in enumerate(robot.cables)
-        for k, node in enumerate(cable.nodes)
-        if isinstance(node, Winch)
-    ]
