@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import degrees, isinf, pi
 from typing import Final
 
@@ -250,18 +249,18 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
 def _without_encoder(inspection: Inspection) -> Iterator[Suspicion]:
     """Whether the efforts determine the joints without encoder, and how well."""
     robot = inspection.model.robot
-    for one in determined_joints(inspection.model):
-        if one.stddev == float("inf"):
+    for joint, stddev in determined_joints(inspection.model).items():
+        if isinf(stddev):
             yield Suspicion(
-                one.joint,
+                joint,
                 "has no encoder, and the efforts of the motors do not determine its angle",
             )
             continue
-        unit, factor = ("mm", 1e3) if one.joint in robot.prismatic_joints else ("deg", 180.0 / pi)
+        unit, factor = ("mm", 1e3) if joint in robot.prismatic_joints else ("deg", 180.0 / pi)
         yield Suspicion(
-            one.joint,
+            joint,
             "has no encoder: while its cables pull, the noise of the efforts alone leaves its "
-            f"angle uncertain by {factor * one.stddev:.2g} {unit} (standard deviation, worst pose)",
+            f"angle uncertain by {factor * stddev:.2g} {unit} (standard deviation, worst pose)",
             grave=False,
         )
 
@@ -304,25 +303,17 @@ LEAST_SLOPE: Final = 1e-6
 """Singular value of the scaled slopes below which a direction is not determined."""
 
 
-@dataclass(frozen=True)
-class Determined:
-    """One joint without encoder."""
-
-    joint: str
-    stddev: float
-    """Largest standard deviation over the poses that follows from the noise of the efforts alone,
-    while all cables pull [rad] or [m]; infinite where the efforts do not determine the angle."""
-
-
-def determined_joints(model: Model) -> tuple[Determined, ...]:
+def determined_joints(model: Model) -> dict[str, float]:
     """How well each joint without encoder follows from the efforts, friction left aside.
 
     A change of a joint's angle stretches its cables, whose tension then turns the motors.  With
     cables that pull, this slope depends on lengths, EA and drums only.
+
+    Returns:
+        Largest standard deviation over the poses that follows from the noise of the efforts alone,
+        while all cables pull, by joint [rad] or [m]; infinite where they do not determine it.
     """
     robot = model.robot
-    if not robot.unmeasured:
-        return ()
     noise = np.array([motor.effort_noise for motor in robot.motors])
     reference = robot.reference_pose
     worst = np.zeros(len(robot.unmeasured))
@@ -334,7 +325,7 @@ def determined_joints(model: Model) -> tuple[Determined, ...]:
             slopes = effort_slopes(model, pose)[:, robot.unmeasured] / noise[:, None]
             worst = np.maximum(worst, _stddevs(slopes))
     names = [robot.joints[j].name for j in robot.unmeasured]
-    return tuple(Determined(n, float(w)) for n, w in zip(names, worst, strict=True))
+    return dict(zip(names, worst.tolist(), strict=True))
 
 
 def effort_slopes(model: Model, joint_angle: NDArray[np.float64]) -> NDArray[np.float64]:

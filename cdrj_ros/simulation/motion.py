@@ -6,7 +6,7 @@ Every motion rests at its centre until ``begin`` and has a continuous speed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, Literal, NamedTuple, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -17,17 +17,6 @@ BLEND: Final = 0.2
 
 RANDOM_TONES: Final = 4
 """Number of sines in a random motion."""
-
-
-class Course(NamedTuple):
-    """A joint over time."""
-
-    angle: Vector
-    """[rad], shape (n,)."""
-    speed: Vector
-    """[rad/s], shape (n,)."""
-    acceleration: Vector
-    """[rad/s^2], shape (n,)."""
 
 
 Motion = Callable[[Vector], Vector]
@@ -52,10 +41,10 @@ def named_motion(
     return make(amplitude, frequency, begin, centre)
 
 
-def differences(time: Vector, angle: Vector) -> Course:
-    """A course from its angles alone, by central differences; shapes (n,), n at least 2."""
+def differences(time: Vector, angle: Vector) -> tuple[Vector, Vector, Vector]:
+    """Angle, speed and acceleration, by central differences; shapes (n,), n at least 2."""
     speed = np.gradient(angle, time)
-    return Course(angle, speed, np.gradient(speed, time))
+    return angle, speed, np.gradient(speed, time)
 
 
 def sine(amplitude: float, frequency: float, begin: float = 0.0, centre: float = 0.0) -> Motion:

@@ -120,17 +120,17 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
 
 
 def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
-    (one,) = determined_joints(without_encoder("prototype", "elbow"))
-    assert one.joint == "elbow"
-    assert 0.0 < one.stddev < 1e-3
+    one = determined_joints(without_encoder("prototype", "elbow"))
+    assert 0.0 < one["elbow"] < 1e-3
     both = determined_joints(without_encoder("finger", "mcp", "pip"))
-    assert all(0.0 < found.stddev < 0.05 for found in both)
+    assert len(both) == 2
+    assert all(0.0 < stddev < 0.05 for stddev in both.values())
     document: Any = deepcopy(dict(without_encoder("finger", "pip").robot.document))
     document["cables"] = [c for c in document["cables"] if c["name"] == "superficial"]
     document["motors"] = [m for m in document["motors"] if m["name"] == "superficial_motor"]
-    (alone,) = determined_joints(prepare(build_robot(document, "cut")))
-    assert alone.stddev == float("inf")
-    assert determined_joints(load_model(ROBOT)) == ()
+    alone = determined_joints(prepare(build_robot(document, "cut")))
+    assert alone == {"pip": float("inf")}
+    assert determined_joints(load_model(ROBOT)) == {}
 
 
 def test_bad_arguments_are_refused(prototype: Model) -> None:

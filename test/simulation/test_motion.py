@@ -34,9 +34,7 @@ def test_random_motion_has_no_frequency_above_its_band() -> None:
 
 
 def test_differences_are_the_derivatives_of_the_angle() -> None:
-    course = motion.differences(TIME, np.sin(3.0 * TIME))
+    _, speed, acceleration = motion.differences(TIME, np.sin(3.0 * TIME))
     inside = slice(3, -3)
-    np.testing.assert_allclose(course.speed[inside], 3.0 * np.cos(3.0 * TIME)[inside], atol=1e-4)
-    np.testing.assert_allclose(
-        course.acceleration[inside], -9.0 * np.sin(3.0 * TIME)[inside], atol=1e-4
-    )
+    np.testing.assert_allclose(speed[inside], 3.0 * np.cos(3.0 * TIME)[inside], atol=1e-4)
+    np.testing.assert_allclose(acceleration[inside], -9.0 * np.sin(3.0 * TIME)[inside], atol=1e-4)
