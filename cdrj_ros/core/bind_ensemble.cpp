@@ -313,11 +313,9 @@ void bind_encoderless(nb::module_& core) {
 void bind_ensemble(nb::module_& core) {
     nb::class_<HeldPopulation>(core, "Population", "Robots with constants of their own.")
         .def(
-            nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a,
-            "Copies all arrays.")
+            nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a)
         .def(
-            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a,
-            "One sample of robot k: (solved, estimate).")
+            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a)
         .def("reset", [](HeldPopulation& held) {
             std::ranges::fill(held.population.states, 0.0);
         }, "Discard the history of all robots.");
@@ -325,24 +323,19 @@ void bind_ensemble(nb::module_& core) {
         .def(
             "__init__", make_ensemble, "robot"_a, "constants"_a, "friction_share"_a, "slipping"_a,
             "effort_error"_a, "reading_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
-            "span"_a, "index"_a, "element"_a, "unmodelled"_a,
-            "Copies all arrays.")
+            "span"_a, "index"_a, "element"_a, "unmodelled"_a)
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset"_a,
-            "``Robot.step`` and ``update`` in one call.")
+            "offset"_a)
         .def(
             "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, "least"_a,
-            "The standard deviations at a sample and its estimate.")
+            "estimate"_a, "least"_a)
         .def(
             "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a,
-            "``update`` at a predicted sample, which the next call of another function forgets.")
+            "estimate"_a)
         .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a,
-            "``update`` for many samples and their estimates, one a row.")
+            "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a)
         .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
         .def("reset", &Ensemble::reset, "Discard the history of all members.")
         .def("take_offset", take_offset, "offset"_a, "Take the standard deviations of lasting errors.")
@@ -365,9 +358,7 @@ void bind_ensemble(nb::module_& core) {
         .def_prop_ro("progress", view_of_progress);
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_estimates, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a,
-        "Set ``UNSURE`` where the standard deviation is too large for tension and preload, and on all\n"
-        "elements where an estimate is doubtful.");
+        "mark_unsure", mark_estimates, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a);
     bind_encoderless(core);
 }
 

@@ -223,8 +223,7 @@ void bind_robot(nb::module_& core) {
     bind_kinds<Guide>(core, "Guide", GUIDE_NAMES);
     bind_kinds<FrameMotion>(core, "FrameMotion", FRAME_MOTION_NAMES);
     core.def(
-        "residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a,
-        "What a learned correction depends on, along a motion.");
+        "residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a);
     core.attr("NEVER") = NEVER_NS;
     nb::class_<HeldState>(core, "State", "State of a robot after a sample.")
         .def(
@@ -241,8 +240,7 @@ void bind_robot(nb::module_& core) {
         .def_prop_ro("values", [](const HeldState& state) { return copy_of(state.numbers); });
     nb::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
         .def(
-            nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a,
-            "``topology``: how many parts and their connections; ``constants``: theirs.")
+            nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a)
         .def("__getstate__", [](const HeldRobot& held) { return nb::make_tuple(held.topology, held.constants); })
         .def("__setstate__", [](HeldRobot& held, const std::tuple<GivenIntegers, Given>& parts) {
             new (&held) HeldRobot(std::get<0>(parts), std::get<1>(parts));
@@ -258,28 +256,18 @@ void bind_robot(nb::module_& core) {
         .def_prop_ro(
             "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); })
         .def(
-            "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
-            "One sample: (state, angles) -> (state, estimate, solved).\n\n"
-            "Angles in rad, of prismatic joints in m. Not solved where the geometry is impossible\n"
-            "(the state is kept) or a cable could not be solved; the elements concerned are\n"
-            "``INVALID``.")
+            "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a)
         .def(
             "run", run, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "estimates"_a,
-            "slipping"_a = false,
-            "``step`` for many samples, one a row; returns the last state.\n\n"
-            "``slipping``: the cables slip on their drums.")
+            "slipping"_a = false)
         .def(
-            "shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a,
-            "Geometry in a pose, written to the workspace; False if a cable's path is impossible.")
+            "shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a)
         .def(
-            "course", course, "joint_angle"_a, "length"_a, "lever_arm"_a, "wrap"_a, "arc"_a, "track"_a,
-            "Geometry along a motion; returns the first impossible pose, or their number.")
+            "course", course, "joint_angle"_a, "length"_a, "lever_arm"_a, "wrap"_a, "arc"_a, "track"_a)
         .def(
-            "start", start, "motor_angle"_a, "joint_angle"_a, "share"_a,
-            "The state before the first sample, with shares in [-1, 1] of the friction bounds.")
+            "start", start, "motor_angle"_a, "joint_angle"_a, "share"_a)
         .def(
-            "forget_drums", forget_drums, "state"_a,
-            "Give all cable on the drums the present strain, as of a cable that slips on its drum.");
+            "forget_drums", forget_drums, "state"_a);
 }
 
 }  // namespace
