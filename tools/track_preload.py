@@ -125,7 +125,7 @@ def friction_rows(model: Model) -> Iterator[str]:
             cells.append(figures(runs, [-2 * CYCLE] * len(runs), 2 * CYCLE))
             for one in runs:
                 assert one.live.fusion is not None
-                found += list(one.live.fusion.motor_friction.values())
+                found += list(one.live.fusion.sensors.motor_friction.values())
         mean, stddev = 1e3 * np.mean(found, axis=0)
         yield f"| {1e3 * friction:g} mN·m | {' | '.join(cells)} | {mean:.1f} ± {stddev:.1f} |"
 
@@ -156,7 +156,7 @@ def calm_rows(model: Model, cycles: int) -> Iterator[str]:
         seen = 0
         for one in runs:
             assert one.live.fusion is not None
-            seen += sum(health.changes for health in one.live.fusion.health.values())
+            seen += sum(health.changes for health in one.live.fusion.sensors.health.values())
         cell = figures(runs, [4 * CYCLE] * len(runs), (cycles - 4) * CYCLE)
         yield f"| {1e3 * friction:g} mN·m | {cycles * len(runs)} | {seen} | {cell} |"
 

@@ -15,22 +15,21 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.estimation.draws import root_mean_square, standard
+from cdrj_ros.estimation.draws import standard
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Estimate, State
 from cdrj_ros.estimation.innovation_gate import (
     FILE_ERROR,
     HISTORY_ERROR,
-    WINDOW_NS,
     PreloadEvidence,
     SensorState,
     finite,
 )
+from cdrj_ros.estimation.known_sensors import KnownSensors
 from cdrj_ros.estimation.lasting_error import (
     BIAS,
     CELL,
     EFFORT,
-    FRICTION,
     LastingError,
     MotorFriction,
 )
@@ -44,7 +43,7 @@ from cdrj_ros.estimation.measurements import (
 )
 from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.estimation.sensor_health import SensorHealth, enough
+from cdrj_ros.estimation.sensor_health import enough
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model
 
@@ -81,17 +80,15 @@ class SensorFusion:
             ensemble: the robot's ensemble, changed by every correction.
             track_preload: whether efforts are used; preloads without load cell drift freely then.
         """
-        self._drift = FREE_DRIFT if track_preload else SLOW_DRIFT
-        self.health: dict[str, SensorHealth] = {}
-        self._sensors: dict[str, SensorState] = {}
-        """The trusted sensors whose readings have been used."""
+        drift = FREE_DRIFT if track_preload else SLOW_DRIFT
+        self.sensors = KnownSensors(quantities_of(ensemble.model), drift)
+        """Which of them are trusted, and what is known of each."""
         self._changed = np.zeros(len(ensemble.model.robot.cables))
         """Sum of the corrections of every preload [N]."""
         self._unconfirmed = np.zeros_like(self._changed)
         """Standard deviation that they keep since only one load cell shows them [N]."""
-        self._quantities = quantities_of(ensemble.model)
         self.waiting = WaitingMeasurements(
-            ensemble.model.robot, self._quantities, takes_efforts=track_preload
+            ensemble.model.robot, self.sensors.quantities, takes_efforts=track_preload
         )
         """The readings of these sensors."""
         self._adopt(ensemble)
@@ -118,7 +115,7 @@ class SensorFusion:
 
     def reset(self) -> None:
         """Discard all measurements; every sensor is on trial again."""
-        self.health.clear()
+        self.sensors.health.clear()
         self.forget()
 
     def restart(self, *, known: bool) -> None:
@@ -131,12 +128,11 @@ class SensorFusion:
         self.waiting.forget()
         if known:
             self._compare_anew()
-            for health in self.health.values():
-                health.try_again()
+            self.sensors.try_again()
         else:
-            dropped = self.faults()
+            dropped = self.sensors.faults()
             self.reset()
-            self.drop(dropped)
+            self.sensors.drop(dropped)
 
     def forget(self) -> None:
         """Discard all measurements and corrections, but keep which sensors are trusted or dropped.
@@ -144,7 +140,7 @@ class SensorFusion:
         The ensemble starts anew, with preloads as uncertain as at first.
         """
         self._forget_readings()
-        self._sensors.clear()
+        self.sensors.states.clear()
         self._changed[:] = self._unconfirmed[:] = 0.0
         self._preloads.show_at_least(self._unconfirmed)
         self._preloads.restore()
@@ -152,16 +148,13 @@ class SensorFusion:
     def _compare_anew(self) -> None:
         """Compare readings to come with estimates to come only."""
         self._forget_readings()
-        for health in self.health.values():
-            health.pause()
-        for sensor in self._sensors.values():
-            sensor.forget()
+        self.sensors.pause()
 
     def _forget_readings(self) -> None:
         """Forget the latest estimates and when sensors were read; the next ones begin anew."""
         self._past.forget()
         self._friction.forget()
-        self._preloads.forget()
+        self.sensors.forget_readings()
 
     def undo(self, name: str) -> None:
         """Forget all corrections and waiting measurements, because a sensor was wrong.
@@ -171,14 +164,14 @@ class SensorFusion:
         """
         self.waiting.clear()
         self.forget()
-        what = self._quantities[name]
-        self._preloads.widen_before_start(self.health[name].residual, what.column, what.cables)
+        what = self.sensors.quantities[name]
+        residual = self.sensors.health[name].residual
+        self._preloads.widen_before_start(residual, what.column, what.cables)
 
     def memory(self) -> dict[str, Any]:
         """What ``recall`` needs to go on with the sensors of an earlier run, as JSON."""
         return {
-            "health": {name: one.memory() for name, one in self.health.items()},
-            "sensors": {name: one.memory() for name, one in self._sensors.items()},
+            **self.sensors.memory(),
             "changed": self._changed.tolist(),
             "unconfirmed": self._unconfirmed.tolist(),
             "known": self._preloads.known.tolist(),
@@ -192,14 +185,10 @@ class SensorFusion:
                 has changed then.
         """
         cables, members = self._changed.size, len(self.ensemble.states)
-        health = {str(n): SensorHealth.recalled(n, o) for n, o in memory["health"].items()}
-        sensors = {str(n): SensorState.recalled(o, members) for n, o in memory["sensors"].items()}
-        if not set(sensors) <= set(health) <= set(self._quantities):
-            raise ValueError("sensors that the robot does not have")
         changed, unconfirmed, known = (
             finite(memory[key], cables) for key in ("changed", "unconfirmed", "known")
         )
-        self.health, self._sensors = health, sensors
+        self.sensors.recall(memory, members)
         self._changed, self._unconfirmed, self._preloads.known = changed, unconfirmed, known
         self._preloads.show_at_least(self._unconfirmed)
 
@@ -209,42 +198,8 @@ class SensorFusion:
 
     def drift_unmeasured(self, seconds: float) -> None:
         """Let the preloads drift over a time without readings [s]."""
-        used = [self._quantities[name] for name in self._sensors]
-        measured = {one.cables[0] for one in used if not one.is_effort}
-        cables = range(self._changed.size)
-        shares = [min(self._drift, SLOW_DRIFT) if c in measured else self._drift for c in cables]
+        shares = self.sensors.drifts(self._changed.size)
         self._preloads.drift_unmeasured(seconds, shares)
-
-    def faults(self) -> dict[str, str]:
-        """Why sensors have been dropped, by name."""
-        return {name: one.dropped for name, one in self.health.items() if one.dropped}
-
-    def drop(self, faults: Mapping[str, str]) -> None:
-        """Drop sensors, for the reasons given by name."""
-        for name, why in faults.items():
-            self.health[name] = SensorHealth(name, dropped=why)
-
-    @property
-    def contradicted(self) -> bool:
-        """Whether the last reading of a trusted sensor contradicts the estimate, or may do so.
-
-        Until a sensor has followed a motion since a sudden change, it may be stuck.
-        """
-        return any(
-            one.contradicts or self.health[name].doubted for name, one in self._sensors.items()
-        )
-
-    @property
-    def motor_friction(self) -> dict[str, tuple[float, float]]:
-        """Friction of every tracked motor beyond the robot file's, its standard deviation [N m]."""
-        return {
-            name: (
-                float(one.errors.error[FRICTION]),
-                root_mean_square(one.errors.deviation[FRICTION]),
-            )
-            for name, one in self._sensors.items()
-            if self._quantities[name].is_effort
-        }
 
     # --- corrections ------------------------------------------------------------------------------
 
@@ -271,21 +226,19 @@ class SensorFusion:
         direction = self._friction.turn(sample.motor_angle)
         self._past.add(estimate.stamp_ns, estimate.values, uncorrected, direction)
         for measured in self.waiting.due(sample.stamp_ns):
-            dropped = len(self.faults())
+            dropped = len(self.sensors.faults())
             corrected = self._correct_with(sample, state, measured)
             if corrected is not state:
                 corrected_by.add(measured.name)
             state = corrected
-            if len(self.faults()) != dropped and measured.name in corrected_by:
+            if len(self.sensors.faults()) != dropped and measured.name in corrected_by:
                 return state, measured.name
         return state, ""
 
     def _correct_with(self, sample: Sample, state: State, measured: Measurement) -> State:
         """Correct the state and the ensemble with one measurement, unless it is refused."""
-        name, value, what = measured.name, measured.value, self._quantities[measured.name]
-        health = self.health.get(name)
-        if health is None:
-            health = self.health[name] = SensorHealth(name)
+        value, what = measured.value, self.sensors.quantities[measured.name]
+        health = self.sensors.health_of(measured.name)
         found = self._past.expected(measured.stamp_ns, what.column, what.motor)
         if not abs(value) <= LARGEST or found is None or not isfinite(found.uncorrected):
             health.refused += 1
@@ -307,13 +260,14 @@ class SensorFusion:
             found: what is expected of it.
         """
         expected, uncorrected, direction, change = found
-        name, value, what = measured.name, measured.value, self._quantities[measured.name]
-        health = self.health[name]
-        shares = {c: self._drift_of(c, stamp_ns) for c in what.cables}
-        passed = self._preloads.drift(name, stamp_ns, shares, self._lasting())
+        name, value, what = measured.name, measured.value, self.sensors.quantities[measured.name]
+        health = self.sensors.health[name]
+        shares = {c: self.sensors.drift_of(c, stamp_ns) for c in what.cables}
+        passed = self.sensors.read(name, stamp_ns)
+        self._preloads.drift(passed, shares, self.sensors.lasting())
         own = measured.noise**2 + self._model_error(what, value) ** 2
         own += self._since(what, expected, change)
-        sensor = self._sensors.get(name)
+        sensor = self.sensors.states.get(name)
         if sensor is not None:
             sensor.errors.pass_time(passed, self._draw)
         factors = np.array([1.0, expected, direction])
@@ -321,11 +275,11 @@ class SensorFusion:
         variance = self._variance(what.column, sensor, factors) + own
         usable = health.evaluate(value, expected + error, uncorrected, variance, own)
         if health.dropped:
-            self._sensors.pop(name, None)
+            self.sensors.states.pop(name, None)
         if not health.trusted or health.dropped:
             return state
         if sensor is None:
-            sensor = self._sensors[name] = self._new_sensor(what, abs(value - expected))
+            sensor = self.sensors.states[name] = self._new_sensor(what, abs(value - expected))
         if not what.is_effort:
             most = max(sensor.model_error, MODEL_ERROR * max(abs(value), health.largest))
             sensor.model_error = most
@@ -362,16 +316,16 @@ class SensorFusion:
         An effort is used in any case: it is often the only sign of a lost preload, and to leave it
         open would leave half of the loss uncorrected.
         """
-        what = self._quantities[name]
+        what = self.sensors.quantities[name]
         scale = self._preloads.scale(what.column, what.cables)
-        share = max(self._drift_of(c, stamp_ns) for c in what.cables)
+        share = max(self.sensors.drift_of(c, stamp_ns) for c in what.cables)
         if not what.is_effort:
-            sensor.checked_by_effort = self._is_checked_by_effort(name, stamp_ns)
+            sensor.checked_by_effort = self.sensors.is_checked_by_effort(name, stamp_ns)
         gated = sensor.gate(stamp_ns, innovation, variance, (share * scale) ** 2)
         possible = abs(sensor.contradiction) <= (SUDDEN if what.is_effort else START_SHARE) * scale
         if gated == "changed" and possible:
             self._widen(sensor, what)
-            self.health[name].doubt()
+            self.sensors.health[name].doubt()
         return what.is_effort or gated == "agrees" or (gated == "changed" and possible)
 
     def _apply(
@@ -379,7 +333,7 @@ class SensorFusion:
     ) -> State:
         """Correct the state and the ensemble, and note by how much."""
         values = state.values
-        gain = self._preloads.update(what, sensor, innovation, self._lasting(), values)
+        gain = self._preloads.update(what, sensor, innovation, self.sensors.lasting(), values)
         for c in what.cables:
             index = self._preloads.indices[c]
             self._changed[c] += float(gain[index.elements] @ index.weight) * innovation.size
@@ -389,13 +343,13 @@ class SensorFusion:
     def _widen(self, sensor: SensorState, what: Quantity) -> None:
         """Leave open by which preloads readings have changed; by a load cell's error as well."""
         size, ensemble = abs(sensor.contradiction), self.ensemble
-        known = self._lasting()
+        known = self.sensors.lasting()
         known.append(ensemble.deviation[:, what.column])  # a view: it follows the change
         self._preloads.widen(size, what.column, what.cables, known)
         if not what.is_effort:
             bias = sensor.errors.deviation[BIAS]
             bias += size * standard(ensemble.generator, len(ensemble.states), known)
-        for one in self._sensors.values():
+        for one in self.sensors.states.values():
             one.forget()
             if not what.is_effort:
                 one.evidence.renew()
@@ -406,7 +360,7 @@ class SensorFusion:
         size = sensor.evidence.contradicted(change, self._preloads.stddev(what))
         if size > 0.0:
             bias = sensor.errors.deviation[BIAS]
-            bias -= self._preloads.exchange(size, what, self._lasting())
+            bias -= self._preloads.exchange(size, what, self.sensors.lasting())
 
     def _confirm(self, cable: int, stamp_ns: int) -> None:
         """Note whether more than one load cell confirms the corrections of a cable, (U15).
@@ -414,7 +368,7 @@ class SensorFusion:
         Those of cables without load cell that share an effort with it follow from it, since an
         effort shows the difference of cables.
         """
-        recent = self._recent(stamp_ns).values()
+        recent = self.sensors.recent(stamp_ns).values()
         with_cell = [one.cables[0] for one in recent if not one.is_effort]
         share = 0.0 if with_cell.count(cable) > 1 else UNCONFIRMED
         for one in recent:
@@ -425,13 +379,9 @@ class SensorFusion:
 
     # --- errors -----------------------------------------------------------------------------------
 
-    def _lasting(self) -> list[Vector]:
-        """Lasting errors of all sensors in every member."""
-        return [row for one in self._sensors.values() for row in one.errors.deviation if row.any()]
-
     def _draw(self, apart: Sequence[Vector]) -> Vector:
         """See ``lasting_error.Draw``."""
-        known = [*self._lasting(), *(one for one in apart if one.any())]
+        known = [*self.sensors.lasting(), *(one for one in apart if one.any())]
         return standard(self.ensemble.generator, len(self.ensemble.states), known)
 
     def _variance(self, column: int, sensor: SensorState | None, factors: Vector) -> float:
@@ -458,33 +408,3 @@ class SensorFusion:
         """
         scale = max(abs(expected), self._preloads.scale(what.column, what.cables))
         return self._variance(what.column, None, np.empty(0)) * (SINCE * change / scale) ** 2
-
-    def _drift_of(self, cable: int, stamp_ns: int) -> float:
-        """Random-walk spread of a preload after 1 s, as a fraction of it.
-
-        It is small where a load cell measures the cable: a preload that changes sooner then shows
-        as a contradiction, and so does a cell that drifts.
-        """
-        if self._drift <= SLOW_DRIFT or not self._cells(cable, stamp_ns):
-            return self._drift
-        return SLOW_DRIFT
-
-    def _recent(self, stamp_ns: int) -> dict[str, Quantity]:
-        """The trusted sensors that have been read lately, and what they measure."""
-        return {
-            name: self._quantities[name]
-            for name in self._sensors
-            if self.health[name].trusted and self._preloads.has_read(name, stamp_ns, WINDOW_NS)
-        }
-
-    def _cells(self, cable: int, stamp_ns: int) -> list[str]:
-        """The trusted load cells of a cable that have been read lately."""
-        recent = self._recent(stamp_ns).items()
-        return [name for name, one in recent if not one.is_effort and cable in one.cables]
-
-    def _is_checked_by_effort(self, name: str, stamp_ns: int) -> bool:
-        """Whether a load cell is the only one of its cable and a trusted effort acts on it."""
-        (cable,) = self._quantities[name].cables
-        recent = self._recent(stamp_ns).values()
-        efforts = [one for one in recent if one.is_effort and cable in one.cables]
-        return bool(efforts) and self._cells(cable, stamp_ns) == [name]

@@ -73,17 +73,11 @@ class Preloads:
         self._preload = [max(cable.preload, 1.0) for cable in ensemble.model.robot.cables]
         self._cables = [self._cable(index) for index in self.indices]
         self._scales: dict[int, float] = {}
-        self._last_ns: dict[str, int] = {}
         self.known = np.zeros(len(self.indices))
         """What the estimate's cables have more in material than the robot file's [m]."""
 
-    def forget(self) -> None:
-        """Forget when the preloads drifted last."""
-        self._last_ns.clear()
-
     def restore(self) -> None:
         """Forget all corrections: every preload is that of the robot file, as uncertain as then."""
-        self.forget()
         self.known[:] = 0.0
         self.ensemble.restore_preloads()
 
@@ -188,34 +182,21 @@ class Preloads:
             change = min(abs(size / arm), self._preload[c])
             self.indices[c].preload(self.ensemble.constants, change * normal)
 
-    def drift(
-        self, name: str, stamp_ns: int, shares: Mapping[int, float], apart: Sequence[Vector]
-    ) -> float:
+    def drift(self, seconds: float, shares: Mapping[int, float], apart: Sequence[Vector]) -> None:
         """Add a random walk to every member's preloads, since preloads are not constant.
 
         Args:
-            name: the sensor that is about to correct the cables.
-            stamp_ns: time of the sample [ns].
+            seconds: time since the last reading that corrected the cables [s].
             shares: standard deviation of every preload's random walk after 1 s, as a fraction of
                 it, by cable.
             apart: see ``standard``.
-
-        Returns:
-            The time since the sensor's last reading [s]; 0 for the first one.
         """
-        passed = (stamp_ns - self._last_ns.get(name, stamp_ns)) * 1e-9
-        self._last_ns[name] = stamp_ns
-        if passed <= 0.0:
-            return 0.0
+        if seconds <= 0.0:
+            return
         ensemble = self.ensemble
         for c, share in shares.items():
             normal = standard(ensemble.generator, len(ensemble.states), apart)
-            self._shift(c, share * self._preload[c] * sqrt(passed) * normal)
-        return passed
-
-    def has_read(self, name: str, stamp_ns: int, within_ns: int) -> bool:
-        """Whether a sensor has corrected the cables within a time before ``stamp_ns`` [ns]."""
-        return name in self._last_ns and 0 <= stamp_ns - self._last_ns[name] <= within_ns
+            self._shift(c, share * self._preload[c] * sqrt(seconds) * normal)
 
     def scale(self, column: int, cables: list[int]) -> float:
         """Change of a measured quantity if all preloads vary by themselves [N] or [N m] (RMS)."""

@@ -319,7 +319,7 @@ class LiveEstimator:
             self.state = self.uncorrected
             self.corrected_by.clear()
             fusion.undo(wrong)
-        if wrong or fusion.contradicted:
+        if wrong or fusion.sensors.contradicted:
             mark_elements_unsure(estimate.values, self._everywhere)
 
     def _take_predicted(self, sample: Sample) -> Estimate:
@@ -328,7 +328,7 @@ class LiveEstimator:
         if self.ensemble is not None:
             estimate.stddev = self.ensemble.predict(sample, estimate)
         self._mark(sample, estimate)
-        if self.fusion is not None and self.fusion.contradicted:
+        if self.fusion is not None and self.fusion.sensors.contradicted:
             mark_elements_unsure(estimate.values, self._everywhere)
         return estimate
 

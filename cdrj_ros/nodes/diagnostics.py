@@ -126,7 +126,7 @@ def _verdict(
     """Level and message of the most severe cause; requires an estimate."""
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
     others = live.fusion
-    health_of = others.health.values() if others is not None else ()
+    health_of = others.sensors.health.values() if others is not None else ()
     dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in health_of if one.dropped]
     stepped, lagging = _steps(live), _lags(live)
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
@@ -196,7 +196,7 @@ def _figures(
     if others is not None:
         values["refused: unknown element"] = str(others.waiting.unknown_elements)
         values["sensor readings not used in time"] = str(others.waiting.overlooked)
-        for one in others.health.values():
+        for one in others.sensors.health.values():
             state = "used" if one.trusted else "on trial until it follows a motion"
             if one.dropped:
                 state = f"dropped: {one.dropped}"
@@ -204,7 +204,7 @@ def _figures(
                 f"{state}; {one.used} readings used, {one.refused} refused, "
                 f"{one.changes} sudden changes"
             )
-        for name, (friction, stddev) in others.motor_friction.items():
+        for name, (friction, stddev) in others.sensors.motor_friction.items():
             values[f"friction of {name} beyond the robot file [N m]"] = (
                 f"{friction:.3g} +- {stddev:.2g}"
             )

@@ -295,11 +295,11 @@ def test_a_sensor_that_is_stuck_from_the_start_corrects_nothing(
     def watch(live: LiveEstimator) -> None:
         assert live.fusion is not None
         fusion = live.fusion
-        (health,) = fusion.health.values()
+        (health,) = fusion.sensors.health.values()
         assert health.tried + health.refused > 0
         assert health.used == 0
         assert ("frozen" in health.dropped) == (lie.how == "freezes")
-        assert fusion.motor_friction == {}, "nothing follows from its first reading either"
+        assert fusion.sensors.motor_friction == {}, "nothing follows from its first reading either"
 
     outputs = run(model, course, faults, watch=watch)
     verdict = judge(course, outputs, SECOND, course.duration_ns)

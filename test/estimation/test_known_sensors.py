@@ -97,7 +97,7 @@ def _learned(model: Model, course: Course) -> LiveEstimator:
             live.feed_tensions(stamp, (CELL,), (said,), (0.05,))
         _feed(live, course, k, 0)
     assert live.fusion is not None
-    assert live.fusion.health[CELL].used > 100
+    assert live.fusion.sensors.health[CELL].used > 100
     return live
 
 
@@ -147,7 +147,7 @@ def test_a_reset_forgets_it(model: Model, course: Course, learned: LiveEstimator
             assert np.array_equal(mine.values, its.values)
             assert np.array_equal(mine.stddev, its.stddev)
     assert learned.fusion is not None
-    assert learned.fusion.health == {}
+    assert learned.fusion.sensors.health == {}
 
 
 def test_a_state_file_holds_all_that_is_known(
@@ -160,7 +160,7 @@ def test_a_state_file_holds_all_that_is_known(
     assert unchanged.fusion is not None
     assert again.fusion is not None
     assert again.fusion.memory() == unchanged.fusion.memory()
-    assert not again.fusion.health[CELL].trusted, "it is on trial again"
+    assert not again.fusion.sensors.health[CELL].trusted, "it is on trial again"
     without = LiveEstimator(model)
     assert read_state(without, path), "sensors are no longer used"
 
@@ -221,7 +221,7 @@ def test_what_a_dropped_cell_said_last_may_be_right(model: Model, course: Course
                 off = np.abs(output.tension - truth)[:8]
                 within.append(off <= 2.0 * output.stddev[:8])
     assert live.fusion is not None
-    assert CELL in live.fusion.faults()
+    assert CELL in live.fusion.sensors.faults()
     assert len(within) > 2000
     assert np.mean(within) >= 0.92
 

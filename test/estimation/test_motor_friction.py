@@ -76,10 +76,10 @@ def test_friction_of_the_motor_is_not_taken_for_preload(friction: float) -> None
     assert covered(tracked, last) > 0.9
     assert np.mean(tracked.status[last] == 0) > 0.9
     assert tracked.live.fusion is not None
-    (found,) = tracked.live.fusion.motor_friction.values()
+    (found,) = tracked.live.fusion.sensors.motor_friction.values()
     assert abs(found[0] - friction) < 2.0 * found[1]
     assert found[1] < 0.012
-    assert tracked.live.fusion.health["winch"].changes == 0, "nothing happened"
+    assert tracked.live.fusion.sensors.health["winch"].changes == 0, "nothing happened"
 
 
 def test_two_standard_deviations_cover_again_soon_after_an_anchor_has_yielded() -> None:
@@ -90,8 +90,8 @@ def test_two_standard_deviations_cover_again_soon_after_an_anchor_has_yielded() 
     assert covered(tracked, slice(begin + half, begin + CYCLE)) > 0.9, "it was 0 to 12 %"
     assert covered(tracked, slice(begin + CYCLE, None)) > 0.9
     assert tracked.live.fusion is not None
-    assert tracked.live.fusion.health["winch"].changes > 0
-    assert not tracked.live.fusion.faults()
+    assert tracked.live.fusion.sensors.health["winch"].changes > 0
+    assert not tracked.live.fusion.sensors.faults()
 
 
 def test_the_direction_of_friction_follows_the_motor_within_a_milliradian() -> None:

@@ -79,7 +79,7 @@ def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(
     dropped: list[dict[str, str]] = []
 
     def watch(live: LiveEstimator) -> None:
-        dropped.append(live.fusion.faults() if live.fusion is not None else {})
+        dropped.append(live.fusion.sensors.faults() if live.fusion is not None else {})
 
     outputs = run(model, fast, faults, watch=watch)
     verdict = judge(fast, outputs, 0, fast.duration_ns)

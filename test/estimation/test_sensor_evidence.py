@@ -102,7 +102,7 @@ def test_an_effort_that_gets_stuck_is_not_taken_for_lost_preloads(
 
     def watch(live: LiveEstimator) -> None:
         assert live.fusion is not None
-        assert live.fusion.faults().keys() == lies.keys()
+        assert live.fusion.sensors.faults().keys() == lies.keys()
 
     outputs = run(
         model, longer, Faults(quarter_rate(), sensors=tuple(lies), lies=lies), watch=watch
@@ -251,7 +251,7 @@ def _run(
         if k == calm + 2 and changed:
             assert np.all(output.status.astype(int) & UNSURE), "until it is decided"
             assert live.fusion is not None
-            health = live.fusion.health
+            health = live.fusion.sensors.health
             assert sum(one.used > 100 for one in health.values()) == 2
             assert all(one.refused == (3 if n in changed else 0) for n, one in health.items())
     assert output.stddev is not None
@@ -264,7 +264,7 @@ def test_two_cells_that_change_together_show_a_change_of_preload(
 ) -> None:
     live, off = _run(model, recorded(model, 60), 500, ("upper/3", "upper/8"))
     assert live.fusion is not None
-    assert live.fusion.faults() == {}
+    assert live.fusion.sensors.faults() == {}
     assert abs(off - CHANGE) < 1.0
     assert live.ensemble is not None
     assert not live.ensemble.core.least_variance.any(), "each confirms the other"

@@ -70,7 +70,7 @@ def test_late_load_cell_readings_are_not_applied_twice(model: Model, readings: S
     assert live.fusion is not None
     errors, used = [], 0
     for k in range(2500):
-        if CELL not in live.fusion.health or not live.fusion.health[CELL].used:
+        if CELL not in live.fusion.sensors.health or not live.fusion.sensors.health[CELL].used:
             used = k + 1
         if k >= late:
             stamp, said = int(readings.stamp_ns[k - late]), float(tension[k - late])
@@ -81,7 +81,8 @@ def test_late_load_cell_readings_are_not_applied_twice(model: Model, readings: S
     assert np.abs(errors[used : used + 50]).max() < 0.5
     # at a reversal, the remaining error of the far elements briefly reaches this element
     assert np.abs(errors[used:]).mean() < 0.3
-    assert (live.fusion.health[CELL].dropped, live.fusion.health[CELL].refused) == ("", 0)
+    health = live.fusion.sensors.health[CELL]
+    assert (health.dropped, health.refused) == ("", 0)
 
 
 def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
@@ -146,7 +147,7 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
     assert live.fusion.waiting.unknown_elements == 50
     assert live.conditioner.refused["malformed"] == 50
     assert live.fusion is not None
-    assert live.fusion.health["upper/8"].used == 0
+    assert live.fusion.sensors.health["upper/8"].used == 0
 
 
 @pytest.mark.usefixtures("few_members")

@@ -69,7 +69,7 @@ def _feed_cell(live: LiveEstimator, beside: Beside, k: int, lie: Lie, scale: flo
 
 def _dropped(live: LiveEstimator) -> str:
     assert live.fusion is not None
-    health = live.fusion.health.get(CELL)
+    health = live.fusion.sensors.health.get(CELL)
     return health.dropped if health is not None else ""
 
 
@@ -92,7 +92,7 @@ def test_corrections_by_a_trusted_load_cell_are_undone_once_it_is_dropped(
             found = k
             assert np.all(output.status.astype(int) & UNSURE)
     assert live.fusion is not None
-    health = live.fusion.health[CELL]
+    health = live.fusion.sensors.health[CELL]
     assert taught > 1.0, "it was trusted, and moved the preload"
     assert health.used > 100
     assert CALM <= found < CALM + 700
@@ -115,7 +115,7 @@ def test_a_single_outlier_is_refused_and_drops_no_sensor(
         _feed_cell(live, beside, k, lambda _b, k, add=sudden: 1.05 * beside.cell[k] + add, 1.05)
         live.take(beside.samples.at(k))
     assert live.fusion is not None
-    health = live.fusion.health[CELL]
+    health = live.fusion.sensors.health[CELL]
     assert health.dropped == ""
     assert health.refused == (1 if off > 1.0 else 0)
     assert health.used > 300

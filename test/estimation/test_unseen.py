@@ -382,7 +382,7 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
         live.feed_efforts(motor, ("winch",), (0.1,))
         live.feed("motors", motor, ("winch",), readings.motor_angle[k])
     assert live.fusion is not None
-    (health,) = live.fusion.health.values()
+    (health,) = live.fusion.sensors.health.values()
     assert health.tried + health.used + health.refused >= 5
     assert live.fusion.waiting.overlooked == 0
 
