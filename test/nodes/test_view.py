@@ -19,7 +19,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from support.browser import addresses, chromium
+from support.browser import chromium
 
 from cdrj_ros.model.state import INVALID
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
@@ -241,14 +241,6 @@ def test_a_refusal_is_shown_in_words(page: Scene) -> None:
     button = page.browser.find_element("xpath", "//button[.//*[text()='tare'] or text()='tare']")
     page.browser.execute_script("arguments[0].scrollIntoView(); arguments[0].click();", button)
     wait_for(lambda: "refused: nothing changed: no angles yet" in page.text(), "the refusal")
-
-
-def test_no_request_leaves_this_machine(page: Scene) -> None:
-    own = page.view.page.address.removeprefix("http://")
-    asked = addresses(page.browser)
-    assert f"http://{own}/" in asked
-    local = (f"http://{own}/", f"ws://{own}", f"blob:http://{own}/", "data:", "chrome://")
-    assert [one for one in asked if not one.startswith(local)] == []
 
 
 def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page: Scene) -> None:

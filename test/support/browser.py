@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,7 +31,6 @@ def chromium(folder: Path, width: int, height: int) -> Iterator[Any]:
     options.binary_location = browser
     for option in (*OPTIONS, f"--window-size={width},{height}", f"--user-data-dir={folder}"):
         options.add_argument(option)
-    options.set_capability("goog:loggingPrefs", {"performance": "ALL"})
     one = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
     try:
         one.set_page_load_timeout(60.0)
@@ -40,15 +38,3 @@ def chromium(folder: Path, width: int, height: int) -> Iterator[Any]:
         yield one
     finally:
         one.quit()
-
-
-def addresses(browser: Any) -> set[str]:
-    """Every address that the browser has asked for since the last call."""
-    found = set()
-    for entry in browser.get_log("performance"):
-        event = json.loads(entry["message"])["message"]
-        if event["method"] == "Network.requestWillBeSent":
-            found.add(event["params"]["request"]["url"])
-        elif event["method"] == "Network.webSocketCreated":
-            found.add(event["params"]["url"])
-    return found
