@@ -25,7 +25,7 @@ joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
 """)
 
 
-def any_streams(count: int = 60) -> Iterator[tuple[Robot, Sequence[Message]]]:
+def any_streams(count: int = 40) -> Iterator[tuple[Robot, Sequence[Message]]]:
     for seed in range(1000, 1000 + count):
         random = Random(seed)
         robot = random_robot(random)

@@ -50,7 +50,7 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     seen: Counter[str] = Counter()
-    for seed in range(60):
+    for seed in range(40):
         random = Random(seed)
         robot = random_robot(random)
         conditioner, wanted = Conditioner(robot), []
