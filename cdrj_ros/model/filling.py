@@ -16,10 +16,9 @@ from cdrj_ros._core import Law, Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.packing import (
-    Constants,
     Indices,
     Sizes,
-    Topology,
+    Views,
     code_of,
     constant_views,
     empty_robot,
@@ -116,7 +115,7 @@ def _fill(rows: Any, index: int, **fields: float | tuple[float, ...]) -> None:
 class _Rows:
     """Fills the rows of a topology and its constants, cable after cable."""
 
-    def __init__(self, robot: Robot, topology: Topology, constants: Constants) -> None:
+    def __init__(self, robot: Robot, topology: Views, constants: Views) -> None:
         self._robot, self._topology, self._constants = robot, topology, constants
         self._motors = {motor.name: k for k, motor in enumerate(robot.motors)}
         self._joints = {joint.name: k for k, joint in enumerate(robot.joints)}

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.state import ScratchViews
+from cdrj_ros.model.packing import Views
 from cdrj_ros.robot.description import Cable, Joint, Robot
 
 LARGEST_ANGLE: Final = 2.0 * pi
@@ -84,7 +84,7 @@ NAMED_ANGLES: Final = 12
 """Joints whose angles are listed in a message."""
 
 
-def reason(robot: Robot, angle: Vector, views: ScratchViews) -> str:
+def reason(robot: Robot, angle: Vector, views: Views) -> str:
     """Message of one line that names the impossible node or element and the joint angles.
 
     It begins with a doubtful unit, if there is one.
@@ -103,7 +103,7 @@ def reason(robot: Robot, angle: Vector, views: ScratchViews) -> str:
     return f"{begin}{found} ({robot.source})"
 
 
-def _impossible(robot: Robot, where: str, views: ScratchViews) -> Iterator[str]:
+def _impossible(robot: Robot, where: str, views: Views) -> Iterator[str]:
     """Impossible nodes and elements, cable by cable."""
     node = element = pulley = 0
     for c, cable in enumerate(robot.cables):

@@ -2,17 +2,18 @@
 
 ``topology`` holds integers: how many parts there are, and their connections.  ``constants`` holds
 reals; the members of an ensemble differ in them and share one topology.  The compiled core reads
-the same two vectors; ``topology_views`` and ``constant_views`` return their named views.  Rows
-have the fields of the core's records, whose headers describe them: ``robot_records.hpp`` and
+the same two vectors; ``topology_views`` and ``constant_views`` return their named views.  The
+core's headers describe all parts and records: ``layout.hpp``, ``robot_records.hpp`` and
 ``state_records.hpp``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping
 from enum import Enum
 from functools import lru_cache
 from math import prod
+from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,6 +24,9 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.robot.description import TABLE_INTERVALS
 
 Indices = NDArray[np.int64]
+
+Views = SimpleNamespace
+"""Views by the names of parts; rows of records have their fields as attributes."""
 
 
 class Sizes(NamedTuple):
@@ -55,87 +59,49 @@ class Sizes(NamedTuple):
 _SIZES: Final = len(Sizes._fields)
 
 
-class Topology(NamedTuple):
-    """Connections of a robot: views of ``topology``, in its order."""
-
-    sizes: Sizes
-    cables: Rows
-    ends: Rows
-    """Shape (2 cables,); cable c has its first end at 2 c and its last end at 2 c + 1."""
-    pulleys: Rows
-    terms: Rows
-    frames: Rows
-    nodes: Rows
-    residuals: Rows
-    residual_inputs: Rows
-
-
-class Constants(NamedTuple):
-    """Constants of a robot: views of ``constants``, in its order."""
-
-    cables: Rows
-    ends: Rows
-    """As in ``Topology``."""
-    pulleys: Rows
-    elements: Rows
-    segments: Rows
-    motors: Rows
-    joints: Rows
-    axes: Rows
-    """All motors, then all joints."""
-    tables: Rows
-    """``TABLE_INTERVALS`` cubics for every term, shape (terms * TABLE_INTERVALS,)."""
-    frames: Rows
-    nodes: Rows
-    residuals: Rows
-    residual_ranges: Rows
-    """Of ``Topology.residual_inputs``."""
-    residual_weights: Vector
-
-
 @lru_cache
-def _topology_parts(sizes: Sizes) -> tuple[Part, ...]:
-    """The parts of a topology after its sizes, in the order of ``Topology``."""
-    return (
-        part(sizes.cables, record=RECORDS["CableTopology"]),
-        part(2 * sizes.cables, record=RECORDS["EndTopology"]),
-        part(sizes.pulleys, record=RECORDS["PulleyTopology"]),
-        part(sizes.terms, record=RECORDS["TermTopology"]),
-        part(sizes.frames, record=RECORDS["FrameTopology"]),
-        part(sizes.nodes, record=RECORDS["NodeTopology"]),
-        part(sizes.residuals, record=RECORDS["ResidualTopology"]),
-        part(sizes.residual_inputs, record=RECORDS["ResidualInputTopology"]),
-    )
+def _topology_parts(sizes: Sizes) -> dict[str, Part]:
+    """The parts of a topology after its sizes: ``Topology`` of the core."""
+    return {
+        "cables": part(sizes.cables, record="CableTopology"),
+        "ends": part(2 * sizes.cables, record="EndTopology"),
+        "pulleys": part(sizes.pulleys, record="PulleyTopology"),
+        "terms": part(sizes.terms, record="TermTopology"),
+        "frames": part(sizes.frames, record="FrameTopology"),
+        "nodes": part(sizes.nodes, record="NodeTopology"),
+        "residuals": part(sizes.residuals, record="ResidualTopology"),
+        "residual_inputs": part(sizes.residual_inputs, record="ResidualInputTopology"),
+    }
 
 
-def topology_views(topology: Indices) -> Topology:
-    """Named views of the parts of a topology."""
+def topology_views(topology: Indices) -> Views:
+    """Named views of the sizes and the parts of a topology."""
     sizes = Sizes(*topology[:_SIZES].tolist())
-    return Topology(sizes, *views(topology, _topology_parts(sizes), _SIZES))
+    return Views(sizes=sizes, **vars(views(topology, _topology_parts(sizes), _SIZES)))
 
 
 @lru_cache
-def _constant_parts(sizes: Sizes) -> tuple[Part, ...]:
-    """The parts of the constants, in the order of ``Constants``."""
-    return (
-        part(sizes.cables, record=RECORDS["CableConstants"]),
-        part(2 * sizes.cables, record=RECORDS["EndConstants"]),
-        part(sizes.pulleys, record=RECORDS["PulleyConstants"]),
-        part(sizes.elements, record=RECORDS["ElementConstants"]),
-        part(sizes.contacts + sizes.cables, record=RECORDS["SegmentConstants"]),
-        part(sizes.motors, record=RECORDS["MotorConstants"]),
-        part(sizes.joints, record=RECORDS["JointConstants"]),
-        part(sizes.motors + sizes.joints, record=RECORDS["AxisConstants"]),
-        part(sizes.terms * TABLE_INTERVALS, record=RECORDS["Cubic"]),
-        part(sizes.frames, record=RECORDS["FrameConstants"]),
-        part(sizes.nodes, record=RECORDS["NodeConstants"]),
-        part(sizes.residuals, record=RECORDS["ResidualConstants"]),
-        part(sizes.residual_inputs, record=RECORDS["ResidualRange"]),
-        part(sizes.residual_weights),
-    )
+def _constant_parts(sizes: Sizes) -> dict[str, Part]:
+    """The parts of the constants: ``Constants`` of the core."""
+    return {
+        "cables": part(sizes.cables, record="CableConstants"),
+        "ends": part(2 * sizes.cables, record="EndConstants"),
+        "pulleys": part(sizes.pulleys, record="PulleyConstants"),
+        "elements": part(sizes.elements, record="ElementConstants"),
+        "segments": part(sizes.contacts + sizes.cables, record="SegmentConstants"),
+        "motors": part(sizes.motors, record="MotorConstants"),
+        "joints": part(sizes.joints, record="JointConstants"),
+        "axes": part(sizes.motors + sizes.joints, record="AxisConstants"),
+        "tables": part(sizes.terms * TABLE_INTERVALS, record="Cubic"),
+        "frames": part(sizes.frames, record="FrameConstants"),
+        "nodes": part(sizes.nodes, record="NodeConstants"),
+        "residuals": part(sizes.residuals, record="ResidualConstants"),
+        "residual_ranges": part(sizes.residual_inputs, record="ResidualRange"),
+        "residual_weights": part(sizes.residual_weights),
+    }
 
 
-def constant_views(sizes: Sizes, constants: Vector) -> Constants:
+def constant_views(sizes: Sizes, constants: Vector) -> Views:
     """Named views of the parts of the constants.
 
     Args:
@@ -143,7 +109,7 @@ def constant_views(sizes: Sizes, constants: Vector) -> Constants:
         constants: shape (constants,), or (robots, constants), and the views then have the
             same first axis.
     """
-    return Constants(*views(constants, _constant_parts(sizes)))
+    return views(constants, _constant_parts(sizes))
 
 
 def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
@@ -151,10 +117,6 @@ def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
     topology = np.zeros(_SIZES + size_of(_topology_parts(sizes)), dtype=np.int64)
     topology[:_SIZES] = sizes
     return topology, np.zeros(size_of(_constant_parts(sizes)))
-
-
-Rows = Any
-"""A structured array, whose rows have the fields of a record as attributes."""
 
 
 RECORDS: Final[dict[str, Any]] = {
@@ -184,34 +146,37 @@ class Part(NamedTuple):
     shape: tuple[int, ...]
     """Of its view: one number, or the sizes of a table."""
     record: Any
-    """Record type of its rows, whose fields take 8 bytes each; None for plain constants."""
+    """Record type of its rows, whose fields take 8 bytes each; None for plain numbers."""
     size: int
     """Words of 8 bytes."""
 
 
-def part(*shape: int, record: Any = None) -> Part:
-    """A part of this shape."""
-    return Part(shape, record, prod(shape) * (1 if record is None else words(record)))
+def part(*shape: int, record: str = "") -> Part:
+    """A part of this shape, of plain numbers or of the records of a name."""
+    rows = RECORDS[record] if record else None
+    return Part(shape, rows, prod(shape) * (words(rows) if record else 1))
 
 
-def size_of(parts: Sequence[Part]) -> int:
+def size_of(parts: Mapping[str, Part]) -> int:
     """Words of 8 bytes of all parts."""
-    return sum(part.size for part in parts)
+    return sum(part.size for part in parts.values())
 
 
-def views(vector: NDArray[Any], parts: Sequence[Part], begin: int = 0) -> Iterator[Any]:
+def views(vector: NDArray[Any], parts: Mapping[str, Part], begin: int = 0) -> Views:
     """A view of every part.
 
     Args:
         vector: in which the parts lie from ``begin`` on, or a table with such a vector in every
             row; the views then have the same first axis.
-        parts: in their order.
+        parts: by name, in their order.
         begin: where the first part begins.
     """
-    for part in parts:
+    found = Views()
+    for name, part in parts.items():
         end = begin + part.size
         view = vector[..., begin:end]
         if part.record is not None:
             view = view.view(part.record)
-        yield view if len(part.shape) == 1 else view.reshape(part.shape)
+        setattr(found, name, view if len(part.shape) == 1 else view.reshape(part.shape))
         begin = end
+    return found

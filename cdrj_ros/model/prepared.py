@@ -18,11 +18,11 @@ from cdrj_ros.model.filling import pack
 from cdrj_ros.model.impossible import reason
 from cdrj_ros.model.packing import (
     Sizes,
+    Views,
     constant_views,
     topology_views,
 )
 from cdrj_ros.model.state import (
-    ScratchViews,
     scratch_views,
 )
 from cdrj_ros.robot.description import Robot, Winch
@@ -206,7 +206,7 @@ def shape_at(model: Model, joint_angle: Vector, motor_angle: Vector | None = Non
 
 def placed(
     model: Model, joint_angle: Vector, motor_angle: Vector | None = None
-) -> tuple[Shape, ScratchViews]:
+) -> tuple[Shape, Views]:
     """As ``shape_at``; the second result is the scratch, with the poses of the frames."""
     scratch = np.zeros(model.core.scratch_size)
     drums = np.empty(0) if motor_angle is None else motor_angle
@@ -278,7 +278,7 @@ def _layout(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
     )
 
 
-def _set_references(model: Model, c: int, rest: ScratchViews, reference: Vector) -> None:
+def _set_references(model: Model, c: int, rest: Views, reference: Vector) -> None:
     """Set the wraps and angles in the reference pose of a cable given by positions.
 
     Then its drums begin to wander.
