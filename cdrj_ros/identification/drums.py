@@ -145,9 +145,8 @@ def finding(slips: Misfit, holds: Misfit, independent: int) -> DrumFinding:
         )  # fmt: skip
     return DrumFinding(
         "may_slip", "the recordings do not decide",
-        "The recordings do not show whether the cable slips on its drums: the residuals are "
-        f"{sqrt(ratio):.3g} times as large if it does. drums: may_slip stays, which widens the "
-        "standard deviations; state drums: hold if it cannot slip.",
+        "The recordings do not show whether the cable slips on its drums. drums: may_slip stays, "
+        "which widens the standard deviations; state drums: hold if it cannot slip.",
     )  # fmt: skip
 
 

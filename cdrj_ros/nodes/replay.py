@@ -27,6 +27,7 @@ from cdrj_ros.evaluation.inputs import require_axes
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.replayed import Outcome, preload_difference
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.topics import CLOCK
@@ -327,6 +328,8 @@ def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 def _body(argv: Sequence[str]) -> int:
     own, ros = _divided(argv)
     arguments = replay_parser().parse_args(own)
+    results = {"--json": arguments.json, "--html": arguments.html}
+    check_outputs(results, [*arguments.bags, arguments.robot])
     if arguments.rate is not None:
         checked_rate(arguments.rate)
     if arguments.loop < 0:

@@ -139,8 +139,10 @@ class _Reading:
         for topic in self._inputs:
             if topic not in there:
                 raise BagError(
-                    f"{self._path} has no topic {topic}, but {', '.join(sorted(there)) or 'none'}; "
-                    "name others with --motor-topic and --joint-topic"
+                    f"{self._path} has no topic {topic}, but {', '.join(sorted(there))}; name "
+                    "others with --motor-topic and --joint-topic"
+                    if there
+                    else f"{self._path} holds no messages"
                 )
 
     def add(self, file: McapFile, batch: Batch, first: int) -> None:

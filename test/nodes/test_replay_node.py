@@ -216,6 +216,7 @@ def test_without_an_estimator_the_missing_parts_are_named(
         (("--remap", "/a:=/b"), "--remap: /a is not played"),
         (("--remap", "nonsense"), "--remap takes OLD:=NEW"),
         (("--topics", "/nothing"), "has no /nothing"),
+        (("--html", "no/such/report.html"), "there is no folder no/such"),
     ],
 )
 def test_invalid_options_of_replay_are_refused_in_one_line(
