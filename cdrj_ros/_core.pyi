@@ -235,6 +235,8 @@ class Conditioner:
     @property
     def alternating(self) -> list[str]: ...
     @property
+    def stuck(self) -> list[str]: ...
+    @property
     def lagging(self) -> dict[str, tuple[int, float]]:
         """Least lag behind the others [ns], and its growth, of axes where this counts, by name."""
 

@@ -273,6 +273,9 @@ void bind_conditioner(nb::module_& core) {
         .def_prop_ro("alternating", [](const Conditioner& c) {
             return names_where(c, [](const Channel& channel) { return channel.steps.alternates(); });
         })
+        .def_prop_ro("stuck", [](const Conditioner& c) {
+            return names_where(c, [](const Channel& channel) { return channel.stuck; });
+        })
         .def_prop_ro("lagging", [](const Conditioner& c) {
             nb::dict found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {

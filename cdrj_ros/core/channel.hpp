@@ -109,8 +109,8 @@ public:
     /// It does if it continues the refused readings before it, or with `StepDetector`.
     bool note_plausible(const Axis& axis, Point next, bool off);
 
-    /// Whether readings may be wrong because their sensor has stepped, or is not the only one.
-    bool is_doubtful() const { return steps.memory.stepped || steps.alternates(); }
+    /// Whether readings may be wrong because their sensor has stepped, is stuck, or not the only one.
+    bool is_doubtful() const { return steps.memory.stepped || steps.alternates() || stuck; }
 
     /// Whether an error of the stamps by the lag would count: in the fastest motion so far it would be
     /// worth half of what makes tensions UNSURE.
@@ -147,6 +147,8 @@ public:
     StepDetector steps;
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so
+    bool stuck = false;           // whether readings repeat while other axes move on, (C12)
+    std::vector<double> others;   // angles of all axes since readings repeat; empty if they do not
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 
 private:

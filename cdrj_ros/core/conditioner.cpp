@@ -132,6 +132,7 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
     Channel& channel = channels_[k];
     const Unwrapped unwrapped = channel.unwrap(axes_[k], raw.reading);
     if (channel.note_plausible(axes_[k], {raw.stamp_ns, unwrapped.angle}, off)) ++steps;
+    note_stuck(channel);
     if (channel.is_doubtful() != channel.in_doubt) {
         channel.in_doubt = channel.is_doubtful();
         if (channel.in_doubt) {
@@ -142,6 +143,22 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
     }
     time_line_.take(axes_[k], channel, raw, unwrapped);
     ++accepted;
+}
+
+/// Notes whether an axis repeats a reading while another one moves on by what its worth is, (C12).
+void Conditioner::note_stuck(Channel& channel) {
+    if (!channel.steps.repeats()) {
+        channel.others.clear();
+        channel.stuck = false;
+        return;
+    }
+    const bool begins = channel.others.empty();
+    channel.others.resize(channels_.size());
+    for (std::size_t k = 0; k < channels_.size(); ++k) {
+        if (begins) channel.others[k] = channels_[k].last;
+        const double moved = std::abs(channels_[k].last - channel.others[k]);
+        if (axes_[k].worth > 0.0 && moved > axes_[k].worth) channel.stuck = true;
+    }
 }
 
 /// Refuses a reading that was to be judged by the next one, which belongs to another time.

@@ -87,6 +87,7 @@ private:
     void begin();
     bool admit(std::size_t k, Nanoseconds stamp_ns, double reading);
     bool judge(std::size_t k, Raw raw);
+    void note_stuck(Channel& channel);
     void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
     void drop_held(Channel& channel);
     void drop_off(Channel& channel);

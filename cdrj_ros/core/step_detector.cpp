@@ -15,6 +15,9 @@ constexpr double PLAIN = 10.0;     // deviation that no noise causes, by the sen
 constexpr double LATELY = 1.0 / 64.0;  // weight of a reading in the share of alternating ones
 constexpr double OFTEN = 0.1;      // from this share on two motions alternate,
 constexpr double SELDOM = 0.02;    // down to this one
+constexpr double MISSED = 5.0;     // readings repeat if the axis would have moved so many times as far
+constexpr double STEADY = 0.7;     // as it last did, at a velocity that had not fallen below this share
+constexpr std::size_t LONGEST = 32;  // of that before; within so many readings
 
 double seconds(Point from, Point to) {
     return (to.stamp_ns - from.stamp_ns) * 1e-9;
@@ -59,8 +62,16 @@ bool StepDetector::returns(Point off, Point next) const {
     return std::abs(second) < 0.5 * std::abs(first);
 }
 
+void StepDetector::restart() {
+    count_ = 0;
+    latest_.clear();
+    equal_ = 0;
+    compared_ = repeats_ = false;
+}
+
 bool StepDetector::take(const Motion& motion, double worth, Point next, bool off) {
     if (count_ > 0 && next.stamp_ns - points_[2].stamp_ns > WITHIN_NS) restart();
+    follow(motion, next);
     const bool found = count_ == 3 && !alternates_ && is_step(motion, worth, next);
     if (is_judged(next)) {
         const double deviation = bend(next);
@@ -99,6 +110,23 @@ bool StepDetector::is_step(const Motion& motion, double worth, Point next) {
     }
     memory.unexplained = std::max(memory.unexplained, size);
     return false;
+}
+
+/// Compares the readings that are equal with as many before them, and those with as many before, (C12).
+void StepDetector::follow(const Motion& motion, Point next) {
+    equal_ = !latest_.empty() && next.angle == latest_.back().angle ? equal_ + 1 : 0;
+    if (equal_ == 0) compared_ = repeats_ = false;
+    latest_.push_back(next);
+    if (latest_.size() > 3 * LONGEST + 1) latest_.pop_front();
+    if (compared_ || equal_ == 0 || equal_ > LONGEST || latest_.size() <= 3 * equal_) return;
+    const auto ago = [&](std::size_t count) { return latest_[latest_.size() - 1 - count]; };
+    const Point still = ago(equal_), before = ago(2 * equal_);
+    const double rate = velocity(before, still), earlier = velocity(ago(3 * equal_), before);
+    const double missed = std::abs(rate) * seconds(still, next);
+    const double last = std::abs(still.angle - ago(equal_ + 1).angle);
+    compared_ = missed > std::max(PLAIN * motion.band, MISSED * last);
+    const bool steady = rate * earlier > 0.0 && std::abs(rate) > STEADY * std::abs(earlier);
+    repeats_ = compared_ && steady;
 }
 
 void StepDetector::alternate(bool does) {

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <array>
+#include <deque>
 
 #include "motion.hpp"
 #include "records.hpp"
@@ -50,13 +51,16 @@ public:
     void step_by(double by, double worth);
 
     /// Forgets the last readings: the next one need not continue them.
-    void restart() { count_ = 0; }
+    void restart();
 
     /// Standard deviation of an offset of the axis that the readings do not show, (C9).
     double offset(const Motion& motion) const;
 
     /// Whether the readings alternate between two motions.
     bool alternates() const { return alternates_; }
+
+    /// Whether the readings repeat one exactly, right after a motion that did not slow down, (C12).
+    bool repeats() const { return repeats_; }
 
     StepMemory memory;
 
@@ -66,6 +70,7 @@ private:
     bool is_dense(Point next) const;
     bool is_step(const Motion& motion, double worth, Point next);
     void alternate(bool does);
+    void follow(const Motion& motion, Point next);
 
     std::array<Point, 3> points_{};  // the last readings, oldest first
     int count_ = 0;                  // how many of them there are
@@ -73,6 +78,10 @@ private:
     double side_ = 0.0;              // deviation of the last reading from the line before it, if large
     double share_ = 0.0;             // of readings that alternate, of late
     bool alternates_ = false;
+    std::deque<Point> latest_;       // more of the last readings, oldest first
+    std::size_t equal_ = 0;          // how many of them in a row equal the one before
+    bool compared_ = false;          // whether these have been compared with those before them
+    bool repeats_ = false;
 };
 
 }  // namespace cdrj

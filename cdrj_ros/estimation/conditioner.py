@@ -45,8 +45,9 @@ class Conditioner(_core.Conditioner):
     wait until it is known whether the clock has jumped, ``unheard`` are the names without an
     accepted reading since the last reset, ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
-    between two motions, ``lagging`` has the lag of axes whose topic is always late, or whose clock
-    differs, and ``lag_ns`` is the lag of the last sample behind the newest reading.
+    between two motions, ``stuck`` those whose readings repeat while others move on, ``lagging``
+    has the lag of axes whose topic is always late, or whose clock differs, and ``lag_ns`` is the
+    lag of the last sample behind the newest reading.
     """
 
     def __init__(self, robot: Robot, mode: Mode = "wait", tracking: float | None = None) -> None:

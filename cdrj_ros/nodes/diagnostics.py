@@ -145,6 +145,10 @@ def _verdict(
             health.alternating, warn,
             f"readings alternate between two motions: {health.alternating}",
         ),
+        (
+            live.conditioner.stuck, warn,
+            f"readings repeat while other axes move: {', '.join(live.conditioner.stuck)}",
+        ),
         (health.rivals, warn, health.rivals),
         (
             stepped, warn,
@@ -186,6 +190,7 @@ def _figures(
         "gaps": str(conditioner.gaps),
         "readings stepped": ", ".join(_steps(live)) or "none",
         "readings alternating": ", ".join(conditioner.alternating) or "none",
+        "readings repeated": ", ".join(conditioner.stuck) or "none",
         "readings lagging": ", ".join(_lags(live)) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),

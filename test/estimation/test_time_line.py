@@ -16,6 +16,7 @@ from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.whole_recording import angles_of
 from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = robot_of("""
@@ -23,6 +24,14 @@ name: four
 motors: [{name: a, max_speed: 50}, {name: b}]
 joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
 """)
+STUCK = robot_of(
+    """
+name: stuck
+motors: [{name: m}]
+joints: [{name: q, range: [-3, 3], resolution: 0.0015707963267948967}]
+""",
+    "m",
+)
 MOTORS, JOINTS = ("a", "b"), ("p", "q")
 NAMES = MOTORS + JOINTS
 START = 1_700_000_000_000_000_000
@@ -32,8 +41,8 @@ SECOND = 1_000_000_000
 class Listener:
     """A conditioner fed by messages, and all samples that it has returned."""
 
-    def __init__(self) -> None:
-        self.conditioner = Conditioner(ROBOT)
+    def __init__(self, robot: Robot = ROBOT) -> None:
+        self.conditioner = Conditioner(robot)
         self.segments: list[list[Sample]] = [[]]
 
     def feed(self, message: Message) -> list[Sample]:
@@ -268,6 +277,29 @@ def test_a_sharp_turn_between_two_readings_is_within_the_stated_deviation(hertz:
             ratio.append(error / (stated + 2e-5))
     assert len(ratio) > 7000
     assert max(ratio) < 2.0
+
+
+@pytest.mark.parametrize("how", ["stuck", "slows down", "stops with the motor"])
+def test_a_reading_that_repeats_in_motion_is_doubted_while_other_axes_move_on(how: str) -> None:
+    """4000 counts per turn; the axis stops at 1 s, within 0.1 s if it slows down."""
+    heard, count = Listener(STUCK), 2.0 * np.pi / 4000.0
+    time = 0.002 * np.arange(1000)
+    joint = np.minimum(time, 1.0)
+    if how == "slows down":
+        late = np.clip(time - 0.95, 0.0, 0.1)
+        joint = np.minimum(time, 0.95) + late - 5.0 * late**2
+    motor = np.minimum(time, 1.0) if how == "stops with the motor" else time
+    joint = np.where(time > 1.8, joint + time - 1.8, joint)  # it moves on
+    for k, stamp in enumerate((START + 2_000_000 * np.arange(1000)).tolist()):
+        heard.feed(Message("motors", stamp, ("m",), (8.0 * motor[k],)))
+        heard.feed(Message("joints", stamp, ("q",), (count * np.round(joint[k] / count),)))
+    doubtful = [(one.stamp_ns - START) / SECOND for one in heard.samples if one.doubtful]
+    if how == "stuck":
+        assert doubtful[0] == pytest.approx(1.0, abs=0.03)
+        assert doubtful[-1] == pytest.approx(1.8, abs=0.03)
+        assert len(doubtful) > 380
+    else:
+        assert not doubtful
 
 
 def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():

@@ -163,6 +163,10 @@ class Steps:
     side: float = 0.0
     share: float = 0.0
     alternates: bool = False
+    latest: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=97))
+    equal: int = 0
+    compared: bool = False
+    repeats: bool = False
 
     @staticmethod
     def between(one: tuple[int, float], other: tuple[int, float]) -> tuple[float, float]:
@@ -200,7 +204,8 @@ class Steps:
 
     def take(self, motion: Motion, point: tuple[int, float], off: bool) -> bool:
         if self.points and point[0] - self.points[-1][0] > 10**8:
-            self.points = []
+            self.restart()
+        self.follow(motion, point)
         found = len(self.points) == 3 and not self.alternates and self.has_stepped(motion, point)
         if self.judged(point):
             size = self.bent(point)
@@ -217,6 +222,26 @@ class Steps:
             self.sudden = max(self.sudden, abs(sudden))
         self.points = [*self.points[-2:], point]
         return found
+
+    def restart(self) -> None:
+        self.points, self.equal, self.compared, self.repeats = [], 0, False, False
+        self.latest.clear()
+
+    def follow(self, motion: Motion, point: tuple[int, float]) -> None:
+        repeated = bool(self.latest) and point[1] == self.latest[-1][1]
+        self.equal = self.equal + 1 if repeated else 0
+        self.compared, self.repeats = self.compared and repeated, self.repeats and repeated
+        self.latest.append(point)
+        n = self.equal
+        if self.compared or not 0 < n <= 32 or len(self.latest) <= 3 * n:
+            return
+        last, still, before, first = (self.latest[-1 - k] for k in (n + 1, n, 2 * n, 3 * n))
+        rate, earlier = self.between(before, still)[1], self.between(first, before)[1]
+        missed = abs(rate) * self.between(still, point)[0]
+        least = max(10.0 * motion.band, 5.0 * abs(still[1] - last[1]))
+        steady = rate * earlier > 0.0 and abs(rate) > 0.7 * abs(earlier)
+        self.compared = missed > least
+        self.repeats = self.compared and steady
 
     def has_stepped(self, motion: Motion, point: tuple[int, float]) -> bool:
         first, second, third = self.points
@@ -378,6 +403,8 @@ class Channel:
     usual_ns: int = 0
     held: list[tuple[int, float]] = field(default_factory=list)
     resumed: float = 0.0
+    others: list[float] = field(default_factory=list)
+    stuck: bool = False
     off: tuple[int, float] | None = None
     agreeing: int = 0
     refused: tuple[int, float] = (-1, 0.0)
@@ -492,7 +519,7 @@ class Channel:
         self.agreeing = 0
         if found:
             self.steps.step_by(self.step)
-            self.steps.points = []
+            self.steps.restart()
         return self.steps.take(self.motion, (stamp, angle), off) or found
 
 
@@ -705,7 +732,8 @@ class Reference:
     ) -> None:
         value, turns = channel.angle_at(reading), channel.turns_at(reading)
         self.steps += channel.has_stepped(stamp, value, off)
-        if channel.steps.stepped or channel.steps.alternates:
+        self._note_stuck(channel)
+        if channel.steps.stepped or channel.steps.alternates or channel.stuck:
             if channel.doubt is None:
                 channel.doubt = Doubt(since_ns)
                 self.doubts.append(channel.doubt)
@@ -733,6 +761,17 @@ class Reference:
                 self.given_out_ns = max(self.given_out_ns, channel.readings[0][0])
         self._extrapolate(channel, stamp, angle)
         self.accepted += 1
+
+    def _note_stuck(self, channel: Channel) -> None:
+        now = [one.last for one in self.channels]
+        if not channel.steps.repeats:
+            channel.others, channel.stuck = [], False
+            return
+        channel.others = channel.others or now
+        channel.stuck = channel.stuck or any(
+            0.0 < one.steps.worth < abs(angle - before)
+            for one, angle, before in zip(self.channels, now, channel.others, strict=True)
+        )
 
     @staticmethod
     def _extrapolate(channel: Channel, stamp: int, angle: float) -> None:
