@@ -57,6 +57,10 @@ GAP_STEPS: Final = 5.0
 GAP_SHARE: Final = 0.005
 """... and further apart than this share of the drawn time, so that the gap is visible."""
 
+LEAST_ROOM: Final = 0.25
+"""Share of the largest value that a band may be wide; where the lines vary by more, as much as they
+vary."""
+
 USUAL_BANDS: Final = 1.5
 """Largest width of the band that the axes show, in multiples of its median width."""
 
@@ -147,8 +151,9 @@ def over_time(
     errors.plot(time[largest], error[largest], ".", color=COLOURS["error"], clip_on=False)
     if channel.stddev is not None and not channel.is_vector:
         half = np.nan_to_num(COVERAGE_SIGMAS * factor * channel.stddev[part])
-        _draw_band(series, time, estimate, half)
-        _draw_band(errors, time, np.zeros_like(error), half)
+        room = max(float(np.ptp(series.get_ylim())), LEAST_ROOM * float(np.abs(estimate).max()))
+        _draw_band(series, time, estimate, half, room)
+        _draw_band(errors, time, np.zeros_like(error), half, room)
     series.set_xticks([])
     for axes, ticks in ((series, 5), (errors, 3)):
         axes.yaxis.set_major_locator(MaxNLocator(ticks))
@@ -233,10 +238,10 @@ def _draw_line(axes: Axes, x: Floats, y: Floats, stamp_ns: Stamps, role: str) ->
     )  # fmt: skip
 
 
-def _draw_band(axes: Axes, x: Floats, centre: Floats, half: Floats) -> None:
-    """Draw the band centre ± half, and limit the axes to its usual width around the lines."""
+def _draw_band(axes: Axes, x: Floats, centre: Floats, half: Floats, room: float) -> None:
+    """Draw the band centre ± half, and limit the axes to its usual width, at most ``room``."""
     low, high = axes.get_ylim()
-    usual = min(float(half.max()), USUAL_BANDS * float(np.median(half)))
+    usual = min(float(half.max()), USUAL_BANDS * float(np.median(half)), room)
     kept = envelope(BUCKETS // 2, centre - half, centre + half)
     edges = (centre - half)[kept], (centre + half)[kept]
     axes.fill_between(x[kept], *edges, color=COLOURS["band"], linewidth=0, zorder=1.5)
