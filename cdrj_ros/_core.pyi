@@ -120,6 +120,7 @@ class Axis:
         upper: float,
         max_speed: float,
         clock_offset_ns: int,
+        clock_stddev: float,
         period: float,
         scale: float,
         offset: float,
@@ -139,6 +140,7 @@ class Axis:
             lower, upper: range of the angle [rad].
             max_speed: [rad/s].
             clock_offset_ns: added to stamps [ns].
+            clock_stddev: its standard deviation [s].
             period: after which the reading wraps around [rad]; infinite if it does not.
             scale, offset: angle = scale * unwrapped reading + offset [rad].
             corrected_at, correction: angles, and what is added there [rad].

@@ -212,20 +212,23 @@ void bind_axis(nb::module_& core) {
         .def(
             "__init__",
             [](Axis* made, std::string name, double lower, double upper, double max_speed,
-               Nanoseconds clock_offset_ns, double period, double scale, double offset,
+               Nanoseconds clock_offset_ns, double clock_stddev, double period, double scale,
+               double offset,
                std::vector<double> corrected_at, std::vector<double> correction,
                double bandwidth, bool adaptive, double band, double negligible,
                double worth, double start) {
                 require(
                     corrected_at.size() == correction.size(),
                     "a correction needs as many values as angles");
-                new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns, period,
-                                scale, offset, std::move(corrected_at), std::move(correction),
-                                bandwidth, adaptive, band, negligible, worth, start};
+                new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns,
+                                clock_stddev, period, scale, offset, std::move(corrected_at),
+                                std::move(correction), bandwidth, adaptive, band, negligible,
+                                worth, start};
             },
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
-            "period"_a, "scale"_a, "offset"_a, "corrected_at"_a, "correction"_a, "bandwidth"_a,
-            "adaptive"_a, "band"_a, "negligible"_a, "worth"_a, "start"_a)
+            "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
+            "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "worth"_a,
+            "start"_a)
         .def_ro("name", &Axis::name)
         .def_ro("lower", &Axis::lower)
         .def_ro("upper", &Axis::upper)

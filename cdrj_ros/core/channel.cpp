@@ -195,8 +195,8 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
     return steps.take(motion, axis.worth, next, off) || stepped;
 }
 
-Offset Channel::offset() {
-    const double clock = DEVIATION * lag.most_ns * 1e-9;
+Offset Channel::offset(const Axis& axis) {
+    const double clock = std::hypot(DEVIATION * lag.most_ns * 1e-9, axis.clock_stddev);
     const Offset now{steps.offset(motion), clock * motion.fastest, clock * motion.range()};
     if (now != exact_) {
         exact_ = now;

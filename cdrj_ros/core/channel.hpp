@@ -119,7 +119,7 @@ public:
     }
 
     /// Standard deviations that the readings so far do not show, rounded up.
-    Offset offset();
+    Offset offset(const Axis& axis);
 
     /// Tracked angle at an accepted reading; call before it becomes the last one.
     double between_counts(const Axis& axis, Nanoseconds stamp_ns, double angle);

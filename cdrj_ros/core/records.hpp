@@ -62,6 +62,7 @@ struct Axis {
     double upper = INFINITE;
     double max_speed = INFINITE;        // [rad/s]
     Nanoseconds clock_offset_ns = 0;    // added to the stamps of the readings
+    double clock_stddev = 0.0;          // standard deviation of what is added [s]
     double period = INFINITE;           // angle after which the reading wraps around
     double scale = 1.0;                 // angle = scale * unwrapped reading + offset
     double offset = 0.0;

@@ -152,7 +152,7 @@ void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwra
     channel.last = value;
     channel.turns.last = reading;
     channel.turns.count = unwrapped.turns;
-    channel.readings.push_back({stamp_ns, angle, curvature, channel.offset()});
+    channel.readings.push_back({stamp_ns, angle, curvature, channel.offset(axis)});
     if (channel.readings.size() > WAITING) {
         channel.readings.pop_front();
         ++crowded;

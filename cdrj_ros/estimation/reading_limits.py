@@ -60,14 +60,21 @@ def axes_of(robot: Robot, tracking: float | None = None, worth: Sequence[float] 
         worth: of every axis, see ``worth_of``; empty where it is not needed.
     """
     axes: tuple[Motor | Joint, ...] = (*robot.motors, *robot.joints)
+    known = {} if robot.uncertainty is None else robot.uncertainty.stddev
+    kinds = ["motors"] * len(robot.motors) + ["joints"] * len(robot.joints)
     return [
-        axis_of(one, tracking, size)
-        for one, size in zip(axes, worth or [0.0] * len(axes), strict=True)
+        axis_of(one, tracking, size, known.get(f"{kind}.{one.name}.clock_offset", 0.0))
+        for kind, one, size in zip(kinds, axes, worth or [0.0] * len(axes), strict=True)
     ]
 
 
-def axis_of(axis: Motor | Joint, tracking: float | None = None, worth: float = 0.0) -> Axis:
-    """One motor or joint, as ``axes_of``."""
+def axis_of(
+    axis: Motor | Joint,
+    tracking: float | None = None,
+    worth: float = 0.0,
+    clock_stddev: float = 0.0,
+) -> Axis:
+    """One motor or joint, as ``axes_of``; ``clock_stddev`` of its ``clock_offset`` [s]."""
     sensor, bandwidth = axis.sensor, axis.sensor.tracking_bandwidth
     if tracking is not None and half_width(sensor) > 0.0:
         bandwidth = tracking
@@ -80,6 +87,7 @@ def axis_of(axis: Motor | Joint, tracking: float | None = None, worth: float = 0
         upper=upper,
         max_speed=axis.max_speed,
         clock_offset_ns=sensor.clock_offset_ns,
+        clock_stddev=clock_stddev,
         period=sensor.period,
         scale=sensor.scale,
         offset=sensor.offset,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from support.page_lines import loaded_tool
 from support.places import ROBOTS, ROOT
 
@@ -15,10 +16,13 @@ from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.reader import build_robot, parse_robot
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +141,26 @@ def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
     assert widths[0] > 10.0
     assert widths[1] < 0.5 * widths[0]
     assert preloads == pytest.approx([0.1, 0.1, 0.045], rel=1e-3)
+
+
+def test_a_delay_as_large_as_stated_is_covered(tool: ModuleType, motion: Samples) -> None:
+    """The joint's readings have passed a low-pass filter of 20 ms, which no stamp shows."""
+    model = load_model(tool.ROBOT)
+    true = tool.true_readings(model, tool.ROWS[0], motion).tension
+    past, (here,) = np.exp(-0.005 / 0.02), motion.joint_angle[0]
+    late = lfilter([1.0 - past], [1.0, -past], motion.joint_angle[:, 0] - here) + here
+    stamps = motion.stamp_ns
+    axes = {"winch": motion.motor_angle[:, 0], "elbow": late}
+    motors, joints = ({name: Series(stamps, stamps, axes[name])} for name in ("winch", "elbow"))
+    covered = []
+    for seconds in (0.0, 0.01):
+        stated = {"joints.elbow.clock_offset": seconds, "cables.upper.preload": 0.3}
+        block = {"others": "exact", "parameters": [*stated], "stddev": [*stated.values()]}
+        robot = build_robot({**model.robot.document, "uncertainty": block}, "late")
+        found = estimate(prepare(robot), condition(robot, motors, joints), uncertainty=True)
+        assert found.tension_stddev is not None
+        rows = found.stamp_ns > stamps[0] + 1_000_000_000
+        error = np.abs(found.tension - true[np.searchsorted(stamps, found.stamp_ns)])[rows]
+        covered.append(float(np.mean(error <= 2.0 * found.tension_stddev[rows])))
+    assert covered[0] < 0.6, "no test of anything"
+    assert covered[1] > 0.95
