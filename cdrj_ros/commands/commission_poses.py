@@ -130,16 +130,14 @@ def scale_readings(
             f"for {1e-9 * LEAST_NS:g} s or more in {len(poses)}" + (f": {rests}" if rests else "")
         )
     elements = {cable.name: cable.element_names for cable in robot.cables}
+    for name in readings[0]:
+        if "/" in name:
+            _element(name, elements)
     preloads = {name.split("/")[0]: value for name, value in readings[0].items()}
     rows: dict[str, list[tuple[int, float]]] = {}
     for pose, read in zip(poses[1:], readings[1:], strict=False):
         for name, value in read.items():
-            cable = name.split("/")[0]
-            names = elements.get(cable, ())
-            element = names[0] if name == cable and len(names) == 1 else name
-            if element not in names:
-                there = ", ".join(f"{one[0]} to {one[-1]}" for one in elements.values())
-                raise UsageError(f"there is no element {name!r}; there are {there}")
+            element, cable = _element(name, elements), name.split("/")[0]
             if not preloads.get(cable, 0.0) > 0.0:
                 raise UsageError(f"{name}: read the tension of {cable} in the reference pose too")
             if not 0.0 < value < 1e6:
@@ -154,6 +152,21 @@ def scale_readings(
     if recorded is None or not references:
         return preloads, None
     return preloads, replace(recorded, name="spring scale", references=references, scales=scales)
+
+
+def _element(name: str, elements: Mapping[str, Sequence[str]]) -> str:
+    """The element of a name, which may be that of its cable if there is only one.
+
+    Raises:
+        UsageError: there is none.
+    """
+    cable = name.partition("/")[0]
+    names = elements.get(cable, ())
+    element = names[0] if name == cable and len(names) == 1 else name
+    if element not in names:
+        there = ", ".join(f"{one[0]} to {one[-1]}" for one in elements.values())
+        raise UsageError(f"there is no element {name!r}; there are {there}")
+    return element
 
 
 def _noise(values: Vector, rows: Mapping[str, Sequence[object]], cable: str) -> float:

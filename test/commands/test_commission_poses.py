@@ -277,6 +277,7 @@ def test_readings_that_do_not_belong_to_the_poses_are_refused_in_one_line(
         ([], ["upper=30", "upper/8=31"], "was read in 2 poses; .* in 0"),
         (rest, ["upper=30", "upper/8=31"], r"in 2 poses; .* in 4: elbow 0\.8°; elbow -31\.2°"),
         (rest, ["upper=30", "upper=31", "", ""], "no element 'upper'; there are upper/1 to"),
+        ([], ["upper/9=30"], "no element 'upper/9'; there are upper/1 to"),
         (rest, ["upper=30", "lower/8=31", "", ""], "lower/8: read the tension of lower in the ref"),
         (rest, ["upper=30", "upper/8=-1", "", ""], r"upper/8 must be in \(0, 1e6\) N, got -1"),
     ):
