@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import hypot, sqrt
+from math import hypot, isfinite, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,6 +20,11 @@ NOISE_BAND: Final = 3.0
 
 UNSEEN_FLOOR: Final = 2e-5
 """Smallest standard deviation between readings that is reported for any sensor [rad]."""
+
+
+LITTLE: Final = 0.01
+"""A standard deviation that is worth less than this part of what makes a tension ``UNSURE`` is not
+reported either: all members are updated where one is."""
 
 
 def half_width(sensor: Sensor) -> float:
@@ -96,7 +101,7 @@ def axis_of(
         bandwidth=bandwidth,
         adaptive=tracking is None and sensor.tracking == "adaptive",
         band=half_width(sensor),
-        negligible=negligible(sensor),
+        negligible=max(negligible(sensor), LITTLE * worth if isfinite(worth) else 0.0),
         worth=worth,
         start=axis.reference_angle,
     )
