@@ -22,7 +22,7 @@ UNSEEN_FLOOR: Final = 2e-5
 """Smallest standard deviation between readings that is reported for any sensor [rad]."""
 
 
-LITTLE: Final = 0.01
+LITTLE: Final = 0.002
 """A standard deviation that is worth less than this part of what makes a tension ``UNSURE`` is not
 reported either: all members are updated where one is."""
 
