@@ -213,10 +213,9 @@ void bind_axis(nb::module_& core) {
             "__init__",
             [](Axis* made, std::string name, double lower, double upper, double max_speed,
                Nanoseconds clock_offset_ns, double clock_stddev, double period, double scale,
-               double offset,
-               std::vector<double> corrected_at, std::vector<double> correction,
-               double bandwidth, bool adaptive, double band, double negligible,
-               double worth, double start) {
+               double offset, std::vector<double> corrected_at, std::vector<double> correction,
+               double bandwidth, bool adaptive, double band, double negligible, double worth,
+               double start) {
                 require(
                     corrected_at.size() == correction.size(),
                     "a correction needs as many values as angles");

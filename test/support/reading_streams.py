@@ -36,7 +36,10 @@ def random_robot(random: Random) -> Robot:
         _axis(random, f"j{k}", [f"range: {random.choice(('[-1, 1]', '[-0.5, 0.52]', '[-3, 3]'))}"])
         for k in range(random.randint(1, 3))
     )
-    return robot_of(f"name: any\nmotors: [{motors}]\njoints: [{joints}]\n", "m0")
+    paths = "motors.m0.clock_offset, joints.j0.clock_offset"
+    block = f"uncertainty: {{others: exact, parameters: [{paths}], stddev: [0.003, 0.01]}}\n"
+    stated = random.choice(("", block))
+    return robot_of(f"name: any\n{stated}motors: [{motors}]\njoints: [{joints}]\n", "m0")
 
 
 def _axis(random: Random, name: str, keys: list[str]) -> str:

@@ -413,11 +413,13 @@ class Channel:
     lag: Lag = field(default_factory=Lag)
     left_behind_ns: int = -1
     stragglers: int = 0
+    clock_stddev: float = 0.0
 
     def __post_init__(self) -> None:
         sensor = self.axis.sensor
         own = abs(sensor.scale) * hypot(sensor.resolution / sqrt(12.0), sensor.noise)
-        self.negligible = max(own, 2e-5)
+        worth = self.steps.worth
+        self.negligible = max(own, 2e-5, 0.002 * worth if isfinite(worth) else 0.0)
         self.motion = Motion(error_of(sensor), self.negligible)
         joint = isinstance(self.axis, Joint)
         self.lower, self.upper = (self.axis.lower, self.axis.upper) if joint else (-inf, inf)  # type: ignore[union-attr]
@@ -504,7 +506,7 @@ class Channel:
 
     def offset(self) -> tuple[float, ...]:
         """(C9) to (C11)."""
-        clock, motion = 0.35 * self.lag.most_ns * 1e-9, self.motion
+        clock, motion = hypot(0.35 * self.lag.most_ns * 1e-9, self.clock_stddev), self.motion
         least, greatest = motion.velocities or (0.0, 0.0)
         errors = self.steps.offset(motion), clock * motion.fastest, clock * (greatest - least)
         return tuple(level(error) for error in errors)
@@ -547,7 +549,11 @@ class Reference:
         chosen = tracking is not None and error_of(sensor) > 0.0
         bandwidth = tracking if chosen else sensor.tracking_bandwidth
         adaptive = tracking is None and sensor.tracking == "adaptive"
-        return Channel(axis, bandwidth, adaptive, Steps(self.worth[axis.name]))  # type: ignore[arg-type]
+        kind = "joints" if isinstance(axis, Joint) else "motors"
+        known = {} if self.robot.uncertainty is None else self.robot.uncertainty.stddev
+        stated = known.get(f"{kind}.{axis.name}.clock_offset", 0.0)
+        steps = Steps(self.worth[axis.name])
+        return Channel(axis, bandwidth, adaptive, steps, clock_stddev=stated)  # type: ignore[arg-type]
 
     # --- what is kept -----------------------------------------------------------------------------
 
