@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from cdrj_ros.inspection.checks import CableCheck, PulleyCheck, Suspicion
 from cdrj_ros.model.elasticity import elasticity_of, modulus_at
-from cdrj_ros.robot.description import FRICTION_LAWS, Cable, Friction, Pulley
+from cdrj_ros.robot.description import Cable, Friction, Pulley, friction_law
 
 LARGEST_UNSTATED: Final = 0.01
 """Relative error of the tension beyond a pulley that an unstated moving end may cause without being
@@ -96,7 +96,7 @@ def _friction(cable: Cable) -> Iterator[Suspicion]:
 
 def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
     friction = pulley.friction
-    law = FRICTION_LAWS[cable.law]
+    law = friction_law(cable.law)
     if not law.sliding:
         if friction.mu_c > 0.0 or friction.bearing_friction > 0.0:
             yield f"law is {cable.law}: mu_c and bearing_friction are without effect"
@@ -128,7 +128,7 @@ def _static_without_effect(cable: Cable, friction: Friction) -> Iterator[str]:
             yield "stribeck_speed is without effect: mu_s equals mu_c"
         return
     reason = ""
-    if not FRICTION_LAWS[cable.law].static:
+    if not friction_law(cable.law).static:
         reason = f"law {cable.law} has no static friction"
     elif friction.rho == 0.0:
         reason = "rho is 0: only the bearing counts"

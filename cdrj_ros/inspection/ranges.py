@@ -32,7 +32,7 @@ from cdrj_ros.model.elasticity import (
 )
 from cdrj_ros.model.filling import RIGID_BRISTLE, bearing_drag, friction_numbers
 from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.robot.description import FRICTION_LAWS, Cable, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law
 
 POSES_PER_JOINT: Final = (81, 21, 9, 5)
 """Grid points per joint for a robot with one, two, three or four joints."""
@@ -76,7 +76,7 @@ def visited_poses(robot: Robot) -> Matrix:
 
 def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[float, float]:
     """eta of a pulley at rest and sliding fast, by the cable's law: (37), (41) and their blend."""
-    law = FRICTION_LAWS[cable.law]
+    law = friction_law(cable.law)
     if not law.sliding:
         return 1.0, 1.0
     values = friction_numbers(pulley, law)
@@ -221,7 +221,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
     worst = followed
     for p in reversed(range(len(cable.pulleys))):  # each pulley adds its loss
         drag = 0.0
-        if FRICTION_LAWS[cable.law].bearing:
+        if friction_law(cable.law).bearing:
             drag = bearing_drag(cable.pulleys[p])
         worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
     return worst
@@ -229,7 +229,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
 
 def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float:
     """Travel from one friction bound to the other: 2 g / sigma0 with g = (1 - eta) T [m]."""
-    law = FRICTION_LAWS[cable.law]
+    law = friction_law(cable.law)
     if not law.sliding:
         return 0.0
     stiffness = cable.pulleys[p].friction.bristle_stiffness

@@ -12,7 +12,7 @@ from math import ceil
 from typing import Any, Final
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.robot.description import FRICTION_LAWS, Cable, Node, Pulley, Robot
+from cdrj_ros.robot.description import Cable, Node, Pulley, Robot, friction_law
 
 EXPONENT_PER_CELL: Final = 0.13
 """Largest capstan exponent of one cell [-]."""
@@ -50,7 +50,7 @@ def divided(robot: Robot, wrap: Vector) -> Robot:
 def _cells(cable: Cable, pulley: Pulley, wrap: float) -> int:
     if pulley.cells:
         return pulley.cells
-    if not FRICTION_LAWS[cable.law].sliding or pulley.kind == "eyelet":
+    if not friction_law(cable.law).sliding or pulley.kind == "eyelet":
         return 1
     exponent = pulley.friction.rho * pulley.friction.mu_c * wrap
     return min(max(ceil(exponent / EXPONENT_PER_CELL), 1), MOST_CELLS)

@@ -25,7 +25,6 @@ from cdrj_ros.model.packing import (
     topology_views,
 )
 from cdrj_ros.robot.description import (
-    FRICTION_LAWS,
     TABLE_INTERVALS,
     Cable,
     FrictionLaw,
@@ -35,6 +34,7 @@ from cdrj_ros.robot.description import (
     Pulley,
     Robot,
     Winch,
+    friction_law,
 )
 
 MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
@@ -264,7 +264,7 @@ class _Rows:
         )
         self._contact += contact_cells(pulley)
         self._surface += pulley.cell_width > 0.0
-        values = friction_numbers(pulley, FRICTION_LAWS[cable.law])
+        values = friction_numbers(pulley, friction_law(cable.law))
         kinetic, static = blended_loss(
             values["rho"],
             values["mu_c"],

@@ -14,15 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from cdrj_ros.robot.space import Frame, Place
 from cdrj_ros.robot.visuals import Visual
 
-Law = Literal["none", "euler", "steady", "lugre", "elastoplastic"]
-
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """The constants of a law, which is in ``core/law_*.hpp``, that have an effect.
-
-    The simpler laws are limiting cases: what a law does not take has its neutral value.
-    """
+    """The constants of a law, which is in ``core/law_*.hpp``, that have an effect."""
 
     sliding: bool = True
     """Sliding friction ``mu_c``; without it there is no friction at all."""
@@ -34,16 +29,19 @@ class FrictionLaw:
     """Pre-sliding and viscous friction; otherwise the contact is rigid."""
 
 
-FRICTION_LAWS: Final[Mapping[Law, FrictionLaw]] = MappingProxyType(
+LIMITING_CASES: Final[Mapping[str, FrictionLaw]] = MappingProxyType(
     {
         "none": FrictionLaw(sliding=False, static=False, bearing=False, bristles=False),
         "euler": FrictionLaw(static=False, bearing=False, bristles=False),
         "steady": FrictionLaw(bristles=False),
-        "lugre": FrictionLaw(),
-        "elastoplastic": FrictionLaw(),
     }
 )
-"""All laws by their names in a robot file, see docs/model.md, section 4."""
+"""The laws that do not take all constants, whose others have their neutral values."""
+
+
+def friction_law(name: str) -> FrictionLaw:
+    """What the law of this name in a robot file takes, see docs/model.md, section 4."""
+    return LIMITING_CASES.get(name, FrictionLaw())
 
 
 StribeckForm = Literal["printed", "capstan"]
@@ -326,8 +324,8 @@ class Cable:
     """Tension at or below which an element is reported as slack [N]."""
     sensor_noise: float = 0.1
     """Standard deviation of a load cell whose messages do not contain one [N]."""
-    law: Law = "elastoplastic"
-    """Friction law of all its pulleys."""
+    law: str = "elastoplastic"
+    """Friction law of all its pulleys, by its name in the robot file."""
     bedding_strain: float = 0.0
     """Strain that the bedding of its strands adds to T / EA at high load [-]; 0: linear."""
     bedding_tension: float = 1.0

@@ -18,7 +18,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.description import FRICTION_LAWS, Law, Uncertainty
+from cdrj_ros.robot.description import Uncertainty, friction_law
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
 
@@ -244,12 +244,12 @@ def _has_friction(document: Document) -> bool:
     levels += [node for cable in document["cables"] for node in cable["nodes"]]
     return any(not {"mu_c", "law"}.isdisjoint(level.get("friction", {})) for level in levels) and (
         any("mu_c" in level.get("friction", {}) for level in levels)
-        or not any(FRICTION_LAWS[_law(document, cable)].sliding for cable in document["cables"])
+        or not any(friction_law(_law(document, cable)).sliding for cable in document["cables"])
     )
 
 
-def _law(document: Document, cable: Mapping[str, Any]) -> Law:
-    laws: Mapping[str, Law] = {**document.get("friction", {}), **cable.get("friction", {})}
+def _law(document: Document, cable: Mapping[str, Any]) -> str:
+    laws: Mapping[str, str] = {**document.get("friction", {}), **cable.get("friction", {})}
     return laws.get("law", "elastoplastic")
 
 
@@ -287,7 +287,7 @@ def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
         if node["type"] not in ("winch", "anchor"):
             if "radius" in node:
                 radii[f"{here}.radius"] = _drawn(node["radius"])
-            if has_bearing(node["type"]) and FRICTION_LAWS[law].bearing:
+            if has_bearing(node["type"]) and friction_law(law).bearing:
                 torque = float(node.get("bearing_torque", 0.0))
                 drag[f"{here}.bearing_torque"] = (
                     DRAG * preload * node["radius"] + HANDBOOK_REST * torque

@@ -23,7 +23,7 @@ from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import NODAL_FORCE, TENSION, prepare
-from cdrj_ros.robot.description import Cable, Friction, Law, Pulley, Robot, Sensor
+from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot, Sensor
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
@@ -147,7 +147,7 @@ def with_friction(
     *,
     preload: Sequence[float] | None = None,
     rho: Sequence[float] | None = None,
-    law: Law | None = None,
+    law: str | None = None,
     **numbers: float | str,
 ) -> Robot:
     """The robot with other preloads [N] and rho by cable, another law or ``Friction`` fields."""

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cdrj_ros._core import Law
 from cdrj_ros.estimation.estimator import State, initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID
-from cdrj_ros.robot.description import FRICTION_LAWS, Robot
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
@@ -74,7 +75,7 @@ def motion(model: Model, size: int, seed: int = 0) -> Samples:
     return Samples(stamps, motor, joint)
 
 
-MODELS = {law: law_of(law) for law in FRICTION_LAWS} | {"routed": ROUTED_MODEL}
+MODELS = {law: law_of(law) for law in Law.__members__} | {"routed": ROUTED_MODEL}
 
 
 @pytest.mark.parametrize("name", MODELS)

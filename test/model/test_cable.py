@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bench.scaling import chain
-from cdrj_ros._core import acceptable, tolerance
+from cdrj_ros._core import Law, acceptable, tolerance
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.elasticity import elasticity_of
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, state_views
-from cdrj_ros.robot.description import FRICTION_LAWS, Robot
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
 
 Variant = Callable[..., Robot]
@@ -121,7 +121,7 @@ MOTIONS = (
 )
 
 
-@pytest.mark.parametrize("law", FRICTION_LAWS)
+@pytest.mark.parametrize("law", Law.__members__)
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.__name__)
 def test_every_sample_is_solved(
     law: str, motion: Callable[[Drive], Samples], variant: Variant, drive: Drive

@@ -12,7 +12,8 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import FRICTION_LAWS, Law, Robot, StribeckForm
+from cdrj_ros.robot.description import Robot, StribeckForm, friction_law
+from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.space import GUIDES, ContactKind, FrameMotion
 
 Variant = Callable[..., Robot]
@@ -23,7 +24,7 @@ Drive = Callable[..., Samples]
     ("kinds", "words"),
     [
         (_core.Guide, get_args(ContactKind)), (_core.Guide, GUIDES),
-        (_core.Law, get_args(Law)), (_core.Law, FRICTION_LAWS),
+        (_core.Law, schema()["$defs"]["friction"]["properties"]["law"]["enum"]),
         (_core.FrameMotion, get_args(FrameMotion)), (_core.Stribeck, get_args(StribeckForm)),
     ],
     ids=lambda one: getattr(one, "__name__", type(one).__name__),
@@ -41,10 +42,10 @@ FAMILIES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("law", FRICTION_LAWS)
+@pytest.mark.parametrize("law", _core.Law.__members__)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_law_takes_the_constants_that_it_says(
-    law: Law, family: str, variant: Variant, drive: Drive
+    law: str, family: str, variant: Variant, drive: Drive
 ) -> None:
     time = np.linspace(0.0, 0.5, 200)
     samples = drive(time, 0.2 * np.sin(9.0 * time), 0.3 * np.sin(7.0 * time))
@@ -54,4 +55,4 @@ def test_a_law_takes_the_constants_that_it_says(
     for constants in (usual, usual | FAMILIES[family]):
         model = prepare(variant(law, **constants))
         answers.append(run(model, initial_state(model), samples)[1].values)
-    assert np.array_equal(*answers) is not getattr(FRICTION_LAWS[law], family)
+    assert np.array_equal(*answers) is not getattr(friction_law(law), family)

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
+from cdrj_ros._core import Law, Stribeck, bearing_transmission, sliding_transmission
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import FRICTION_LAWS, Robot
+from cdrj_ros.robot.description import Robot
 
 Variant = Callable[..., Robot]
 Drive = Callable[..., Samples]
 
 ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
 """Steps of motor and joint encoder [rad]."""
-WITH_FRICTION = [law for law in FRICTION_LAWS if law != "none"]
+WITH_FRICTION = [law for law in Law.__members__ if law != "none"]
 
 
 def follow(joint: np.ndarray | float) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_tension_ratios_stay_within_the_transmission(
     assert share.max() > kinetic, "the bounds are reached"
 
 
-@pytest.mark.parametrize("law", FRICTION_LAWS)
+@pytest.mark.parametrize("law", Law.__members__)
 def test_without_friction_every_cable_has_one_tension(
     law: str, variant: Variant, drive: Drive
 ) -> None:
@@ -137,7 +137,7 @@ def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(
     assert lost.sum() > 0.01
 
 
-@pytest.mark.parametrize("law", FRICTION_LAWS)
+@pytest.mark.parametrize("law", Law.__members__)
 def test_a_mirrored_motion_gives_the_mirrored_loop(
     law: str, variant: Variant, drive: Drive
 ) -> None:
@@ -153,7 +153,7 @@ def test_a_mirrored_motion_gives_the_mirrored_loop(
     np.testing.assert_allclose(two[:, effort], -one[:, effort], atol=1e-6)
 
 
-@pytest.mark.parametrize("law", FRICTION_LAWS)
+@pytest.mark.parametrize("law", Law.__members__)
 def test_the_error_shrinks_when_the_sample_period_is_halved(
     law: str, variant: Variant, drive: Drive
 ) -> None:
