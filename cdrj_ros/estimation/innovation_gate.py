@@ -7,7 +7,7 @@ preload, until other sensors decide (docs/uncertainty.md).
 
 A cell that drifts and a preload that creeps look the same to that cell.  Its most certain evidence
 is therefore kept.  What it says otherwise later is left open between both, without a change of what
-is expected of its readings: only another sensor can decide (docs/reliability.md).
+is expected of its readings: only another sensor can decide (docs/uncertainty.md).
 """
 
 from __future__ import annotations
