@@ -167,6 +167,8 @@ class SensorState:
     _baselines: deque[Baseline] = field(default_factory=deque)
     _in_a_row: int = 0
     """Readings in a row that fail the gate; negative where they are below the estimate."""
+    _doubted: float = inf
+    """Least variance of their innovations; infinite without any."""
     contradicts: bool = False
     """Whether its last readings contradicted the estimate."""
 
@@ -180,8 +182,9 @@ class SensorState:
             drift: variance per second of the random walk of what is expected.
         """
         own = self.model_error**2 + self.history_error**2  # need not be constant
-        allowed = variance + own
-        self.contradiction, square = innovation, innovation**2 / allowed
+        # an estimate that has become less certain since does not refute what contradicted it
+        certain = min(variance, self._doubted) + own
+        self.contradiction, square = innovation, innovation**2 / certain
         baselines = self._baselines
         window_ns = LONG_WINDOW_NS if self.checked_by_effort else WINDOW_NS
         while len(baselines) > 1 and stamp_ns - baselines[1].stamp_ns >= window_ns:
@@ -196,12 +199,13 @@ class SensorState:
             if moved * moved > square * allowed:
                 self.contradiction, square = moved, moved * moved / allowed
         if square <= GATE:
-            self._in_a_row, self.contradicts = 0, False
+            self._in_a_row, self.contradicts, self._doubted = 0, False, inf
             if not baselines or KEPT_IN_WINDOW * (stamp_ns - baselines[-1].stamp_ns) >= window_ns:
                 baselines.append(Baseline(stamp_ns, self._correction, variance))
             return "agrees"
         side = 1 if self.contradiction > 0.0 else -1
         self._in_a_row = side + (self._in_a_row if side * self._in_a_row > 0 else 0)
+        self._doubted = min(self._doubted, variance)
         self.contradicts = square > PLAIN or abs(self._in_a_row) > 1
         return "contradicts" if abs(self._in_a_row) < LASTING else "changed"
 
@@ -240,7 +244,7 @@ class SensorState:
     def forget(self) -> None:
         """Discard the latest corrections; its error remains."""
         self._baselines.clear()
-        self._in_a_row, self.contradicts = 0, False
+        self._in_a_row, self.contradicts, self._doubted = 0, False, inf
 
 
 def finite(values: Sequence[float], count: int) -> Vector:

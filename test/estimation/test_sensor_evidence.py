@@ -191,6 +191,15 @@ def test_readings_that_stay_away_are_a_change() -> None:
     assert sensor.contradiction == 4.0
 
 
+def test_an_estimate_that_becomes_uncertain_does_not_refute_readings_that_stay_away() -> None:
+    """As where angles are lost: the reading says what it said, and the estimate nothing."""
+    sensor = _sensor()
+    answers = [sensor.gate(SECOND + k, 4.0, 9.0 if k % 2 else 0.2, 0.01) for k in range(LASTING)]
+    assert answers == ["contradicts"] * (LASTING - 1) + ["changed"]
+    assert sensor.gate(SECOND + LASTING, 0.1, 9.0, 0.01) == "agrees"
+    assert not sensor.contradicts
+
+
 def test_a_change_in_small_steps_is_one_all_the_same() -> None:
     """Every reading agrees with the estimate, which follows it."""
     sensor = _sensor()
