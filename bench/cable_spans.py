@@ -15,7 +15,7 @@ import numpy as np
 from bench.figures import ROBOT, Row, compared, in_turn
 from bench.mjcf import ON_BASE, ROLLING_RADIUS, along, middle, start_of
 from bench.update import poses_of, recorded_motion, stepping
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.robot.description import Cable, Robot
 
 STEPS = 2_000

@@ -17,7 +17,7 @@ from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
 DURATION_S = 200

@@ -29,8 +29,7 @@ from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import EstimateEncoder, Template
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 
 BLOCKS = 16
 """Measured blocks per node, after one warm-up block; the p99 of one rests on four trips."""

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from cdrj_ros.identification.fit import Identification
     from cdrj_ros.inspection.checks import Inspection
     from cdrj_ros.inspection.ranges import inspect_robot
-    from cdrj_ros.model.prepared import Layout, Model, Shape, shape_at
-    from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, STALE, UNSURE
+    from cdrj_ros.model.prepared import Model, Shape, shape_at
+    from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, STALE, UNSURE, Layout
     from cdrj_ros.recordings import Recording, Series, Topics, read_recording
     from cdrj_ros.robot.description import Robot
     from cdrj_ros.robot.imported import import_mjcf
@@ -100,8 +100,8 @@ _HOMES: Final = {
     "identification.fit": ("Identification",),
     "inspection.checks": ("Inspection",),
     "inspection.ranges": ("inspect_robot",),
-    "model.prepared": ("Layout", "Model", "Shape", "shape_at"),
-    "model.state": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE"),
+    "model.prepared": ("Model", "Shape", "shape_at"),
+    "model.state": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE", "Layout"),
     "recordings": ("Recording", "Series", "Topics", "read_recording"),
     "robot.description": ("Robot",),
     "robot.imported": ("import_mjcf",),

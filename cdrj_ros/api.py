@@ -19,8 +19,7 @@ from cdrj_ros.estimation.estimator import Estimate, Estimates
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.arrays import Series, Stamps
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 
 if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import Errors

@@ -23,7 +23,7 @@ from launch.actions import (
 from launch.event_handlers import OnShutdown
 from launch_ros.actions import Node
 
-from cdrj_ros.model.loading import robot_path
+from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.nodes.entry import PACKAGE, refuse_unknown, view_is_installed
 from cdrj_ros.robot.writer import exact_copy
 

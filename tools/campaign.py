@@ -23,8 +23,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "test")]
 from support import campaign  # noqa: E402
 from support import campaign_draws as draws  # noqa: E402
 
-from cdrj_ros.model.loading import load_model  # noqa: E402
-from cdrj_ros.model.prepared import Model  # noqa: E402
+from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 PAGE = ROOT / "docs" / "reliability.md"

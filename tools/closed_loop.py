@@ -12,8 +12,7 @@ The controllers in examples/ are tested and measured with it (docs/ros2_control.
 import numpy as np
 
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits

@@ -28,8 +28,7 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
-from cdrj_ros.model.loading import load_model  # noqa: E402
-from cdrj_ros.model.prepared import Model  # noqa: E402
+from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 from cdrj_ros.recordings import Topics  # noqa: E402
 
 Vector = NDArray[np.float64]

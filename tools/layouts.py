@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 
 TENSIONS, FORCES = "/cdrj/tensions", "/cdrj/nodal_forces"
 EFFORTS, DIAGNOSTICS = "/cdrj/efforts", "/diagnostics"

@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from cdrj_ros.model.loading import robot_path
+from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.robot.writer import exact_copy
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -21,8 +21,7 @@ import wrong_files
 
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, load_model, prepare
 
 Table = NDArray[np.float64]
 

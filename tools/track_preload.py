@@ -26,8 +26,7 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.estimation.samples import Sample  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.model.loading import load_model  # noqa: E402
-from cdrj_ros.model.prepared import Model  # noqa: E402
+from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
 from cdrj_ros.simulation.faults import Fault  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402

@@ -35,8 +35,7 @@ from cdrj_ros.estimation.health_verdict import unsure_elements  # noqa: E402
 from cdrj_ros.estimation.samples import NO_DOUBTS, Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
-from cdrj_ros.model.loading import load_model  # noqa: E402
-from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.model.prepared import Model, load_model, prepare  # noqa: E402
 from cdrj_ros.model.state import OK  # noqa: E402
 from cdrj_ros.recordings import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402

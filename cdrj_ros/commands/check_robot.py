@@ -18,8 +18,7 @@ from cdrj_ros.inspection.checks import Inspection, Suspicion
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import MOST_CAUSES, Shares, uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
-from cdrj_ros.model.loading import load_model, robot_path
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model, robot_path
 from cdrj_ros.robot.description import Cable
 
 

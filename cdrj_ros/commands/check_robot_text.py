@@ -12,7 +12,8 @@ from cdrj_ros.estimation.reading_limits import slips
 from cdrj_ros.foundation.output import counted, fixed
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.shares import Cause, Shares
-from cdrj_ros.model.prepared import EFFORT, TENSION, Model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import EFFORT, TENSION
 from cdrj_ros.report.table import UNLIMITED, new_table
 from cdrj_ros.robot.description import Cable, Robot
 

@@ -24,7 +24,8 @@ from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.inspection.shares import DURATION_S, sweep
-from cdrj_ros.model.prepared import EFFORT, TENSION, Model, channel_columns
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import EFFORT, TENSION, channel_columns
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.parameters import find_number
 

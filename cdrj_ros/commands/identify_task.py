@@ -31,7 +31,7 @@ from cdrj_ros.identification.unknowns import (
     with_priors,
     without_priors,
 )
-from cdrj_ros.model.loading import robot_path
+from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings import Topics
 from cdrj_ros.robot.document import (
     check_document,

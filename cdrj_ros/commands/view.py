@@ -12,7 +12,7 @@ from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar, say
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 
 
 def _parser() -> CommandParser:

@@ -18,7 +18,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.model.elasticity import elasticities, strain_at
+from cdrj_ros.model.laws import elasticities, strain_at
 from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, prepare, read_only, segments_of
 from cdrj_ros.robot.description import Robot, Uncertainty

@@ -29,8 +29,8 @@ from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelle
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Layout, Model
-from cdrj_ros.model.state import INVALID, UNSURE
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import INVALID, UNSURE, Layout
 from cdrj_ros.robot.description import Robot, Uncertainty
 
 LAST_STAMP: Final = 1

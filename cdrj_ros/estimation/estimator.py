@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.prepared import Layout, Model, channel_columns
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import Layout, channel_columns
 
 NEVER: Final = _core.NEVER
 """Stamp of a state before its first sample."""

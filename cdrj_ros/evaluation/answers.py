@@ -30,7 +30,8 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     read_layout,
 )
-from cdrj_ros.model.prepared import Layout, Model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import Layout
 from cdrj_ros.recordings.batch import BEFORE, Batch
 from cdrj_ros.recordings.decoding import BulkDecoder
 

@@ -14,15 +14,8 @@ from cdrj_ros.estimation.recorded_health import Verdict
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.messages import cdr
-from cdrj_ros.model.prepared import (
-    EFFORT,
-    NODAL_FORCE,
-    TENSION,
-    Layout,
-    Model,
-    channel_columns,
-    shape_at,
-)
+from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.state import EFFORT, NODAL_FORCE, TENSION, Layout, channel_columns
 
 
 @dataclass(frozen=True)

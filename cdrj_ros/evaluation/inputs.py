@@ -16,7 +16,8 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
-from cdrj_ros.model.prepared import EFFORT, Model
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import EFFORT
 from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
 from cdrj_ros.recordings.source import Source
 from cdrj_ros.robot.description import Robot

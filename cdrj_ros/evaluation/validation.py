@@ -47,8 +47,8 @@ from cdrj_ros.evaluation.inputs import (
 from cdrj_ros.evaluation.reversals import reversal_zones
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import EFFORT, TENSION, Model
+from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.state import EFFORT, TENSION
 from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
 
 MAX_GAP_NS: Final = 100_000_000

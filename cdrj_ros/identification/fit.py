@@ -43,7 +43,8 @@ from cdrj_ros.identification.solver import Minimum, minimise
 from cdrj_ros.identification.standard_errors import accuracy
 from cdrj_ros.identification.starts import many_starts, sought
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
-from cdrj_ros.model.prepared import EFFORT, prepare
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.state import EFFORT
 from cdrj_ros.robot.reader import build_robot
 
 DISTRUST: Final = 1.25

@@ -7,7 +7,7 @@ from math import degrees
 from typing import Any, Final
 
 from cdrj_ros.inspection.checks import CableCheck, PulleyCheck, Suspicion
-from cdrj_ros.model.elasticity import elasticity_of, modulus_at
+from cdrj_ros.model.laws import elasticity_of, modulus_at
 from cdrj_ros.robot.description import Cable, Friction, Pulley, friction_law
 
 LARGEST_UNSTATED: Final = 0.01

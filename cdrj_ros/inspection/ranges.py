@@ -23,14 +23,16 @@ from cdrj_ros.inspection.checks import (
     MotorCheck,
     PulleyCheck,
 )
-from cdrj_ros.model.elasticity import (
+from cdrj_ros.model.laws import (
+    RIGID_BRISTLE,
+    bearing_drag,
     elasticity_of,
+    friction_numbers,
     modulus_at,
     secant_at,
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.filling import RIGID_BRISTLE, bearing_drag, friction_numbers
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
 from cdrj_ros.inspection.contact_suspicions import contact_suspicions
-from cdrj_ros.model.elasticity import elasticity_of, strain_at
 from cdrj_ros.model.impossible import unit_doubts
+from cdrj_ros.model.laws import elasticity_of, strain_at
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
 

@@ -22,8 +22,7 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     Span,
 )
-from cdrj_ros.model.prepared import Layout
-from cdrj_ros.model.state import STALE
+from cdrj_ros.model.state import STALE, Layout
 
 
 class Template:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import lru_cache
 from math import cos, pi, sin
 from typing import Any, Final
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros._core import Law, Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.elasticity import elasticity_of
+from cdrj_ros.model.laws import contact_cells, elasticity_of, friction_numbers, stribeck_of
 from cdrj_ros.model.packing import (
     Indices,
     Sizes,
@@ -27,7 +26,6 @@ from cdrj_ros.model.packing import (
 from cdrj_ros.robot.description import (
     TABLE_INTERVALS,
     Cable,
-    FrictionLaw,
     MovingEnd,
     Node,
     Profile,
@@ -39,12 +37,6 @@ from cdrj_ros.robot.description import (
 
 MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
 """Motion of the middle of an arc per growth of the arc, by the end that moves [-]."""
-
-RIGID_BRISTLE: Final = 1e9
-"""Contact stiffness [N/m] that stands for a rigid contact in the laws ``euler`` and ``steady``."""
-
-NEVER_SLIDES: Final = 1e9
-"""Stribeck speed [m/s] that stands for 'no Stribeck effect'; no slip reaches it."""
 
 
 def pack(robot: Robot) -> tuple[Indices, Vector]:
@@ -352,52 +344,6 @@ def _basis(axis: tuple[float, float, float]) -> tuple[float, ...]:
     x = helper - z * (helper @ z)
     x /= np.linalg.norm(x)
     return tuple(np.array([x, np.cross(z, x), z]).ravel())
-
-
-def stribeck_of(cable: Cable) -> Stribeck:
-    """The cable's Stribeck form, which all of its pulleys share."""
-    forms = {pulley.friction.stribeck for pulley in cable.pulleys} or {"printed"}
-    return Stribeck[forms.pop()]
-
-
-def friction_numbers(pulley: Pulley, law: FrictionLaw) -> dict[str, float]:
-    """Friction constants of one pulley; what the law does not take has its neutral value."""
-    friction = pulley.friction
-    if not law.bearing:  # sliding alone
-        friction = replace(friction, rho=1.0)
-    if not law.static:
-        friction = replace(friction, mu_s=friction.mu_c)
-    rigid = not law.bristles
-    return {
-        "rho": friction.rho,
-        "mu_c": friction.mu_c,
-        "mu_s": friction.mu_s,
-        "stribeck_speed": friction.stribeck_speed or NEVER_SLIDES,
-        "stribeck_lag": friction.stribeck_lag,
-        "bearing_ratio": bearing_ratio(pulley),
-        "drag": bearing_drag(pulley) if law.bearing else 0.0,
-        "bristle_stiffness": RIGID_BRISTLE if rigid else friction.bristle_stiffness,
-        "bristle_damping": 0.0 if rigid else friction.bristle_damping,
-        "viscous": 0.0 if rigid else friction.viscous,
-        "breakaway": 1.0 if rigid else friction.breakaway,
-    }
-
-
-def bearing_ratio(pulley: Pulley) -> float:
-    """1 / alpha of (41)."""
-    if not pulley.radius:  # an eyelet or a sheath
-        return 0.0
-    return pulley.friction.bearing_friction * pulley.bearing_diameter / pulley.radius
-
-
-def bearing_drag(pulley: Pulley) -> float:
-    """Friction force of the bearing without load, at the cable [N]."""
-    return pulley.bearing_torque / pulley.radius if pulley.radius else 0.0
-
-
-def contact_cells(pulley: Pulley) -> int:
-    """Number of contact cells of a pulley; 1 until it has been chosen."""
-    return max(pulley.cells, 1)
 
 
 def hermite_table(values: Vector, slopes: Vector, step: float) -> NDArray[np.float64]:

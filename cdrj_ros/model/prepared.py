@@ -1,9 +1,11 @@
-"""A robot prepared for the compiled core: two flat arrays, layout and names of the results."""
+"""A robot prepared for the compiled core, from its description or its file, and its geometry."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,90 +13,21 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.division import divided
-from cdrj_ros.model.elasticity import elasticity_of, strain_at
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.impossible import reason
-from cdrj_ros.model.packing import (
-    Sizes,
-    Views,
-    constant_views,
-    topology_views,
-)
-from cdrj_ros.model.state import (
-    scratch_views,
-)
+from cdrj_ros.model.laws import divided, elasticity_of, strain_at
+from cdrj_ros.model.packing import Sizes, Views, constant_views, topology_views
+from cdrj_ros.model.state import Layout, layout_of, scratch_views
 from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.reader import build_robot, load_document
 
 RANGE_CHECKS: Final = 41
 """Number of poses per joint in which the geometry is checked."""
 
 MOST_ANGLES: Final = 65_600
 """Largest number of angles in these poses, of a robot with many joints."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Slices of all results in the estimate, and the names of their entries."""
-
-    elements: tuple[str, ...]
-    """``cable/element``, the order of ``tension`` and ``status``."""
-    pulleys: tuple[str, ...]
-    """``cable/node``, the order of everything that belongs to pulleys."""
-    base_link: str
-    """Name in tf of the robot's base frame."""
-    force_frame: str
-    """Frame of forces: ``base_link``; empty where all forces are in the frames of their pulleys."""
-    motors: tuple[str, ...]
-    joints: tuple[str, ...]
-    cables: tuple[str, ...]
-    element_before: NDArray[np.intp] = field(compare=False, repr=False)
-    """Index of the element before every pulley; the next index is the one after it.  Read-only."""
-    size: int
-    """Floats of one estimate."""
-    tension: slice
-    """[N]."""
-    status: slice
-    """Bit flags, see ``cdrj_ros.model.state``."""
-    force_x: slice
-    """[N], of the cable on the pulley."""
-    force_y: slice
-    """[N]."""
-    force_z: slice
-    """[N]; 0 for cables in a plane."""
-    magnitude: slice
-    """[N], eq. (38)."""
-    friction: slice
-    """t_i - t_{i-1} [N]."""
-    slip_speed: slice
-    """[m/s], positive towards the last node."""
-    motor_effort: slice
-    """[N m]."""
-    joint_effort: slice
-    """[N m], of a prismatic joint [N]."""
-    iterations: slice
-    """Newton iterations of every cable."""
-    residual: slice
-    """Largest force imbalance at a pulley of every cable [N]."""
-    correction: slice
-    """Learned correction that is part of an output [N] or [N m]."""
-    trust: slice
-    """Share of it that applies."""
-
-    def in_frame(self, base_link: str) -> Layout:
-        """The layout with another name of the base frame; empty: this one."""
-        base = base_link or self.base_link
-        return replace(self, base_link=base, force_frame=base if self.force_frame else "")
-
-    def pulley_status(self, status: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Flags of pulleys, shape (..., pulleys): the union of those of both adjacent elements.
-
-        Args:
-            status: flags of the elements, shape (..., elements).
-        """
-        before = self.element_before
-        return status[..., before] | status[..., before + 1]
 
 
 @dataclass(frozen=True)
@@ -249,32 +182,7 @@ def _model(robot: Robot) -> Model:
         topology=topology,
         constants=constants,
         sizes=sizes,
-        layout=_layout(robot, parts.pulleys, sizes),
-    )
-
-
-def _layout(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
-    """Layout of the estimate, whose parts have the order of ``Estimate`` in ``core/layout.hpp``."""
-    elements = tuple(name for cable in robot.cables for name in cable.element_names)
-    pulleys = tuple(name for cable in robot.cables for name in cable.pulley_names)
-    counts = [*2 * [sizes.elements], *6 * [sizes.pulleys], sizes.motors, sizes.joints]
-    counts += [*2 * [sizes.cables], *2 * [sizes.residuals]]
-    ends = np.cumsum([0, *counts]).tolist()
-    slices = [slice(a, b) for a, b in pairwise(ends)]
-    before = rows["element"].astype(np.intp)
-    before.flags.writeable = False
-    placed = any(cable.placed for cable in robot.cables)
-    return Layout(
-        elements,
-        pulleys,
-        robot.base_link,
-        robot.base_link if placed else "",
-        tuple(motor.name for motor in robot.motors),
-        tuple(joint.name for joint in robot.joints),
-        tuple(cable.name for cable in robot.cables),
-        before,
-        ends[-1],
-        *slices,
+        layout=layout_of(robot, parts.pulleys, sizes),
     )
 
 
@@ -364,22 +272,72 @@ def course_of(model: Model, joint_angle: Table) -> tuple[Course, int]:
     return Course(length, arms, wrap, arc, track), done
 
 
-TENSION: Final = "tension"
-"""``tension/cable/element`` [N]."""
-NODAL_FORCE: Final = "nodal_force"
-"""``nodal_force/cable/node``, the magnitude [N]."""
-EFFORT: Final = "effort"
-"""``effort/motor`` or ``effort/joint`` [N m], [N] for a prismatic joint."""
+def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model:
+    """Read and prepare a robot file; a bare name means one of the installed ones.
+
+    Args:
+        path: the file, or the name of an installed robot.
+        preload: preload of every cable [N], as numbers or as comma-separated text; None or empty
+            keeps the preloads of the file.
+
+    Raises:
+        CdrjError: the file or the preloads are invalid; the message is one line.
+    """
+    document, source = load_document(robot_path(path))
+    if not preload:
+        return prepare(build_robot(document, source))
+    try:
+        values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
+    except ValueError as error:
+        raise UsageError(f"preload must be numbers separated by commas, got {preload!r}") from error
+    cables = document["cables"]
+    if len(values) != len(cables) or not all(0.0 <= value < 1e6 for value in values):
+        raise UsageError(
+            f"preload needs {len(cables)} tensions in [0, 1e6) N, one for each of "
+            f"{', '.join(cable['name'] for cable in cables)}; got {preload!r}"
+        )
+    for cable, value in zip(cables, values, strict=True):
+        cable["preload"] = value
+    return prepare(build_robot(document, source))
 
 
-def channel_columns(layout: Layout) -> dict[str, int]:
-    """Columns of tensions, nodal forces, motor and joint efforts in an estimate, by channel."""
-    named: dict[str, int] = {}
-    for prefix, names, where in (
-        (TENSION, layout.elements, layout.tension),
-        (NODAL_FORCE, layout.pulleys, layout.magnitude),
-        (EFFORT, layout.motors, layout.motor_effort),
-        (EFFORT, layout.joints, layout.joint_effort),
-    ):
-        named |= {f"{prefix}/{name}": where.start + k for k, name in enumerate(names)}
-    return named
+def robot_path(path: str) -> Path:
+    """Path of a robot file; a bare name means one of the installed ones.
+
+    Raises:
+        RobotFileError: no robot of that name is installed.
+    """
+    return installed_path(path, "robots", "robot file")
+
+
+def installed_path(path: str, folder: str, kind: str) -> Path:
+    """Path of a YAML file; a bare name means an installed one.
+
+    Args:
+        path: the file, or the name of one in the folder.
+        folder: folder in the package's ``config``.
+        kind: what such a file is called, for the error.
+
+    Raises:
+        RobotFileError: no file of that name is installed.
+    """
+    if not Path(path).exists() and "/" not in path and not path.endswith(".yaml"):
+        folders = [config / folder for config in _installed_configs()]
+        for place in folders:
+            if (place / f"{path}.yaml").exists():
+                return place / f"{path}.yaml"
+        names = sorted({file.stem for place in folders for file in place.glob("*.yaml")})
+        close = get_close_matches(path, names, n=1)
+        nearest = f"; did you mean {close[0]}?" if close else ""
+        raise RobotFileError(
+            f"there is no {kind} {printable(path)}, and none of that name is installed{nearest}"
+        )
+    return Path(path)
+
+
+def _installed_configs() -> Iterator[Path]:
+    """Folders that may hold the package's own files: beside the source, or installed."""
+    here = Path(__file__).resolve()
+    yield here.parents[2] / "config"
+    for parent in here.parents:
+        yield parent / "share" / "cdrj_ros" / "config"

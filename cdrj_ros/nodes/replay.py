@@ -31,8 +31,7 @@ from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.topics import CLOCK
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting

@@ -16,8 +16,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.nodes.settings import Setting
 from cdrj_ros.robot.names import prefix_given
 from cdrj_ros.robot.urdf import DESCRIPTION, description_given

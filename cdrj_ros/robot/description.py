@@ -277,7 +277,7 @@ class Pulley:
     place: Place | None = None
     cells: int = 0
     """Number of equal contact cells, each with friction of its own; 0 lets
-    ``cdrj_ros.model.division`` choose it."""
+    ``cdrj_ros.model.laws`` choose it."""
     cell_width: float = 0.0
     """Width of contact cells that are fixed to the surface [m], of which ``cells`` are at hand; 0
     for cells that are equal parts of the arc.  Only the simulated rig sets it."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.elasticity import elasticity_of, secant_at, strain_at
+from cdrj_ros.model.laws import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch
 from cdrj_ros.simulation.motion import smooth_step

@@ -8,7 +8,7 @@ from typing import Final
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.model.loading import installed_path
+from cdrj_ros.model.prepared import installed_path
 from cdrj_ros.robot.document import (
     check_document,
     load_schema,

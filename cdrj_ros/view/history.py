@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from cdrj_ros._core import Axis
 from cdrj_ros.estimation.reading_limits import axes_of
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.prepared import Layout, Model
-from cdrj_ros.model.state import INVALID, STALE
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.state import INVALID, STALE, Layout
 from cdrj_ros.robot.description import Robot
 
 Flags = NDArray[np.uint8]

@@ -19,7 +19,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.interruption import run_interruptibly
 from cdrj_ros.foundation.output import ProgressBar, say
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from examples.paper.runs import Motion
 from examples.paper.study import Study, numbers, work
 from examples.paper.tables import Table, markdown, rich_table, tables

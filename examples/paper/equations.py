@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.recordings import Recording, read_recording
 from examples.paper.propagation import (
     KnownTension,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import BOUND_FLOOR, Stribeck, blended_loss, stribeck_share
-from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
+from cdrj_ros.model.laws import Elasticity, modulus_at, strain_at
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

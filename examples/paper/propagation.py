@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.elasticity import elasticity_of, modulus_at
-from cdrj_ros.model.filling import stribeck_of
+from cdrj_ros.model.laws import elasticity_of, modulus_at, stribeck_of
 from cdrj_ros.model.packing import constant_views, topology_views
 from cdrj_ros.model.prepared import Course, Model, prepare
 from cdrj_ros.robot.description import Anchor, Pulley, Robot

@@ -22,7 +22,8 @@ from cdrj_ros.evaluation.comparison import Comparing
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import NODAL_FORCE, TENSION, prepare
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.state import NODAL_FORCE, TENSION
 from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot, Sensor
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.sensors import (

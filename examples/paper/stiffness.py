@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.elasticity import Elasticity, modulus_at, strain_at
+from cdrj_ros.model.laws import Elasticity, modulus_at, strain_at
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

@@ -12,8 +12,7 @@ from support.places import PROTOTYPE, ROBOT
 
 from cdrj_ros.commands import check_robot
 from cdrj_ros.inspection.shares import uncertainty_shares
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.writer import with_section

@@ -19,7 +19,7 @@ from cdrj_ros.evaluation import metrics
 from cdrj_ros.evaluation.channels import estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
 
 SECONDS = 1_000_000_000

@@ -11,7 +11,7 @@ import pytest
 from cdrj_ros.commands import simulate, validate
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings import BagWriter, Topics, read_recording
 
 DEGREES = 7.5

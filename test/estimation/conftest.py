@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 
 
 @pytest.fixture(scope="session")

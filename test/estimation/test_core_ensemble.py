@@ -9,8 +9,7 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import initial_state
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 
 MEMBERS = 8
 COUNT = 60

@@ -27,8 +27,7 @@ from support.campaign import (
 from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 
 BREAK = 6 * SECOND
 HOUR = 3600 * SECOND

@@ -13,8 +13,7 @@ from support.places import ROBOT
 from cdrj_ros.estimation.lasting_error import MotorFriction
 from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.load import make_load

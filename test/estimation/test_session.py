@@ -21,8 +21,7 @@ from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.model.state import INVALID
 
 

@@ -19,9 +19,8 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.model.loading import load_model
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import build_robot, parse_robot
 
 

@@ -26,8 +26,7 @@ from cdrj_ros.evaluation.replayed import (
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import EstimateEncoder, Template
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.recordings import Topics
 
 MS = 1_000_000

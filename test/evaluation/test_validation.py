@@ -22,7 +22,7 @@ from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_
 from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless, read_inputs
 from cdrj_ros.evaluation.validation import MAX_GAP_NS, BagTask, Validation, compare_bag
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings import Series, Topics, read_recording
 

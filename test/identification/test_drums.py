@@ -19,7 +19,8 @@ from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
-from cdrj_ros.model.prepared import channel_columns, prepare
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.state import channel_columns
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.simulation.assembly import divide_contacts

@@ -29,7 +29,7 @@ from support.places import ROBOTS
 from cdrj_ros._core import Law
 from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.model.elasticity import elasticity_of, strain_at
+from cdrj_ros.model.laws import elasticity_of, strain_at
 from cdrj_ros.model.packing import topology_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.model.state import OK, SLACK, state_views

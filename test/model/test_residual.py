@@ -16,8 +16,8 @@ from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.prepared import Model, channel_columns, prepare
-from cdrj_ros.model.state import SLACK
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.state import SLACK, channel_columns
 from cdrj_ros.robot.reader import parse_robot
 
 Table = NDArray[np.float64]

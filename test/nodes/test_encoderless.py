@@ -15,7 +15,7 @@ from cdrj_ros._core import JointStateDecoder
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 
 COUNT = 120
 TOLD = Template(JOINT_STATE, ("winch",), ("position", "effort"))

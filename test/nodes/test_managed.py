@@ -25,7 +25,7 @@ from support.estimators import (
 )
 
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.model.state import STALE
 from cdrj_ros.nodes.estimator import ManagedEstimator
 

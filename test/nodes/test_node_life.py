@@ -29,8 +29,7 @@ from support.estimators import (
 )
 
 from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.model.state import OVERLOAD, SLACK, STALE, UNSURE
 from cdrj_ros.nodes.diagnostics import Health, status_of
 

@@ -24,7 +24,7 @@ from support.places import ROBOTS
 
 from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
 from cdrj_ros.messages.templates import marked_stale
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 
 PLACED = str(ROBOTS / "prototype_positions.yaml")
 

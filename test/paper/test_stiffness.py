@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import element_tension
-from cdrj_ros.model.elasticity import Elasticity
+from cdrj_ros.model.laws import Elasticity
 from examples.paper.stiffness import (
     Stiffness,
     exact_stiffness,

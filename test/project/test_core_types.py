@@ -61,5 +61,5 @@ def _split(arguments: str) -> list[str]:
 
 def test_the_stub_declares_the_names_and_arguments_of_the_module() -> None:
     stub = written(ast.parse(STUB.read_text(encoding="utf-8")).body)
-    by_word = dict.fromkeys(("FrameMotion", "Guide", "Law"))  # see test_kinds
+    by_word = dict.fromkeys(("FrameMotion", "Guide", "Law"))  # see test_prepared
     assert stub == compiled(_core) | by_word

@@ -10,7 +10,7 @@ import yaml
 from support.places import ROBOT, ROOT
 
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.robot.description import Robot
 
 FOLDER = ROOT / "config" / "layouts"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from support.places import ROOT
 
-from cdrj_ros.model.loading import load_model, robot_path
+from cdrj_ros.model.prepared import load_model, robot_path
 from cdrj_ros.robot.writer import exact_copy
 
 LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import prepare, shape_at
+from cdrj_ros.model.prepared import load_model, prepare, shape_at
 from cdrj_ros.report.scene import LIMIT_COLOUR, SLACK_COLOUR, scene_of, tension_colour
 from cdrj_ros.robot.reader import parse_robot
 

@@ -12,8 +12,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.impossible import unit_doubts
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 PAGE = (ROOT / "docs" / "robot_file.md").read_text("utf-8")

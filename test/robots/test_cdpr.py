@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import shape_at
+from cdrj_ros.model.prepared import load_model, shape_at
 
 RADIUS, DRUM, WINCH = 0.05, 0.0675, 0.5
 """Radii of pulleys and drums, height of the winches [m]."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import shape_at
+from cdrj_ros.model.prepared import load_model, shape_at
 
 CABLES = ("deep", "superficial", "extensor")
 ELEMENTS = {"deep": slice(0, 5), "superficial": slice(5, 8), "extensor": slice(8, 13)}

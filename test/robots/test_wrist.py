@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import shape_at
+from cdrj_ros.model.prepared import load_model, shape_at
 
 IDLER, JAW, DRUM = 2.12e-3, 2.6e-3, 3.166e-3
 """Radii of the robot file [m]."""

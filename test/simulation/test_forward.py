@@ -10,7 +10,7 @@ import pytest
 from support.energy import energy
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.elasticity import elasticity_of, strain_at
+from cdrj_ros.model.laws import elasticity_of, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Truth

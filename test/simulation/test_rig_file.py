@@ -12,7 +12,7 @@ from support.places import ROOT
 
 import cdrj_ros.simulation
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.simulation.drives import drive_limits
 from cdrj_ros.simulation.faults import Fault, wire
 from cdrj_ros.simulation.rig_file import LoadChoice, RigDescription, load_rig, parse_rig

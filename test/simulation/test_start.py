@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.simulation.follow import BEGIN_S, program_of
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load, usual_payload

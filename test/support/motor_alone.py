@@ -9,8 +9,7 @@ import numpy as np
 
 from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.model.loading import load_model
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.follow import follow_joints
 from support.places import ROBOTS

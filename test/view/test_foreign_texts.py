@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.browser import chromium
 
-from cdrj_ros.model.loading import load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.view import page as pages
 from cdrj_ros.view.history import Curves, nothing_known
 from cdrj_ros.view.page import Page
