@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
 from bench.offline import DURATION_S, write_long_bag
 from cdrj_ros.evaluation.parallel import processors
-from cdrj_ros.recordings import read_recording
+from cdrj_ros.recordings.recording import read_recording
 
 BAGS = 6
 ROUNDS = 3

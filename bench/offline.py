@@ -17,8 +17,10 @@ from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 
 DURATION_S = 200
 ROUNDS = 3

@@ -15,7 +15,7 @@ from cdrj_ros.estimation.estimator import initial_state, run, step
 from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 
 STEPS = 10_000
 ROUNDS = 15

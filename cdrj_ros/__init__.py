@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from cdrj_ros.estimation.samples import Sample
     from cdrj_ros.estimation.session import Options
     from cdrj_ros.evaluation.metrics import ChannelError, Errors
+    from cdrj_ros.foundation.arrays import Series
     from cdrj_ros.foundation.errors import BagError, CdrjError, RobotFileError, UsageError
     from cdrj_ros.identification.fit import Identification
-    from cdrj_ros.inspection.checks import Inspection
-    from cdrj_ros.inspection.ranges import inspect_robot
+    from cdrj_ros.inspection.ranges import Inspection, inspect_robot
     from cdrj_ros.model.prepared import Model, Shape, shape_at
     from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, STALE, UNSURE, Layout
-    from cdrj_ros.recordings import Recording, Series, Topics, read_recording
+    from cdrj_ros.recordings.recording import Recording, Topics, read_recording
     from cdrj_ros.robot.description import Robot
     from cdrj_ros.robot.imported import import_mjcf
     from cdrj_ros.simulation.assembly import Truth
-    from cdrj_ros.simulation.follow import follow_joints
+    from cdrj_ros.simulation.drives import follow_joints
     from cdrj_ros.simulation.load import Load, make_load, usual_load
     from cdrj_ros.simulation.truth import simulate
 
@@ -96,17 +96,17 @@ _HOMES: Final = {
     "estimation.samples": ("Sample",),
     "estimation.session": ("Options",),
     "evaluation.metrics": ("ChannelError", "Errors"),
+    "foundation.arrays": ("Series",),
     "foundation.errors": ("BagError", "CdrjError", "RobotFileError", "UsageError"),
     "identification.fit": ("Identification",),
-    "inspection.checks": ("Inspection",),
-    "inspection.ranges": ("inspect_robot",),
+    "inspection.ranges": ("Inspection", "inspect_robot"),
     "model.prepared": ("Model", "Shape", "shape_at"),
     "model.state": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE", "Layout"),
-    "recordings": ("Recording", "Series", "Topics", "read_recording"),
+    "recordings.recording": ("Recording", "Topics", "read_recording"),
     "robot.description": ("Robot",),
     "robot.imported": ("import_mjcf",),
     "simulation.assembly": ("Truth",),
-    "simulation.follow": ("follow_joints",),
+    "simulation.drives": ("follow_joints",),
     "simulation.load": ("Load", "make_load", "usual_load"),
     "simulation.truth": ("simulate",),
 }

@@ -24,7 +24,7 @@ from cdrj_ros.model.prepared import Model, load_model
 if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import Errors
     from cdrj_ros.identification.fit import Identification
-    from cdrj_ros.recordings import Topics
+    from cdrj_ros.recordings.recording import Topics
     from cdrj_ros.simulation.assembly import Truth
 
 
@@ -252,7 +252,7 @@ def validate(
     """
     from cdrj_ros.evaluation.metrics import errors_of
     from cdrj_ros.evaluation.validation import validate_bag
-    from cdrj_ros.recordings import Topics
+    from cdrj_ros.recordings.recording import Topics
 
     model = _loaded(model)
     paths = [bags] if isinstance(bags, (str, Path)) else bags
@@ -343,7 +343,7 @@ def identify(
     from cdrj_ros.identification.fit import identify as identify_numbers
     from cdrj_ros.identification.observations import Recorded
     from cdrj_ros.identification.priors import chosen_unknowns
-    from cdrj_ros.recordings import Topics
+    from cdrj_ros.recordings.recording import Topics
 
     model = _loaded(model)
     robot, document = model.robot, dict(model.robot.document)

@@ -90,7 +90,7 @@ def recorded() -> Callable[[Model, int], Samples]:
     """Angles of the sample recording, six cycles at 1.5 kHz, of which every n-th is kept."""
     from cdrj_ros.estimation.samples import Samples
     from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-    from cdrj_ros.recordings import Topics
+    from cdrj_ros.recordings.recording import Topics
 
     def every(model: Model, step: int) -> Samples:
         recording = read_inputs(str(SAMPLE), Topics(), model)

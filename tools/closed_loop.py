@@ -18,7 +18,7 @@ from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load
-from cdrj_ros.simulation.sensor_groups import SensorSettings, encoder_groups, truth_table
+from cdrj_ros.simulation.sensors import SensorSettings, encoder_groups, truth_table
 
 RATE_HZ = 1000.0
 STEP_NS = 1_000_000

@@ -45,7 +45,7 @@ from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range  # noqa: E402
 from cdrj_ros.robot.writer import with_section  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
-from cdrj_ros.simulation.follow import follow_joints  # noqa: E402
+from cdrj_ros.simulation.drives import follow_joints  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402
 from cdrj_ros.simulation.motion import differences, random  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402

@@ -31,7 +31,7 @@ from cdrj_ros.identification.fit import identify  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
 from cdrj_ros.identification.unknowns import parse_unknowns  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
-from cdrj_ros.recordings import Topics, read_recording  # noqa: E402
+from cdrj_ros.recordings.recording import Topics, read_recording  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 

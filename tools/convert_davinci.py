@@ -37,7 +37,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.foundation.errors import BagError, CdrjError  # noqa: E402
-from cdrj_ros.recordings import Topics  # noqa: E402
+from cdrj_ros.recordings.recording import Topics  # noqa: E402
 from cdrj_ros.recordings.writer import BagWriter  # noqa: E402
 
 TIME, SPINDLE, SPINDLE_TORQUE, JAW, JAW_TORQUE, COLUMNS = 0, 1, 2, 4, 5, 10

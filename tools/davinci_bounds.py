@@ -29,7 +29,7 @@ from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
-from cdrj_ros.recordings import Topics  # noqa: E402
+from cdrj_ros.recordings.recording import Topics  # noqa: E402
 
 Vector = NDArray[np.float64]
 Table = NDArray[np.float64]

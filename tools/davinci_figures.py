@@ -25,7 +25,7 @@ from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa:
 from cdrj_ros.evaluation.metrics import pooled_errors  # noqa: E402
 from cdrj_ros.evaluation.validation import Validation  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
-from cdrj_ros.recordings import Topics  # noqa: E402
+from cdrj_ros.recordings.recording import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
 

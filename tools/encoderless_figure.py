@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
 from cdrj_ros.model.prepared import load_model  # noqa: E402
-from cdrj_ros.recordings import Topics  # noqa: E402
+from cdrj_ros.recordings.recording import Topics  # noqa: E402
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402

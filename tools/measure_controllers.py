@@ -20,7 +20,7 @@ from keep_taut import KeepTaut
 from tension_limiter import TensionLimiter
 
 from cdrj_ros.estimation.changes import with_other_numbers
-from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.load import make_load
 
 DT = 1e-3  # [s]

@@ -23,7 +23,7 @@ from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 
 import cdrj_ros as cdrj
-from cdrj_ros.recordings import BagWriter
+from cdrj_ros.recordings.writer import BagWriter
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 FIGURES: Final = ROOT / "docs" / "figures"

@@ -37,7 +37,7 @@ from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model, prepare  # noqa: E402
 from cdrj_ros.model.state import OK  # noqa: E402
-from cdrj_ros.recordings import Topics  # noqa: E402
+from cdrj_ros.recordings.recording import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot  # noqa: E402
 from cdrj_ros.simulation.assembly import divide_contacts  # noqa: E402

@@ -36,7 +36,7 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Progress
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.model.state import EFFORT, TENSION
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.writer import moved, with_section
 
 ASKED: Final = {

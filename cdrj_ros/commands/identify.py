@@ -37,7 +37,7 @@ from cdrj_ros.identification.pose import Moved, pose_ranges
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings import Recording, Topics
+from cdrj_ros.recordings.recording import Recording, Topics
 from cdrj_ros.report.table import print_rows, r2_remark
 from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.parameters import with_numbers

@@ -17,7 +17,7 @@ from cdrj_ros.identification.observations import Recorded, chosen_channels
 from cdrj_ros.identification.residual import FEWEST_BAGS, Learned, learn
 from cdrj_ros.identification.residual_statistics import model_error
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.description import Residual
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_section, yaml_number

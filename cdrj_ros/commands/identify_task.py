@@ -32,7 +32,7 @@ from cdrj_ros.identification.unknowns import (
     without_priors,
 )
 from cdrj_ros.model.prepared import robot_path
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.document import (
     check_document,
     document_complaints,

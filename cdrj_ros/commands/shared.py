@@ -25,7 +25,7 @@ from cdrj_ros.evaluation.metrics import ChannelError, Errors
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import Json, json_text, plain, say
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 
 
 def add_robot_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:

@@ -20,7 +20,7 @@ from cdrj_ros.evaluation.channels import (
     quantity_of,
     unit_of,
 )
-from cdrj_ros.evaluation.reversals import within
+from cdrj_ros.evaluation.metrics import within
 from cdrj_ros.foundation.arrays import Floats, Stamps
 
 DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(

@@ -25,7 +25,9 @@ from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import BagWriter, Recording, open_source
+from cdrj_ros.recordings.recording import Recording
+from cdrj_ros.recordings.source import open_source
+from cdrj_ros.recordings.writer import BagWriter
 
 T = TypeVar("T")
 

@@ -15,7 +15,7 @@ from cdrj_ros.evaluation.validation import Validation
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import Recording
+from cdrj_ros.recordings.recording import Recording
 
 KEPT: Final = 1_000_000
 """Maximum number of stored latencies; it bounds the memory of an endless loop."""

@@ -44,12 +44,13 @@ from cdrj_ros.evaluation.inputs import (
     require_axes,
     with_estimated_joints,
 )
-from cdrj_ros.evaluation.reversals import reversal_zones
-from cdrj_ros.foundation.arrays import Floats
+from cdrj_ros.evaluation.metrics import reversal_zones
+from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.model.state import EFFORT, TENSION
-from cdrj_ros.recordings import Recording, Series, Topics, open_source, read_recording
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.source import open_source
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""

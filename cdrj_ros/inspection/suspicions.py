@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, isinf, pi
-from typing import Final
+from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cdrj_ros.foundation.arrays import Matrix
-from cdrj_ros.inspection.checks import CableCheck, Extent, Inspection, Suspicion, pose_text
-from cdrj_ros.inspection.contact_suspicions import contact_suspicions
-from cdrj_ros.model.impossible import unit_doubts
-from cdrj_ros.model.laws import elasticity_of, strain_at
-from cdrj_ros.model.prepared import Model, shape_at
-from cdrj_ros.robot.description import Anchor, Cable, Robot, Winch
+from cdrj_ros.inspection.motors import encoderless_suspicions
+from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, PulleyCheck, pose_text
+from cdrj_ros.model.impossible import Suspicion, unit_doubts
+from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at
+from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch, friction_law
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""
@@ -50,16 +45,22 @@ LOST_PRELOAD: Final = 0.05
 SMALL_ARM: Final = 1e-3
 """Fraction of a joint's largest moment arm below which a moment arm is treated as zero [-]."""
 
+LARGEST_UNSTATED: Final = 0.01
+"""Relative error of the tension beyond a pulley that an unstated moving end may cause without being
+reported [-]: the accuracy of a good load cell, below which nobody could notice."""
+
 
 def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     """Find all suspicious properties of a robot, grave ones first."""
     robot = inspection.model.robot
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
-    found = [Suspicion(*doubt) for doubt in unit_doubts(robot)]
+    found = [*unit_doubts(robot)]
     for cable, check in zip(robot.cables, inspection.cables, strict=True):
         entry = entries.get(cable.name, {})
         found += _geometry(robot, cable, check)
-        found += contact_suspicions(cable, check, entry.get("nodes", ()))
+        found += _moving_ends(cable, check, entry.get("nodes", ()))
+        found += _slip(cable, check)
+        found += _friction(cable)
         found += _tension(robot, cable, check)
         found += _material(cable, entry.get("youngs_modulus"))
         found += _thickness(cable, entry.get("diameter"))
@@ -69,7 +70,7 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
         found.append(Suspicion(", ".join(unlimited), text, grave=False))
     found += _motors(inspection)
     found += _joints(inspection)
-    found += _without_encoder(inspection)
+    found += encoderless_suspicions(inspection.model)
     return tuple(sorted(found, key=lambda suspicion: not suspicion.grave))
 
 
@@ -246,25 +247,6 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
         )
 
 
-def _without_encoder(inspection: Inspection) -> Iterator[Suspicion]:
-    """Whether the efforts determine the joints without encoder, and how well."""
-    robot = inspection.model.robot
-    for joint, stddev in determined_joints(inspection.model).items():
-        if isinf(stddev):
-            yield Suspicion(
-                joint,
-                "has no encoder, and the efforts of the motors do not determine its angle",
-            )
-            continue
-        unit, factor = ("mm", 1e3) if joint in robot.prismatic_joints else ("deg", 180.0 / pi)
-        yield Suspicion(
-            joint,
-            "has no encoder: while its cables pull, the noise of the efforts alone leaves its "
-            f"angle uncertain by {factor * stddev:.2g} {unit} (standard deviation, worst pose)",
-            grave=False,
-        )
-
-
 def _joints(inspection: Inspection) -> Iterator[Suspicion]:
     robot = inspection.model.robot
     moved = []
@@ -296,75 +278,111 @@ def _joints(inspection: Inspection) -> Iterator[Suspicion]:
             )
 
 
-POSES: Final = 5
-"""Poses along the range of each joint without encoder; the others stand at their reference."""
+def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
+    for k, pulley in enumerate(check.pulleys):
+        if pulley.transmission_at_rest.low >= 1.0 or pulley.passing > max(pulley.needed, 1e-6):
+            continue
+        bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
+        yield Suspicion(
+            pulley.name,
+            f"the joints move {1e6 * pulley.passing:.1f} µm of cable over it"
+            + (
+                f", {1e6 * pulley.needed:.1f} µm are needed to know its friction"
+                if pulley.needed > 0.0
+                else ""
+            )
+            + f": it slips only if the tension changes by about {_swing(cable, check, k, pulley)}; "
+            f"until then the tensions behind it are only known to ±{bound:.2g} N",
+            grave=False,
+        )
 
-LEAST_SLOPE: Final = 1e-6
-"""Singular value of the scaled slopes below which a direction is not determined."""
 
+def _moving_ends(
+    cable: Cable, check: CableCheck, nodes: Sequence[Mapping[str, Any]]
+) -> Iterator[Suspicion]:
+    """Report given wraps that change while the file does not say which end of the arc moves.
 
-def determined_joints(model: Model) -> dict[str, float]:
-    """How well each joint without encoder follows from the efforts, friction left aside.
+    The default is wrong by radius * change / 2 of slip at most.  That slip takes friction towards
+    its other bound, which it reaches after ``needed`` with 2 (1 - eta) of the tension.
 
-    A change of a joint's angle stretches its cables, whose tension then turns the motors.  With
-    cables that pull, this slope depends on lengths, EA and drums only.
-
-    Returns:
-        Largest standard deviation over the poses that follows from the noise of the efforts alone,
-        while all cables pull, by joint [rad] or [m]; infinite where they do not determine it.
+    ``nodes`` are those of the file, in SI; empty for a robot that was not read from a file.
     """
-    robot = model.robot
-    noise = np.array([motor.effort_noise for motor in robot.motors])
-    reference = robot.reference_pose
-    worst = np.zeros(len(robot.unmeasured))
-    for k in robot.unmeasured:
-        joint = robot.joints[k]
-        for angle in np.linspace(joint.lower, joint.upper, POSES):
-            pose = reference.copy()
-            pose[k] = angle
-            slopes = effort_slopes(model, pose)[:, robot.unmeasured] / noise[:, None]
-            worst = np.maximum(worst, _stddevs(slopes))
-    names = [robot.joints[j].name for j in robot.unmeasured]
-    return dict(zip(names, worst.tolist(), strict=True))
+    for pulley, node, entry in zip(check.pulleys, cable.pulleys, nodes[1:-1], strict=False):
+        turned = pulley.wrap.width
+        if "wrap_angle" not in entry or "moving_end" in entry or turned == 0.0:
+            continue
+        slip = 0.5 * node.radius * turned
+        share = slip / pulley.needed if slip < pulley.needed else 1.0
+        change = share * 2.0 * (1.0 - pulley.transmission_at_rest.low)
+        if change > LARGEST_UNSTATED:
+            yield Suspicion(
+                pulley.name,
+                f"the wrap changes by {degrees(turned):.1f}°, but no moving_end says at which end "
+                f"of the arc: its slip is only known to ±{1e3 * slip:.2g} mm, and the tension "
+                f"beyond it may be wrong by {100.0 * change:.2g} %; give before, after or both",
+            )
 
 
-def effort_slopes(model: Model, joint_angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Derivatives of the motors' efforts by the joint angles with taut cables and no friction.
-
-    Args:
-        model: the prepared robot.
-        joint_angle: the pose [rad] or [m], shape (joints,).
-
-    Returns:
-        [N m/rad] or [N m/m], shape (motors, joints).
-    """
-    robot = model.robot
-    shape = shape_at(model, joint_angle)
-    starts = [part.start for part in robot.parts]
-    length, longer = (np.add.reduceat(one, starts) for one in (shape.length, shape.lever_arm))
-    stiffness = [cable.axial_stiffness for cable in robot.cables] / length
-    signs = np.array([motor.effort_sign for motor in robot.motors])
-    slopes: Matrix = -signs[:, None] * (robot.drums.T @ (stiffness[:, None] * longer))
-    return slopes
+def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
+    """Change of tension ahead of a pulley that takes its friction from one bound to the other."""
+    bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
+    modulus = modulus_at(elasticity_of(cable), check.followed.high)
+    behind = modulus / sum(element.length.high for element in check.elements[k + 1 :])
+    contact = cable.pulleys[k].friction.bristle_stiffness
+    return f"{2.0 * bound * (1.0 + behind / contact):.2g} N"
 
 
-def _stddevs(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard deviations of the least-squares solution; infinite where it is not unique.
+def _friction(cable: Cable) -> Iterator[Suspicion]:
+    """Report friction keys without effect; pulleys with the same finding are grouped."""
+    groups: dict[str, list[str]] = {}
+    for name, pulley in zip(cable.pulley_names, cable.pulleys, strict=True):
+        for text in _without_effect(cable, pulley):
+            groups.setdefault(text, []).append(name)
+    for text, names in groups.items():
+        alike = len(names) == len(cable.pulleys) and len(names) > 1
+        where = cable.name if alike else ", ".join(names)
+        yield Suspicion(where, text, grave=not text.startswith("no friction"))
 
-    Args:
-        slopes: derivatives of the efforts, each divided by its standard deviation, (m, u).
-    """
-    size = np.sqrt((slopes**2).sum(axis=0))
-    if not np.all(size > 0.0):
-        return np.where(size > 0.0, 1.0 / np.maximum(size, 1e-300), np.inf)
-    scaled = slopes / size
-    _, values, directions = np.linalg.svd(scaled, full_matrices=True)
-    found = np.zeros(size.size)
-    for k in range(size.size):
-        value = values[k] if k < values.size else 0.0
-        part = directions[k] ** 2
-        if value > LEAST_SLOPE:
-            found += part / value**2
-        else:
-            found = np.where(part > LEAST_SLOPE, np.inf, found)
-    return np.asarray(np.sqrt(found) / size)
+
+def _without_effect(cable: Cable, pulley: Pulley) -> Iterator[str]:
+    friction = pulley.friction
+    law = friction_law(cable.law)
+    if not law.sliding:
+        if friction.mu_c > 0.0 or friction.bearing_friction > 0.0:
+            yield f"law is {cable.law}: mu_c and bearing_friction are without effect"
+        return
+    yield from _static_without_effect(cable, friction)
+    bearing = friction.bearing_friction > 0.0 and pulley.bearing_diameter > 0.0
+    if bearing and (friction.rho == 1.0 or not law.bearing):
+        yield (
+            "bearing_friction is without effect: "
+            + (
+                "rho is 1: sliding friction only"
+                if law.bearing
+                else f"law {cable.law} has sliding friction only"
+            )
+        )
+    if friction.bearing_friction > 0.0 and pulley.bearing_diameter == 0.0 and friction.rho < 1.0:
+        yield "bearing_friction is without effect: bearing_diameter is 0"
+    sliding = friction.rho > 0.0 or not law.bearing
+    if friction.mu_c > 0.0 and not sliding:
+        yield f"mu_c = {friction.mu_c:g} is without effect: rho is 0, only the bearing counts"
+    if not (bearing or pulley.bearing_torque > 0.0) and (friction.mu_c == 0.0 or not sliding):
+        yield f"no friction at all, although law is {cable.law}"
+
+
+def _static_without_effect(cable: Cable, friction: Friction) -> Iterator[str]:
+    """Report mu_s or stribeck_speed if it has no effect."""
+    if friction.mu_s == friction.mu_c:
+        if friction.stribeck_speed is not None:
+            yield "stribeck_speed is without effect: mu_s equals mu_c"
+        return
+    reason = ""
+    if not friction_law(cable.law).static:
+        reason = f"law {cable.law} has no static friction"
+    elif friction.rho == 0.0:
+        reason = "rho is 0: only the bearing counts"
+    elif friction.mu_c == 0.0 and friction.stribeck == "printed":
+        reason = "the printed form scales mu_c, which is 0"
+    if reason:
+        yield f"mu_s = {friction.mu_s:g} is without effect: {reason}"

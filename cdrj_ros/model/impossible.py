@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import degrees, pi, radians
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,15 +29,19 @@ FARTHEST: Final = 50.0
 """Coordinate beyond which millimetres were probably given as metres [m]."""
 
 
-class Doubt(NamedTuple):
-    """A number in a doubtful unit."""
+@dataclass(frozen=True)
+class Suspicion:
+    """One suspicious property of a robot."""
 
     where: str
-    """Name of the joint, frame or node."""
+    """Name of the cable, node, element, motor, joint or frame."""
     text: str
+    """The finding with its numbers and what it implies."""
+    grave: bool = True
+    """False for a property that is normal in some mechanisms."""
 
 
-def unit_doubts(robot: Robot) -> Iterator[Doubt]:
+def unit_doubts(robot: Robot) -> Iterator[Suspicion]:
     """Numbers in doubtful units, in the order of the file."""
     for joint in robot.joints:
         if joint.name not in robot.prismatic_joints:
@@ -47,35 +52,35 @@ def unit_doubts(robot: Robot) -> Iterator[Doubt]:
         yield from _nodes(cable)
 
 
-def _range(joint: Joint) -> Iterator[Doubt]:
+def _range(joint: Joint) -> Iterator[Suspicion]:
     farthest = max(abs(joint.lower), abs(joint.upper))
     if farthest > LARGEST_ANGLE:
-        yield Doubt(
+        yield Suspicion(
             joint.name,
             f"range [{joint.lower:g}, {joint.upper:g}] is in rad, {farthest / (2.0 * pi):.1f} "
             "turns: is it range_deg?",
         )
     elif farthest <= SMALLEST_RANGE:
-        yield Doubt(
+        yield Suspicion(
             joint.name,
             f"range [{degrees(joint.lower):g}, {degrees(joint.upper):g}] is in degrees: is it "
             "range, in rad?",
         )
 
 
-def _coordinates(where: str, key: str, values: tuple[float, ...]) -> Iterator[Doubt]:
+def _coordinates(where: str, key: str, values: tuple[float, ...]) -> Iterator[Suspicion]:
     farthest = max(values, key=abs)
     if abs(farthest) > FARTHEST:
-        yield Doubt(where, f"{key} is {farthest:g} m away: is it {key}_mm? A URDF is in m.")
+        yield Suspicion(where, f"{key} is {farthest:g} m away: is it {key}_mm? A URDF is in m.")
 
 
-def _nodes(cable: Cable) -> Iterator[Doubt]:
+def _nodes(cable: Cable) -> Iterator[Suspicion]:
     for k, node in enumerate(cable.nodes):
         where = f"{cable.name}/{k + 1}"
         if node.radius > LARGEST_RADIUS:
-            yield Doubt(where, f"radius is {node.radius:g} m: is it radius_mm?")
+            yield Suspicion(where, f"radius is {node.radius:g} m: is it radius_mm?")
         elif 0.0 < node.radius < SMALLEST_RADIUS:
-            yield Doubt(where, f"radius is {1e3 * node.radius:g} mm: is it radius, in m?")
+            yield Suspicion(where, f"radius is {1e3 * node.radius:g} mm: is it radius, in m?")
         if node.place is not None:
             yield from _coordinates(where, "position", node.place.position)
 

@@ -26,7 +26,8 @@ from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
 from cdrj_ros.messages.topics import NAMESPACE, TENSION_SENSORS, in_namespace
 from cdrj_ros.nodes.qos import DEPTH, remapping
 from cdrj_ros.nodes.spinning import ros_context, starting
-from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
 
 PATIENCE_S: Final = 5.0
 """Time within which every angle must have been read [s]."""

@@ -21,7 +21,7 @@ from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.reading_limits import REFUSALS, axis_of
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, printable
-from cdrj_ros.inspection.motor_travel import MotorTravel
+from cdrj_ros.inspection.motors import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health

@@ -25,7 +25,7 @@ from cdrj_ros.nodes.settings import (
 )
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
-from cdrj_ros.report.visuals import Wxyz, quaternion_to
+from cdrj_ros.report.scene import Wxyz, quaternion_to
 from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, middle_of, picture_of
 
 Namespace = Literal["cables", "bodies", "links", "visuals", "forces", "labels"]

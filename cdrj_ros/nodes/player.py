@@ -19,8 +19,7 @@ from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
-from cdrj_ros.recordings import RawMessage
-from cdrj_ros.recordings.playback import Playback, rate_in_words
+from cdrj_ros.recordings.source import Playback, RawMessage, rate_in_words
 
 Routes = dict[str, list[tuple[Any, Callable[[bytes], None] | None]]]
 """By topic in the bag: functions that publish a message, each with one to predict the answers."""

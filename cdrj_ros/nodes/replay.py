@@ -35,16 +35,18 @@ from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
-from cdrj_ros.recordings import (
-    Recording,
-    Source,
-    Topics,
-    open_source,
-    read_messages,
-    read_recording,
-)
 from cdrj_ros.recordings.batch import Channel
-from cdrj_ros.recordings.playback import MAX_RATE, MIN_RATE, Playback, checked_rate, rate_in_words
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.source import (
+    MAX_RATE,
+    MIN_RATE,
+    Playback,
+    Source,
+    checked_rate,
+    open_source,
+    rate_in_words,
+    read_messages,
+)
 
 INCOMPLETE: Final = 1
 """Exit code: the bag was played, but estimates were lost or the estimator disappeared."""

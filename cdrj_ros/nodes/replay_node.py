@@ -30,7 +30,7 @@ from cdrj_ros.messages.topics import (
     NAMESPACE,
 )
 from cdrj_ros.nodes.qos import default_profile
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 
 ANSWER_S: Final = 5.0
 """Maximum response time of the estimator's services [s]."""

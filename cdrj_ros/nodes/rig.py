@@ -24,9 +24,8 @@ from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, 
 from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.simulation.commands import Command, Trajectory
-from cdrj_ros.simulation.drives import Drives
+from cdrj_ros.simulation.drives import Drives, program_of
 from cdrj_ros.simulation.faults import FAULT_NAMES
-from cdrj_ros.simulation.follow import program_of
 from cdrj_ros.simulation.live import LiveRig
 
 MOST_BEHIND_S: Final = 0.1

@@ -14,12 +14,11 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, as_double, declare, values_of
 from cdrj_ros.simulation.commands import DriveLimits
-from cdrj_ros.simulation.drives import drive_limits
-from cdrj_ros.simulation.follow import MOTIONS, MotionName
+from cdrj_ros.simulation.drives import MOTIONS, MotionName, drive_limits
 from cdrj_ros.simulation.live import LiveSettings
 from cdrj_ros.simulation.load import Load, usual_load, usual_payload
 from cdrj_ros.simulation.rig_file import LoadChoice, load_rig
-from cdrj_ros.simulation.sensor_groups import SensorSettings
+from cdrj_ros.simulation.sensors import SensorSettings
 
 USUAL: Final = -1.0
 """Value of ``payload`` for which the rig file's or the default is used."""

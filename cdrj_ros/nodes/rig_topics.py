@@ -40,8 +40,7 @@ from cdrj_ros.simulation.commands import (
     command_of_states,
 )
 from cdrj_ros.simulation.live import LiveRig
-from cdrj_ros.simulation.sensor_groups import CellGroup, encoder_groups, truth_table
-from cdrj_ros.simulation.sensors import angle_of
+from cdrj_ros.simulation.sensors import CellGroup, angle_of, encoder_groups, truth_table
 
 BASE_LINK: Final = "base_link"
 """Frame of joint_state_broadcaster's messages."""

@@ -9,7 +9,7 @@ Importing this module imports matplotlib, which is slow; import it where picture
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import degrees
+from math import degrees, pi
 from typing import Any, Final
 
 import numpy as np
@@ -21,9 +21,9 @@ from matplotlib.lines import Line2D
 from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.files import replacing
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.inspection.checks import Inspection
+from cdrj_ros.inspection.ranges import Inspection
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import LONG_SPAN, Scene, by_cable, inner_size, outlines, scene_of
+from cdrj_ros.report.scene import LONG_SPAN, Body, Scene, by_cable, inner_size, scene_of
 from cdrj_ros.robot.description import Robot
 
 CABLE_COLOURS: Final = (
@@ -58,6 +58,12 @@ MOST_JOINTS: Final = 6
 
 MOST_CABLES: Final = 20
 """Largest number of cables whose names and elements are written."""
+
+CIRCLE_POINTS: Final = 49
+"""Points of a drawn circle, the first one twice."""
+
+GENERATORS: Final = 6
+"""Lines along a drawn cylinder."""
 
 PLANE: Final = (("x", "y", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), ""),)
 SPACE: Final = (
@@ -239,3 +245,36 @@ def _ranges(robot: Robot) -> str:
         for joint in robot.joints[:MOST_JOINTS]
     ]
     return f"; faded: {', '.join(ranges)}" if ranges else ""
+
+
+def outlines(body: Body) -> list[Points]:
+    """Lines that show a body, each of shape (points, 3) [m]; none of a point.
+
+    A disc is a circle, a sphere three great circles; a cylinder has lines along its side.
+    """
+    if body.shape == "point":
+        return []
+    x, y = across(body.axis)
+    if body.shape == "sphere":
+        return [
+            _circle(body, body.centre, u, v) for u, v in ((x, y), (y, body.axis), (body.axis, x))
+        ]
+    half = 0.5 * body.length * body.axis
+    ends = [_circle(body, body.centre + end, x, y) for end in (-half, half)]
+    if body.shape == "disc":
+        return ends[:1]
+    step = (CIRCLE_POINTS - 1) // GENERATORS
+    return [*ends, *(np.array([ends[0][k], ends[1][k]]) for k in range(0, CIRCLE_POINTS - 1, step))]
+
+
+def across(axis: Vector) -> tuple[Vector, Vector]:
+    """Two unit vectors at right angles to an axis and to each other, shape (3,) each."""
+    least = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    one = np.cross(axis, least)
+    one /= np.linalg.norm(one)
+    return one, np.cross(axis, one)
+
+
+def _circle(body: Body, centre: Vector, u: Vector, v: Vector) -> Points:
+    angles = np.linspace(0.0, 2.0 * pi, CIRCLE_POINTS)[:, None]
+    return np.asarray(centre + body.radius * (np.cos(angles) * u + np.sin(angles) * v))

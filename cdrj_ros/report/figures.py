@@ -23,8 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from cdrj_ros.evaluation.channels import QUANTITIES, Channel, quantity_of
-from cdrj_ros.evaluation.metrics import COVERAGE_SIGMAS
-from cdrj_ros.evaluation.reversals import envelope, turning_points
+from cdrj_ros.evaluation.metrics import COVERAGE_SIGMAS, envelope, turning_points
 from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.foundation.output import format_amount, printable, scale_for
 

@@ -23,15 +23,16 @@ from cdrj_ros.evaluation.channels import (
 )
 from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import (
+    AROUND_NS,
     COVERAGE_SIGMAS,
     DIRECTION_SHARE,
     MINIMUM_SHARE,
     NO_SAMPLES,
+    REVERSAL_SHARE,
     ChannelError,
     Errors,
     mean_over_channels,
 )
-from cdrj_ros.evaluation.reversals import AROUND_NS, REVERSAL_SHARE
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import (
     format_amount,
@@ -41,7 +42,7 @@ from cdrj_ros.foundation.output import (
     printable,
 )
 from cdrj_ros.foundation.yaml import yaml_text
-from cdrj_ros.inspection.checks import Inspection
+from cdrj_ros.inspection.ranges import Inspection
 from cdrj_ros.model.state import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,

@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages.topics import BROADCAST, TENSION_SENSORS, in_namespace
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.sensor_groups import (
+from cdrj_ros.simulation.sensors import (
     IDEAL_SENSORS,
     CellGroup,
+    ReadingTimes,
     SensorSettings,
     encoder_groups,
+    measured,
     truth_table,
 )
-from cdrj_ros.simulation.sensors import ReadingTimes, measured
 
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 """Stamp of a simulated recording's start [ns]."""

@@ -17,8 +17,7 @@ from cdrj_ros.robot.document import (
 )
 from cdrj_ros.simulation.faults import Fault, check_amount
 from cdrj_ros.simulation.load import Load, LoadKind, make_load
-from cdrj_ros.simulation.sensor_groups import IDEAL_SENSORS, Freeze, SensorSettings
-from cdrj_ros.simulation.sensors import LOAD_CELLS
+from cdrj_ros.simulation.sensors import IDEAL_SENSORS, LOAD_CELLS, Freeze, SensorSettings
 
 UPDATE_RATE: Final = 500.0
 """Default rate of a controller manager [Hz]."""

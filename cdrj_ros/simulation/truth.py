@@ -28,8 +28,8 @@ from cdrj_ros.simulation.assembly import (
     read_out,
     require_taut,
 )
+from cdrj_ros.simulation.drives import Following, follow_joints, pull_together
 from cdrj_ros.simulation.faults import Fault
-from cdrj_ros.simulation.follow import Following, follow_joints, pull_together
 from cdrj_ros.simulation.load import Load, balanced_start
 
 Progress = Callable[[int], None]

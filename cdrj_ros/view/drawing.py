@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import Colour
-from cdrj_ros.report.visuals import PlacedVisual, Wxyz, mesh_in, quaternion_to
+from cdrj_ros.report.scene import Colour, PlacedVisual, Wxyz, mesh_in, quaternion_to
 from cdrj_ros.view.picture import (
     LINKS,
     DrawnBody,

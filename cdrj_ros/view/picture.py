@@ -18,6 +18,7 @@ from cdrj_ros.report.scene import (
     LONG_SPAN,
     Body,
     Colour,
+    PlacedVisual,
     Scene,
     by_cable,
     inner_size,
@@ -25,7 +26,6 @@ from cdrj_ros.report.scene import (
     straight_piece,
     tension_colour,
 )
-from cdrj_ros.report.visuals import PlacedVisual
 from cdrj_ros.view.history import Snapshot, usable
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.recordings import Recording, read_recording
+from cdrj_ros.recordings.recording import Recording, read_recording
 from examples.paper.propagation import (
     KnownTension,
     Path,

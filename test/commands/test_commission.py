@@ -21,7 +21,8 @@ from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.robot.writer import with_section

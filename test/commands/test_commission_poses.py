@@ -28,12 +28,13 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_robot
 from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.assembly import divide_contacts
-from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.truth import simulate
 
 RATE = 50.0

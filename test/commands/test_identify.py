@@ -13,7 +13,8 @@ from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 from cdrj_ros.commands import identify, simulate, validate
 from cdrj_ros.commands.identify_task import load_settings, parser, task_of
 from cdrj_ros.identification.problem import LOSSES
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.document import load_schema
 from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.robot.reader import load_document, load_robot

@@ -13,7 +13,8 @@ from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.identification.pose import Reach, outdated_corrections
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.recordings import BagWriter, Topics
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 

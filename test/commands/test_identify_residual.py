@@ -15,7 +15,7 @@ from cdrj_ros.commands import identify, simulate
 from cdrj_ros.evaluation.channels import Channel
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.writer import with_numbers_in_text
 
 LACKING = {

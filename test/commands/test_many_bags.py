@@ -17,7 +17,7 @@ import pytest
 from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.commands import validate
-from cdrj_ros.recordings import BagWriter
+from cdrj_ros.recordings.writer import BagWriter
 
 PROGRAM = "from cdrj_ros.commands.entry import validate; validate()"
 

@@ -13,7 +13,7 @@ from support.places import ROBOT, SAMPLE
 from cdrj_ros.commands.simulate import main
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings import Recording, Topics, read_recording
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 
 QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude", "20deg")
 

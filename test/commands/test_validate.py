@@ -19,8 +19,10 @@ from cdrj_ros.evaluation import metrics
 from cdrj_ros.evaluation.channels import estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings import BagWriter, Recording, Series, Topics, read_recording
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 
 SECONDS = 1_000_000_000
 LOW = ROOT / "bags" / "prototype_preload_23_6"

@@ -12,7 +12,8 @@ from cdrj_ros.commands import simulate, validate
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 
 DEGREES = 7.5
 CHORD = 2.0 * np.sin(np.radians(DEGREES) / 2.0)

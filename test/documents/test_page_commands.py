@@ -19,7 +19,7 @@ from cdrj_ros.commands.check_robot import main as check_robot
 from cdrj_ros.commands.identify import main as identify
 from cdrj_ros.commands.simulate import main as simulate
 from cdrj_ros.commands.validate import main as validate
-from cdrj_ros.recordings import read_recording
+from cdrj_ros.recordings.recording import read_recording
 
 SHORT = ["--duration", "3", "--cells", "1"]
 

@@ -17,7 +17,7 @@ from cdrj_ros.estimation.recorded_health import RecordedHealth
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 
 SECONDS = 28.0
 HEARD = """

@@ -27,7 +27,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import EstimateEncoder, Template
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 
 MS = 1_000_000
 FIRST_NS = 1_000 * MS

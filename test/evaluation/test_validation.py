@@ -21,10 +21,11 @@ from cdrj_ros.evaluation.channels import FrictionSums, estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_of, write_estimates
 from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless, read_inputs
 from cdrj_ros.evaluation.validation import MAX_GAP_NS, BagTask, Validation, compare_bag
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.model.state import UNSURE
-from cdrj_ros.recordings import Series, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
 
 BAG = str(SAMPLE)
 

@@ -12,7 +12,8 @@ from support.places import ROBOTS
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.nodes import commission
-from cdrj_ros.recordings import Topics, read_messages
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.source import read_messages
 
 ANGLES = ("/cdrj/motor_states", "/cdrj/joint_states")
 PATIENCE_S = 120.0

@@ -22,7 +22,8 @@ from cdrj_ros.model.prepared import load_model
 from cdrj_ros.model.state import UNSURE
 from cdrj_ros.nodes.estimator import main
 from cdrj_ros.nodes.spinning import StopRequest, exit_code
-from cdrj_ros.recordings import Topics, read_messages
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.source import read_messages
 
 PATIENCE_S = 120.0
 FIELDS = {"tensions": CABLE_TENSIONS, "nodal_forces": NODAL_FORCES, "efforts": JOINT_STATE}

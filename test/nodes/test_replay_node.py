@@ -21,7 +21,7 @@ from support.processes import Output, end
 
 from cdrj_ros.nodes.replay import main
 from cdrj_ros.nodes.replay_node import was_latched
-from cdrj_ros.recordings import read_recording
+from cdrj_ros.recordings.recording import read_recording
 
 PATIENCE_S = 120.0
 LAST_WORDS_S = 30.0

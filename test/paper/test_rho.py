@@ -15,7 +15,7 @@ from support.places import PROTOTYPE
 from cdrj_ros.commands import simulate
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings import read_recording
+from cdrj_ros.recordings.recording import read_recording
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.robot.writer import with_numbers_in_text
 from cdrj_ros.simulation.sensors import (

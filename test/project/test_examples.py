@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from support.places import ROOT, SAMPLE
 
-from cdrj_ros.recordings import read_recording
+from cdrj_ros.recordings.recording import read_recording
 
 
 def without_ros(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -154,7 +154,7 @@ def test_the_installed_library_reads_the_sample_bag_and_knows_its_messages(
     program = (
         "import cdrj_ros, sys\n"
         "from importlib.metadata import version\n"
-        "from cdrj_ros.recordings import read_recording\n"
+        "from cdrj_ros.recordings.recording import read_recording\n"
         "from cdrj_ros.recordings.definitions import own_definition\n"
         "assert cdrj_ros.__file__.startswith(sys.prefix), cdrj_ros.__file__\n"
         "assert cdrj_ros.__version__ == version('cdrj_ros')\n"

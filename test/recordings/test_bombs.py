@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from support.bombs import BOMBS
 
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 
 MOST_MEMORY = 1_500_000_000
 """Address space of the process that reads all files [bytes]; the libraries take half of it."""
@@ -21,7 +22,8 @@ MOST_SECONDS = 120
 """Time limit in case the process never ends; normally it takes a few seconds."""
 READER = """
 import json, sys
-from cdrj_ros.recordings import Topics, read_messages, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.source import read_messages
 from cdrj_ros.foundation.errors import BagError
 
 def outcome(read):
@@ -46,7 +48,7 @@ for path in sys.argv[1:]:
 """
 CUT = """
 import os, sys
-from cdrj_ros.recordings import Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
 from cdrj_ros.recordings.source import open_source
 source = open_source(sys.argv[1])
 os.truncate(sys.argv[1], os.path.getsize(sys.argv[1]) // 2)

@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.recordings import BagWriter, Recording, Topics, read_recording
 from cdrj_ros.recordings.definitions import parse_definition
+from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 
 COUNT = 50
 STAMPS = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(COUNT, dtype=np.int64)

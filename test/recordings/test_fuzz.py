@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from support.foreign_bags import ONE_TOPIC, attempt
 
-from cdrj_ros.recordings import read_messages, read_recording
+from cdrj_ros.recordings.recording import read_recording
+from cdrj_ros.recordings.source import read_messages
 
 COUNT = 40
 SOAKED = "CDRJ_DAMAGES" in os.environ

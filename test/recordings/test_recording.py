@@ -9,8 +9,9 @@ import zstandard
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.recordings import BagWriter, Topics, read_recording
 from cdrj_ros.recordings.definitions import parse_definition
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.writer import BagWriter
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
 MS = 1_000_000

@@ -8,7 +8,8 @@ from mcap.writer import CompressionType
 from support.foreign_bags import COUNT, ONE_TOPIC, attempt, check_whole
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import read_messages, read_recording
+from cdrj_ros.recordings.recording import read_recording
+from cdrj_ros.recordings.source import read_messages
 
 
 @pytest.mark.parametrize("chunked", [True, False])

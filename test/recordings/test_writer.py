@@ -8,7 +8,9 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import BagWriter, Topics, read_messages, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.source import read_messages
+from cdrj_ros.recordings.writer import BagWriter
 
 COUNT = 30_000
 T = 1_700_000_000_000_000_000 + np.arange(COUNT) * 1_000_000

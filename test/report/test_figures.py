@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import Channel
-from cdrj_ros.evaluation.reversals import envelope
+from cdrj_ros.evaluation.metrics import envelope
 from cdrj_ros.report.figures import COLOURS, hysteresis, over_time
 
 TIME = 0.01 * np.arange(60)

@@ -17,8 +17,7 @@ from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import errors_of
-from cdrj_ros.inspection.checks import Inspection
-from cdrj_ros.inspection.ranges import inspect_robot
+from cdrj_ros.inspection.ranges import Inspection, inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
 from cdrj_ros.report.html import key_channels, write_report

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.report.scene import scene_of
-from cdrj_ros.report.visuals import mesh_in
+from cdrj_ros.report.scene import mesh_in, scene_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 URDF = """<robot name="arm"> <link name="base_link"><visual>

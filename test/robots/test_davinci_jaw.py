@@ -13,7 +13,7 @@ from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings import Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.reader import load_robot
 
 ROBOT = ROBOTS / "davinci_jaw.yaml"

@@ -12,7 +12,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
-from cdrj_ros.simulation.follow import follow_joints, pull_together
+from cdrj_ros.simulation.drives import follow_joints, pull_together
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import differences, sine
 from cdrj_ros.simulation.truth import simulate

@@ -16,13 +16,15 @@ from cdrj_ros.model.prepared import load_model
 from cdrj_ros.simulation.drives import drive_limits
 from cdrj_ros.simulation.faults import Fault, wire
 from cdrj_ros.simulation.rig_file import LoadChoice, RigDescription, load_rig, parse_rig
-from cdrj_ros.simulation.sensor_groups import (
+from cdrj_ros.simulation.sensors import (
+    JOINT_ENCODER,
+    MOTOR_ENCODER,
     CellGroup,
     Freeze,
+    LoadCells,
     SensorSettings,
     encoder_groups,
 )
-from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, LoadCells
 
 SHIPPED = sorted(path.stem for path in (ROOT / "config" / "rigs").glob("*.yaml"))
 

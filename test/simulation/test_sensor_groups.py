@@ -11,16 +11,17 @@ from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.simulation.sensor_groups import (
+from cdrj_ros.simulation.sensors import (
     CellGroup,
+    Encoder,
     EncoderGroup,
     Freeze,
+    LoadCells,
     Messages,
     SensorSettings,
     encoder_groups,
     truth_table,
 )
-from cdrj_ros.simulation.sensors import Encoder, LoadCells
 
 TIME = np.arange(4_001) / 1000.0
 ANGLE = np.stack([np.sin(3.0 * TIME), 0.3 * TIME, 0.2 * TIME, np.cos(TIME)], axis=1)

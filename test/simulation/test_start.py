@@ -7,7 +7,7 @@ import pytest
 from support.places import ROBOTS
 
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.simulation.follow import BEGIN_S, program_of
+from cdrj_ros.simulation.drives import BEGIN_S, program_of
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load, usual_payload
 

@@ -13,7 +13,7 @@ from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.simulation.assembly import Truth, divide_contacts
-from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.truth import simulate
 

@@ -11,7 +11,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.recordings import Topics, read_messages, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.source import read_messages
 from support.places import ROOT
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -11,7 +11,7 @@ from cdrj_ros.estimation.estimator import Estimates, initial_state, run
 from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.simulation.follow import follow_joints
+from cdrj_ros.simulation.drives import follow_joints
 from support.places import ROBOTS
 
 START = 1_700_000_000 * 10**9

@@ -10,8 +10,9 @@ from support.places import SAMPLE
 
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings import Series, Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.view import recorded
 
 
