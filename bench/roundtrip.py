@@ -25,8 +25,7 @@ from bench.processes import (
 )
 from bench.update import recorded_motion
 from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import EstimateEncoder, Template
 from cdrj_ros.model.prepared import Model, load_model

@@ -13,8 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from bench.figures import Row, Spread, compared, in_turn
-from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
 

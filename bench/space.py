@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.figures import ROBOT, Row, compared, in_turn
 from bench.mjcf import mjcf
 from bench.update import evaluating, poses_of, recorded_motion, stepping
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.model.prepared import Model, load_model, prepare, shape_at
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import read_mjcf

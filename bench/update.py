@@ -11,8 +11,7 @@ from bench.figures import BAG, ROBOT, Row, Spread, compared, in_turn
 from bench.mjcf import mjcf
 from bench.reeving import lengths
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.recordings.recording import Topics

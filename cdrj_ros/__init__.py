@@ -21,16 +21,22 @@ if TYPE_CHECKING:
         validate,
         write_recording,
     )
-    from cdrj_ros.estimation.estimator import Estimate, Estimates, State, initial_state, step
-    from cdrj_ros.estimation.samples import Sample
+    from cdrj_ros.estimation.estimator import (
+        Estimate,
+        Estimates,
+        Sample,
+        State,
+        initial_state,
+        step,
+    )
     from cdrj_ros.estimation.session import Options
     from cdrj_ros.evaluation.metrics import ChannelError, Errors
     from cdrj_ros.foundation.arrays import Series
     from cdrj_ros.foundation.errors import BagError, CdrjError, RobotFileError, UsageError
     from cdrj_ros.identification.fit import Identification
     from cdrj_ros.inspection.ranges import Inspection, inspect_robot
+    from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, STALE, UNSURE, Layout
     from cdrj_ros.model.prepared import Model, Shape, shape_at
-    from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, STALE, UNSURE, Layout
     from cdrj_ros.recordings.recording import Recording, Topics, read_recording
     from cdrj_ros.robot.description import Robot
     from cdrj_ros.robot.imported import import_mjcf
@@ -92,8 +98,7 @@ __all__ = [
 
 _HOMES: Final = {
     "api": ("Estimator", "draw", "estimate", "identify", "load", "validate", "write_recording"),
-    "estimation.estimator": ("Estimate", "Estimates", "State", "initial_state", "step"),
-    "estimation.samples": ("Sample",),
+    "estimation.estimator": ("Estimate", "Estimates", "Sample", "State", "initial_state", "step"),
     "estimation.session": ("Options",),
     "evaluation.metrics": ("ChannelError", "Errors"),
     "foundation.arrays": ("Series",),
@@ -101,7 +106,7 @@ _HOMES: Final = {
     "identification.fit": ("Identification",),
     "inspection.ranges": ("Inspection", "inspect_robot"),
     "model.prepared": ("Model", "Shape", "shape_at"),
-    "model.state": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE", "Layout"),
+    "model.packing": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE", "Layout"),
     "recordings.recording": ("Recording", "Topics", "read_recording"),
     "robot.description": ("Robot",),
     "robot.imported": ("import_mjcf",),

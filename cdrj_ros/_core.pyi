@@ -526,7 +526,7 @@ def mark_unsure(
         stddev: of the tensions, then the rest [N], shape (columns,) or (n, columns); with a size of
             0, none is known.
         share: see ``cdrj_ros.estimation.ensemble.UNSURE_SHARE``.
-        doubtful: see ``cdrj_ros.estimation.samples.Samples.doubtful``, shape (n,) or (0,).
+        doubtful: see ``cdrj_ros.estimation.estimator.Samples.doubtful``, shape (n,) or (0,).
     """
 
 NEVER: Final[int]
@@ -540,7 +540,7 @@ class State:
 
         Args:
             stamp_ns: stamp of the sample [ns]; ``NEVER`` before the first.
-            values: shape (state_size,), see ``cdrj_ros.model.state``; copied.
+            values: shape (state_size,), see ``cdrj_ros.model.packing``; copied.
         """
 
     @property

@@ -169,7 +169,7 @@ def estimate(
     Raises:
         UsageError: names or shapes that do not fit, or stamps that are not increasing integers.
     """
-    from cdrj_ros.estimation.whole_recording import condition
+    from cdrj_ros.estimation.conditioner import condition
     from cdrj_ros.evaluation.estimating import estimate as estimate_segments
 
     model = _loaded(model)
@@ -303,8 +303,8 @@ def write_recording(
         RobotFileError: the rig file is invalid.
         UsageError: its sensors do not fit the robot.
     """
-    from cdrj_ros.simulation.recorder import Recorder
     from cdrj_ros.simulation.rig_file import load_rig
+    from cdrj_ros.simulation.truth import Recorder
 
     model = _loaded(model)
     Recorder(model, load_rig(str(rig)).sensors, seed).write(path, truth)

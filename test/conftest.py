@@ -24,7 +24,7 @@ from hypothesis import HealthCheck, settings
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 if TYPE_CHECKING:
-    from cdrj_ros.estimation.samples import Samples
+    from cdrj_ros.estimation.estimator import Samples
     from cdrj_ros.model.prepared import Model
 
 DOMAINS = 101
@@ -88,7 +88,7 @@ SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
 @pytest.fixture(scope="session")
 def recorded() -> Callable[[Model, int], Samples]:
     """Angles of the sample recording, six cycles at 1.5 kHz, of which every n-th is kept."""
-    from cdrj_ros.estimation.samples import Samples
+    from cdrj_ros.estimation.estimator import Samples
     from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
     from cdrj_ros.recordings.recording import Topics
 

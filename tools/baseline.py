@@ -29,8 +29,8 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
+from cdrj_ros.model.packing import channel_columns  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
-from cdrj_ros.model.state import channel_columns  # noqa: E402
 from cdrj_ros.recordings.recording import Topics  # noqa: E402
 
 Table = NDArray[np.float64]

@@ -32,8 +32,8 @@ sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands import commission_steps as steps  # noqa: E402
 from cdrj_ros.commands.commission_poses import rest_poses  # noqa: E402
+from cdrj_ros.estimation.conditioner import condition  # noqa: E402
 from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
-from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
 from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
 from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.foundation.errors import RobotFileError  # noqa: E402

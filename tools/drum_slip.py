@@ -16,8 +16,7 @@ from typing import Any, Final
 import numpy as np
 from standard_errors import SECONDS, fitted_numbers, moved, recording, robot_file, truths
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings

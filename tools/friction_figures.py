@@ -14,8 +14,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot, Sensor

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from cdrj_ros.estimation.estimator import Sample  # noqa: E402
 from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
-from cdrj_ros.estimation.samples import Sample  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 from cdrj_ros.robot.description import Pulley, Robot  # noqa: E402

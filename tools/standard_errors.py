@@ -29,10 +29,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands.identify_entries import uncertainty_section  # noqa: E402
+from cdrj_ros.estimation.conditioner import condition  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
-from cdrj_ros.estimation.estimator import initial_state  # noqa: E402
-from cdrj_ros.estimation.samples import Samples  # noqa: E402
-from cdrj_ros.estimation.whole_recording import condition  # noqa: E402
+from cdrj_ros.estimation.estimator import Samples, initial_state  # noqa: E402
 from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
 from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402

@@ -29,14 +29,13 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros._core import mark_unsure  # noqa: E402
 from cdrj_ros.estimation.changes import narrowed  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
-from cdrj_ros.estimation.estimator import initial_state, run  # noqa: E402
+from cdrj_ros.estimation.estimator import NO_DOUBTS, Sample, Samples, initial_state, run  # noqa: E402  # noqa: E402
 from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.estimation.health_verdict import unsure_elements  # noqa: E402
-from cdrj_ros.estimation.samples import NO_DOUBTS, Sample, Samples  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
+from cdrj_ros.model.packing import OK  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model, prepare  # noqa: E402
-from cdrj_ros.model.state import OK  # noqa: E402
 from cdrj_ros.recordings.recording import Topics  # noqa: E402
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot  # noqa: E402

@@ -20,8 +20,8 @@ from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, inspect_r
 from cdrj_ros.inspection.shares import MOST_CAUSES, Cause, Shares, uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.impossible import Suspicion
+from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, load_model, robot_path
-from cdrj_ros.model.state import EFFORT, TENSION
 from cdrj_ros.report.table import UNLIMITED, new_table
 from cdrj_ros.robot.description import Cable, Robot
 

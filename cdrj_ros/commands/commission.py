@@ -34,8 +34,8 @@ from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.identification.fit import lacking
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Progress
+from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
-from cdrj_ros.model.state import EFFORT, TENSION
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.writer import moved, with_section
 

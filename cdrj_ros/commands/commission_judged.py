@@ -19,13 +19,12 @@ from cdrj_ros.commands.commission_steps import (
 )
 from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elements
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.inspection.shares import DURATION_S, sweep
+from cdrj_ros.model.packing import EFFORT, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import EFFORT, TENSION, channel_columns
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.parameters import find_number
 

@@ -16,12 +16,12 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.estimation.changes import REST_NS, REST_STEP_NS, RestWatch
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Sample, Samples
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded, ScaleReading, samples_of
+from cdrj_ros.model.packing import TENSION
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import TENSION
 from cdrj_ros.robot.description import Robot
 
 READING: Final = 0.01

@@ -31,7 +31,7 @@ from cdrj_ros.estimation.changes import (
     preloads_of,
     reference_at,
 )
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
@@ -40,8 +40,8 @@ from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Progress, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.inspection.shares import tension_effects
+from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import EFFORT, TENSION
 from cdrj_ros.robot.description import Robot, Uncertainty, Winch
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot

@@ -33,7 +33,7 @@ from cdrj_ros.foundation.output import ProgressBar, printable, say
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.pose import Moved, pose_ranges
+from cdrj_ros.identification.priors import Moved, pose_ranges
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare

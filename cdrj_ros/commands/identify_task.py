@@ -15,14 +15,14 @@ from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.pose import (
+from cdrj_ros.identification.priors import (
     Moved,
+    chosen_unknowns,
     moved_ranges,
     outdated_corrections,
     pose_unknowns,
     search_ranges,
 )
-from cdrj_ros.identification.priors import chosen_unknowns
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import (
     Unknown,

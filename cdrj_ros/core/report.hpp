@@ -9,7 +9,7 @@
 
 namespace cdrj {
 
-/// Bit flags of an element's status, as in `cdrj_ros.model.state`.
+/// Bit flags of an element's status, as in `cdrj_ros.model.packing`.
 enum Status { OK = 0, SLACK = 1, OVERLOAD = 2, UNSURE = 4, STALE = 8, INVALID = 16 };
 
 /// Everything that one sample reads and writes.

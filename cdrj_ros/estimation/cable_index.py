@@ -8,9 +8,8 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.laws import Elasticity, contact_cells, elasticities, strain_at, tensions_at
-from cdrj_ros.model.packing import constant_views, topology_views
+from cdrj_ros.model.packing import constant_views, state_views, topology_views
 from cdrj_ros.model.prepared import Model, segments_of, shape_at
-from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Winch
 
 

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import draw
 from cdrj_ros.estimation.ensemble import MEMBERS, new_members, stddev_columns
-from cdrj_ros.estimation.estimator import Angles, Estimate, Estimates, State
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Angles, Estimate, Estimates, Sample, Samples, State
 from cdrj_ros.foundation.arrays import Series, Table, Vector
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import INVALID
 
 KEPT: Final = 1_000
 """Efforts of a motor that are kept for samples that wait for a slower topic."""

@@ -24,13 +24,11 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
-from cdrj_ros.estimation.estimator import Estimate, Estimates, State, run
+from cdrj_ros.estimation.estimator import Estimate, Estimates, Sample, Samples, State, run
 from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
-from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.packing import constant_views
+from cdrj_ros.model.packing import INVALID, UNSURE, Layout, constant_views
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import INVALID, UNSURE, Layout
 from cdrj_ros.robot.description import Robot, Uncertainty
 
 LAST_STAMP: Final = 1

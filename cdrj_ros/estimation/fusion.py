@@ -17,7 +17,7 @@ import numpy as np
 
 from cdrj_ros.estimation.draws import standard
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import Estimate, State
+from cdrj_ros.estimation.estimator import Estimate, Sample, State
 from cdrj_ros.estimation.innovation_gate import (
     FILE_ERROR,
     HISTORY_ERROR,
@@ -42,7 +42,6 @@ from cdrj_ros.estimation.measurements import (
     quantities_of,
 )
 from cdrj_ros.estimation.preloads import FREE_DRIFT, SLOW_DRIFT, START_SHARE, Innovation, Preloads
-from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.sensor_health import enough
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model

@@ -16,13 +16,17 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros import _core
-from cdrj_ros.estimation.estimator import NEVER
+from cdrj_ros.estimation.estimator import NEVER, Sample
 from cdrj_ros.estimation.fusion import LARGEST
 from cdrj_ros.estimation.health_changes import Change, changes_of, magnitude, sensor_changes
-from cdrj_ros.estimation.health_evaluation import Evaluation, evaluate
+from cdrj_ros.estimation.health_evaluation import (
+    Evaluation,
+    Reading,
+    Turns,
+    Window,
+    evaluate,
+)
 from cdrj_ros.estimation.health_verdict import Report, report
-from cdrj_ros.estimation.health_window import FEWEST, MOST, SHORTEST_NS, Reading, Turns, Window
-from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model, prepare
@@ -36,6 +40,15 @@ LEAST_NS: Final = 20_000_000
 
 LONGEST_NS: Final = 2_000_000_000
 """A longer gap between samples discards the cycle [ns]."""
+
+FEWEST: Final = 40
+"""Smallest number of readings of a window."""
+
+SHORTEST_NS: Final = 3_000_000_000
+"""Shortest duration of a window [ns]."""
+
+MOST: Final = 4000
+"""Readings after which a window without a whole cycle is discarded."""
 
 KEPT: Final = 2000
 """Largest number of readings that wait for a sample."""

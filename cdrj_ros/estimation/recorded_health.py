@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.health_evaluation import Evaluation
 from cdrj_ros.estimation.health_monitor import LEAST_NS, TICK_NS, HealthMonitor
 from cdrj_ros.estimation.health_verdict import Level
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.model.prepared import Model
 

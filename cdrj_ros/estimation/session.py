@@ -29,10 +29,18 @@ from cdrj_ros.estimation.ensemble import (
     mark_elements_unsure,
     preload_of_elements,
 )
-from cdrj_ros.estimation.estimator import NEVER, EarlierRun, Estimate, State, initial_state, step
+from cdrj_ros.estimation.estimator import (
+    NEVER,
+    NO_DOUBTS,
+    EarlierRun,
+    Estimate,
+    Sample,
+    State,
+    initial_state,
+    step,
+)
 from cdrj_ros.estimation.fusion import SensorFusion
 from cdrj_ros.estimation.preloads import START_SHARE, Preloads
-from cdrj_ros.estimation.samples import NO_DOUBTS, Sample
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model

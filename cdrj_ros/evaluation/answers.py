@@ -14,10 +14,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
-from cdrj_ros.estimation.estimator import Estimates
-from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.estimation.conditioner import TOPICS, Conditioned, Conditioner, Kind, Mode
+from cdrj_ros.estimation.estimator import Estimates, Sample, Samples
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages import topics
@@ -30,8 +28,8 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     read_layout,
 )
+from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import Layout
 from cdrj_ros.recordings.batch import BEFORE, Batch
 from cdrj_ros.recordings.decoding import BulkDecoder
 

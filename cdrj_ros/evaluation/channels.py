@@ -10,12 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.recorded_health import Verdict
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.messages import cdr
+from cdrj_ros.model.packing import EFFORT, NODAL_FORCE, TENSION, Layout, channel_columns
 from cdrj_ros.model.prepared import Model, shape_at
-from cdrj_ros.model.state import EFFORT, NODAL_FORCE, TENSION, Layout, channel_columns
 
 
 @dataclass(frozen=True)

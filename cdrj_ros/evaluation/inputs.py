@@ -8,17 +8,16 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.estimation.estimator import Angles
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.estimation.whole_recording import Conditioned, angles_of, condition
+from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition
+from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
+from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import EFFORT
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import Source, open_source
 from cdrj_ros.robot.description import Robot

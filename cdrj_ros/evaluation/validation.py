@@ -11,9 +11,9 @@ from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.estimator import Angles, Estimates
 from cdrj_ros.estimation.recorded_health import RecordedHealth
-from cdrj_ros.estimation.whole_recording import Conditioned
 from cdrj_ros.evaluation.channels import (
     ANGLE,
     BagComparison,
@@ -47,8 +47,8 @@ from cdrj_ros.evaluation.inputs import (
 from cdrj_ros.evaluation.metrics import reversal_zones
 from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
+from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.model.state import EFFORT, TENSION
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import open_source
 

@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.identification.drums import DrumFinding, compare_drums, drums_in_doubt
+from cdrj_ros.identification.alternatives import (
+    DrumFinding,
+    compare_drums,
+    drums_in_doubt,
+    many_starts,
+    sought,
+)
 from cdrj_ros.identification.nuisance import Nuisance
 from cdrj_ros.identification.observations import (
     Recorded,
@@ -41,10 +47,9 @@ from cdrj_ros.identification.problem import (
 from cdrj_ros.identification.residual_statistics import Unexplained, unexplained
 from cdrj_ros.identification.solver import Minimum, minimise
 from cdrj_ros.identification.standard_errors import accuracy
-from cdrj_ros.identification.starts import many_starts, sought
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.model.state import EFFORT
 from cdrj_ros.robot.reader import build_robot
 
 DISTRUST: Final = 1.25

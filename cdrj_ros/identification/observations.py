@@ -11,12 +11,12 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.estimation.conditioner import condition
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import EFFORT, Layout, channel_columns
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import EFFORT, Layout, channel_columns
 from cdrj_ros.robot.description import Robot
 
 CONDITIONING_KEYS: Final = ("clock_offset", "scale", "period", "correction")

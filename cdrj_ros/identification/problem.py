@@ -13,8 +13,7 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document

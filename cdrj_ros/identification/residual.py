@@ -20,8 +20,8 @@ from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.identification.observations import Recorded, observe, samples_of
 from cdrj_ros.identification.residual_statistics import ENOUGH, model_error
+from cdrj_ros.model.packing import TENSION
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.model.state import TENSION
 from cdrj_ros.robot.description import RESIDUAL_ROWS, Residual, residual_shape
 
 FEWEST_BAGS: Final = 3

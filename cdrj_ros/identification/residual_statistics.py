@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.identification.observations import (
     Observations,

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.model.state import EFFORT, NODAL_FORCE, TENSION
+from cdrj_ros.model.packing import EFFORT, NODAL_FORCE, TENSION
 
 ENCAPSULATION: Final = 4
 """Bytes before the first field: representation (2) and options (2)."""

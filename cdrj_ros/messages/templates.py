@@ -22,7 +22,7 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     Span,
 )
-from cdrj_ros.model.state import STALE, Layout
+from cdrj_ros.model.packing import STALE, Layout
 
 
 class Template:

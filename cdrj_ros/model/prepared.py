@@ -18,8 +18,15 @@ from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.impossible import reason
 from cdrj_ros.model.laws import divided, elasticity_of, strain_at
-from cdrj_ros.model.packing import Sizes, Views, constant_views, topology_views
-from cdrj_ros.model.state import Layout, layout_of, scratch_views
+from cdrj_ros.model.packing import (
+    Layout,
+    Sizes,
+    Views,
+    constant_views,
+    layout_of,
+    scratch_views,
+    topology_views,
+)
 from cdrj_ros.robot.description import Robot, Winch
 from cdrj_ros.robot.reader import build_robot, load_document
 

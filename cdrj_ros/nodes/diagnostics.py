@@ -17,7 +17,7 @@ from cdrj_ros.estimation.health_monitor import HealthMonitor
 from cdrj_ros.estimation.health_verdict import unsure_elements
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, UNSURE
+from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
 
 WINDOW: Final = 4096
 """Number of latest steps over which the percentiles of the step time are computed."""

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.messages.cdr import MessageError, MessageType, read_layout
-from cdrj_ros.model.state import OK, STALE
+from cdrj_ros.model.packing import OK, STALE
 from cdrj_ros.report.live_table import Line, Section
 
 SILENCE_S: Final = 1.5

@@ -23,8 +23,8 @@ from cdrj_ros.messages.topics import (
     TENSIONS,
     WRENCHES,
 )
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import STALE
 from cdrj_ros.nodes.qos import default_profile
 
 LOOK_S: Final = 0.2

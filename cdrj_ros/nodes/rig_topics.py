@@ -21,8 +21,8 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
+from cdrj_ros.model.packing import OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import OVERLOAD, SLACK
 from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.robot.description import Motor, Robot

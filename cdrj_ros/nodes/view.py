@@ -16,7 +16,7 @@ from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
-from cdrj_ros.model.state import STALE
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import (
     Setting,

@@ -14,8 +14,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from cdrj_ros.messages import topics
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import STALE
 from cdrj_ros.nodes.feed import LastMessage
 from cdrj_ros.view.history import (
     Snapshot,

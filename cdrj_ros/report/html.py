@@ -43,7 +43,7 @@ from cdrj_ros.foundation.output import (
 )
 from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.inspection.ranges import Inspection
-from cdrj_ros.model.state import EFFORT, NODAL_FORCE, TENSION
+from cdrj_ros.model.packing import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,
     OUTSIDE_HEADINGS,

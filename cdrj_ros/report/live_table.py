@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.model.state import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
+from cdrj_ros.model.packing import INVALID, OK, OVERLOAD, SLACK, STALE, UNSURE
 
 STATUS: Final = (
     (INVALID, "INVALID", "bold red"),

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import INVALID, Layout
 from cdrj_ros.model.prepared import Course, Model, course_of, poses_in_range, prepare
-from cdrj_ros.model.state import INVALID, Layout
 from cdrj_ros.robot.description import Node, Pulley, Robot, Winch
 from cdrj_ros.simulation.faults import Fault, Wiring, wire
 

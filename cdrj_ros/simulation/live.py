@@ -15,13 +15,12 @@ import numpy as np
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Rig, divide_contacts, read_out
 from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all
-from cdrj_ros.simulation.load import Load, make_load, resting_start
-from cdrj_ros.simulation.truth import UNSOLVED
+from cdrj_ros.simulation.load import UNSOLVED, Load, make_load, resting_start
 
 MOST_TORQUE: Final = 1e4
 """Largest push on a joint [N m], or [N] on a prismatic joint."""

@@ -19,7 +19,11 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import MotionError, Rig, make_rig
+from cdrj_ros.simulation.assembly import (
+    MotionError,
+    Rig,
+    make_rig,
+)
 
 START_POINTS: Final = 2001
 """Number of poses among which the equilibrium at the start is sought."""
@@ -229,3 +233,7 @@ def _stable(
         return float(excess(np.array([angle]))[0])
 
     return float(brentq(excess_at, angles[near], angles[near + 1], xtol=1e-14))
+
+
+UNSOLVED: Final = 1e-4
+"""Largest imbalance of torque that is accepted in a step of a free joint [N m]."""

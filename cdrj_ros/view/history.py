@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from cdrj_ros._core import Axis
 from cdrj_ros.estimation.reading_limits import axes_of
 from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.model.packing import INVALID, STALE, Layout
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import INVALID, STALE, Layout
 from cdrj_ros.robot.description import Robot
 
 Flags = NDArray[np.uint8]
@@ -34,7 +34,7 @@ class Snapshot(NamedTuple):
     reference: Vector
     """Measured or true tension [N], shape (elements,)."""
     status: Flags
-    """Flags of ``cdrj_ros.model.state``, shape (elements,)."""
+    """Flags of ``cdrj_ros.model.packing``, shape (elements,)."""
     force: NDArray[np.float64]
     """Of the cable on every pulley [N], shape (pulleys, 3)."""
     friction: Vector

@@ -13,8 +13,8 @@ from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.output import printable
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import INVALID
 from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
 from cdrj_ros.report.scene import Colour
 from cdrj_ros.view.history import Curves, Snapshot

@@ -11,8 +11,8 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.packing import SLACK, UNSURE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import SLACK, UNSURE
 from cdrj_ros.report.live_table import SIGMAS
 from cdrj_ros.report.scene import (
     LONG_SPAN,

@@ -10,17 +10,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import Estimates
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.estimation.conditioner import Conditioned
+from cdrj_ros.estimation.estimator import Estimates, Samples
 from cdrj_ros.evaluation.channels import Angle, stddev_channels
 from cdrj_ros.evaluation.comparison import values_at
 from cdrj_ros.evaluation.estimating import pieces_of
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.model.packing import TENSION, Layout
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import TENSION, Layout
 from cdrj_ros.recordings.recording import Recording
 from cdrj_ros.view.history import Table
 from cdrj_ros.view.page import Page

@@ -14,16 +14,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.estimation.conditioner import condition
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.evaluation.channels import FRICTION, Angle, Channel
 from cdrj_ros.evaluation.comparison import Comparing
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import NODAL_FORCE, TENSION
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.model.state import NODAL_FORCE, TENSION
 from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot, Sensor
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.sensors import (

@@ -16,7 +16,7 @@ from truth import robots
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_judged import foretold, judged
-from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded

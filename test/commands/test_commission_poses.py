@@ -19,9 +19,8 @@ from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.commands.commission_poses import rest_poses
 from cdrj_ros.commands.identify_entries import uncertainty_section
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.estimation.conditioner import condition
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError

@@ -9,9 +9,8 @@ import pytest
 from support.places import ROBOTS
 
 from cdrj_ros.commands import identify
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
-from cdrj_ros.identification.pose import Reach, outdated_corrections
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.identification.priors import Reach, outdated_corrections
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter

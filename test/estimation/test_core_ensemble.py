@@ -7,8 +7,7 @@ import pytest
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import initial_state
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state
 from cdrj_ros.model.prepared import Model, load_model
 
 MEMBERS = 8

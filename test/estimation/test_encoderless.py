@@ -28,8 +28,8 @@ from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.motors import determined_joints
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, load_model, prepare
-from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.reader import build_robot
 
 

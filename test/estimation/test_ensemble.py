@@ -11,8 +11,7 @@ from cdrj_ros.estimation.draws import (
     draw_members,
 )
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
-from cdrj_ros.estimation.estimator import initial_state, run, step
-from cdrj_ros.estimation.samples import ALL_SEEN, Sample, Samples
+from cdrj_ros.estimation.estimator import ALL_SEEN, Sample, Samples, initial_state, run, step
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.recordings.recording import Topics

@@ -12,10 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdrj_ros._core import Law
-from cdrj_ros.estimation.estimator import State, initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Sample, Samples, State, initial_state, run, step
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 

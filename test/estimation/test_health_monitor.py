@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.health_monitor import HealthMonitor
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation.ensemble import mark_elements_unsure
+from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.health_changes import GAIN, Change, changes_of, sensor_changes
 from cdrj_ros.estimation.health_evaluation import Evaluation, Found
 from cdrj_ros.estimation.health_verdict import report, unsure_elements
-from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.model.packing import INVALID, OK, SLACK, UNSURE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import INVALID, OK, SLACK, UNSURE
 
 UPPER, LOWER = slice(0, 8), slice(8, 16)
 

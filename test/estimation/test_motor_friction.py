@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support.places import ROBOT
 
+from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.lasting_error import MotorFriction
-from cdrj_ros.estimation.samples import Sample
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.simulation.assembly import Truth

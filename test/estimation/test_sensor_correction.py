@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.whole_recording import condition
+from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot

@@ -27,13 +27,13 @@ from support.campaign import (
 from cdrj_ros.estimation import estimator
 from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.draws import standard
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.innovation_gate import LASTING, PreloadEvidence, SensorState
 from cdrj_ros.estimation.lasting_error import CELL as CELL_ERRORS
 from cdrj_ros.estimation.lasting_error import LastingError
-from cdrj_ros.estimation.samples import Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.model.packing import UNSURE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import UNSURE
 from cdrj_ros.robot.parameters import number_at
 
 SELDOM: Final = 20 * MS

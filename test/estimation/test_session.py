@@ -14,15 +14,14 @@ from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation import state_file
 from cdrj_ros.estimation.ensemble import preload_of_elements
-from cdrj_ros.estimation.estimator import initial_state, run
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.estimation.measurements import Measurement
 from cdrj_ros.estimation.preloads import START_SHARE
-from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, load_model, prepare
-from cdrj_ros.model.state import INVALID
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation import estimator
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.sensor_health import SensorHealth
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
+from cdrj_ros.model.packing import UNSURE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import UNSURE
 
 CELL: Final = "upper/8"
 MEASURED = Options(tension_sensors=True)

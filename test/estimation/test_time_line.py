@@ -12,9 +12,8 @@ from support.reading_streams import Message
 from support.wound import robot_of
 
 from cdrj_ros._core import MAX_GAP_NS
-from cdrj_ros.estimation.conditioner import Conditioner
-from cdrj_ros.estimation.samples import Sample
-from cdrj_ros.estimation.whole_recording import angles_of
+from cdrj_ros.estimation.conditioner import Conditioner, angles_of
+from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot

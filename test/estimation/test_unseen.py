@@ -14,8 +14,8 @@ import pytest
 from support.places import ROBOT
 
 from cdrj_ros._core import MAX_GAP_NS
-from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.conditioner import condition
+from cdrj_ros.estimation.estimator import Estimate, Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import (
     HEADER,
@@ -24,12 +24,11 @@ from cdrj_ros.estimation.state_file import (
     with_checksum,
     write_state,
 )
-from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import INVALID, UNSURE
 from cdrj_ros.model.prepared import Model, load_model, prepare
-from cdrj_ros.model.state import INVALID, UNSURE
 from cdrj_ros.robot.reader import build_robot
 
 START = 1_700_000_000 * 10**9

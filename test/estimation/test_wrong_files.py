@@ -11,12 +11,11 @@ from scipy.signal import lfilter
 from support.page_lines import loaded_tool
 from support.places import ROBOTS, ROOT
 
+from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, step
 from cdrj_ros.estimation.model_error import unmodelled
-from cdrj_ros.estimation.samples import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.packing import constant_views

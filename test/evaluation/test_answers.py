@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from support.places import ROBOT, SAMPLE
 
-from cdrj_ros.estimation.conditioner import Mode
+from cdrj_ros.estimation.conditioner import Conditioned, Mode
 from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
-from cdrj_ros.estimation.whole_recording import Conditioned
+from cdrj_ros.estimation.estimator import Estimate, Sample, Samples, initial_state, run, step
 from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of

@@ -23,8 +23,8 @@ from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless, re
 from cdrj_ros.evaluation.validation import MAX_GAP_NS, BagTask, Validation, compare_bag
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.model.packing import UNSURE
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.model.state import UNSURE
 from cdrj_ros.recordings.recording import Topics, read_recording
 
 BAG = str(SAMPLE)

@@ -14,7 +14,7 @@ import pytest
 
 from cdrj_ros._core import mark_unsure
 from cdrj_ros.foundation.interruption import BLAS_THREADS, thread_pool
-from cdrj_ros.model.state import UNSURE
+from cdrj_ros.model.packing import UNSURE
 
 PATIENCE_S = 30.0
 PRELUDE = """

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module

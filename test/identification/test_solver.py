@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdrj_ros.identification import starts
-from cdrj_ros.identification.starts import REACH, many_starts
+from cdrj_ros.identification import alternatives
+from cdrj_ros.identification.alternatives import REACH, many_starts
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.robot.description import Uncertainty
 
@@ -46,7 +46,7 @@ class TwoMinima:
 
 @pytest.fixture(autouse=True)
 def eight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(starts, "independent_states", lambda _: 8)
+    monkeypatch.setattr(alternatives, "independent_states", lambda _: 8)
 
 
 def preload(problem: Any) -> tuple[float, int]:
@@ -71,11 +71,11 @@ def test_without_knowledge_of_a_number_the_smallest_residuals_decide() -> None:
 def test_random_starts_keep_to_what_is_known() -> None:
     problem: Any = TwoMinima(1.0, 1.0)
     problem.unknowns = (PRELOAD, DRUM, UNKNOWN)
-    before = starts._before(problem)
+    before = alternatives._before(problem)
     assert before.numbers == ((26.0, 2.6), DRUM.prior, None)
     generator = np.random.default_rng(0)
     wide, near = (
-        np.array([starts._random_point(problem, before, generator, way) for _ in range(200)])
+        np.array([alternatives._random_point(problem, before, generator, way) for _ in range(200)])
         for way in (True, False)
     )
     for points in (wide, near):
@@ -88,10 +88,12 @@ def test_random_starts_keep_to_what_is_known() -> None:
 def test_a_random_start_is_within_the_bounds() -> None:
     problem: Any = TwoMinima(1.0, 1.0)
     problem.unknowns = (replace(DRUM, lower=0.0149, upper=0.0151),)
-    before = starts._before(problem)
+    before = alternatives._before(problem)
     generator = np.random.default_rng(0)
     values = [
-        problem.unknowns[0].value(float(starts._random_point(problem, before, generator, True)[0]))
+        problem.unknowns[0].value(
+            float(alternatives._random_point(problem, before, generator, True)[0])
+        )
         for _ in range(50)
     ]
     assert min(values) >= 0.0149 - 1e-12

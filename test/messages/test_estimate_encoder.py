@@ -11,8 +11,8 @@ from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
 from cdrj_ros.messages.templates import FORCES, Encoded, EstimateEncoder, Template
+from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.model.state import Layout
 
 STAMP_NS = 1_700_000_000_123_456_789
 

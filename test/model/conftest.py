@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.robot.description import Cable, Pulley, Robot
 from cdrj_ros.robot.reader import load_robot
 

@@ -10,11 +10,10 @@ import pytest
 
 from bench.scaling import chain
 from cdrj_ros._core import Law, acceptable, tolerance
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run, step
 from cdrj_ros.model.laws import elasticity_of
+from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, state_views
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK, state_views
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
 

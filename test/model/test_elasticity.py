@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run, step
-from cdrj_ros.estimation.samples import Sample, Samples
+from cdrj_ros.estimation.estimator import Estimates, Sample, Samples, initial_state, run, step
 from cdrj_ros.model.laws import Elasticity, modulus_at, secant_at, strain_at, tensions_at
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
@@ -132,8 +131,6 @@ def test_a_cycle_returns_the_work_that_it_took() -> None:
     assert max(tension) > 60.0
     assert work == pytest.approx(material * (stored(max(tension)) - stored(5.0)), rel=1e-5)
 
-
-Vector = NDArray[np.float64]
 
 EA, PRELOAD, SPAN, RADIUS = 6000.0, 30.0, 2.0, 0.01
 ROPE = f"""

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Law, Stribeck, bearing_transmission, sliding_transmission
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot
 

@@ -10,11 +10,10 @@ import pytest
 from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros import _core
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model, prepare, robot_path
-from cdrj_ros.model.state import INVALID, OVERLOAD, SLACK
 from cdrj_ros.robot.description import Robot, StribeckForm, friction_law
 from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.reader import load_robot, parse_robot

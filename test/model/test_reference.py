@@ -27,12 +27,10 @@ from numpy.typing import NDArray
 from support.places import ROBOTS
 
 from cdrj_ros._core import Law
-from cdrj_ros.estimation.estimator import Estimate, State, initial_state, step
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Estimate, Sample, State, initial_state, step
 from cdrj_ros.model.laws import elasticity_of, strain_at
-from cdrj_ros.model.packing import topology_views
+from cdrj_ros.model.packing import OK, SLACK, state_views, topology_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
-from cdrj_ros.model.state import OK, SLACK, state_views
 from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation import assembly

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from support.places import ROBOTS
 
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimate, Estimates, Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.model.packing import SLACK, channel_columns
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import SLACK, channel_columns
 from cdrj_ros.robot.reader import parse_robot
 
 Table = NDArray[np.float64]

@@ -7,8 +7,7 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot

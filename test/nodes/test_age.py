@@ -17,7 +17,7 @@ from support.estimators import (
 )
 
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, read_layout
-from cdrj_ros.model.state import STALE
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.nodes.silence import StampClock
 
 MS = 1_000_000

@@ -18,8 +18,8 @@ from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, read_layout
 from cdrj_ros.messages.templates import FORCES
+from cdrj_ros.model.packing import UNSURE
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.model.state import UNSURE
 from cdrj_ros.nodes.estimator import main
 from cdrj_ros.nodes.spinning import StopRequest, exit_code
 from cdrj_ros.recordings.recording import Topics

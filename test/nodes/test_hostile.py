@@ -29,7 +29,7 @@ from cdrj_ros.messages.cdr import (
     read_layout,
 )
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.state import STALE
+from cdrj_ros.model.packing import STALE
 
 MESSAGES = int(os.environ.get("CDRJ_HOSTILE", "6000"))
 CHUNK = 500

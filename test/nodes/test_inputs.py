@@ -35,8 +35,8 @@ from support.places import ROOT
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
+from cdrj_ros.model.packing import OK, UNSURE
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.model.state import OK, UNSURE
 from cdrj_ros.nodes.inputs import PATIENCE_S
 from cdrj_ros.nodes.parameters import estimator_file, settings
 

@@ -25,8 +25,8 @@ from support.estimators import (
 )
 
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.model.state import STALE
 from cdrj_ros.nodes.estimator import ManagedEstimator
 
 OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev", "tension_states")

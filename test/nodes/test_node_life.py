@@ -29,8 +29,8 @@ from support.estimators import (
 )
 
 from cdrj_ros.estimation.estimator import initial_state, step
+from cdrj_ros.model.packing import OVERLOAD, SLACK, STALE, UNSURE
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.model.state import OVERLOAD, SLACK, STALE, UNSURE
 from cdrj_ros.nodes.diagnostics import Health, status_of
 
 

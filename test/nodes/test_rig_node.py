@@ -23,7 +23,7 @@ from support.places import ROBOT
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.state import SLACK
+from cdrj_ros.model.packing import SLACK
 from cdrj_ros.nodes.rig import RigNode
 
 

@@ -22,8 +22,7 @@ from support.published import (
     positions,
 )
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import prepare

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.messages import topics
-from cdrj_ros.model.state import INVALID, SLACK, STALE
+from cdrj_ros.model.packing import INVALID, SLACK, STALE
 from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.robot.reader import parse_robot
 

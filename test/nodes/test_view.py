@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support.browser import chromium
 
-from cdrj_ros.model.state import INVALID
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
 
 PATIENCE_S = 60.0

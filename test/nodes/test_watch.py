@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from support.estimators import Bench
 from support.processes import Output
 
-from cdrj_ros.model.state import STALE
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.nodes import feed
 from cdrj_ros.nodes.watch import WatchNode
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import load_robot
 from examples.paper.propagation import KnownTension, path_of, propagate

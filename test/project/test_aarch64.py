@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 

@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from cdrj_ros.model.state import INVALID, OK, SLACK, STALE, UNSURE
+from cdrj_ros.model.packing import INVALID, OK, SLACK, STALE, UNSURE
 from cdrj_ros.report.live_table import Line, Section, View, live_table, plain_line
 
 NAN = float("nan")

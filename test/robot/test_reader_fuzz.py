@@ -17,12 +17,11 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import load_yaml
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import INVALID
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_section
 

@@ -7,8 +7,7 @@ from math import acos, atan2, hypot, pi, sqrt
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.model.prepared import load_model, shape_at
 
 RADIUS, DRUM, WINCH = 0.05, 0.0675, 0.5

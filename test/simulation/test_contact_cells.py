@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.packing import state_views
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.assembly import divide_contacts

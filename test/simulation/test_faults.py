@@ -8,8 +8,7 @@ from types import SimpleNamespace as Robots
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from support.places import ROBOT
 
+from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.whole_recording import condition
 from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.model.packing import SLACK
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.model.state import SLACK
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import Motion, differences, random, sine

@@ -11,9 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import initial_state
-from cdrj_ros.model.packing import constant_views
+from cdrj_ros.model.packing import constant_views, state_views
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.model.state import state_views
 from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.assembly import make_rig

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.simulation.assembly import Truth, divide_contacts

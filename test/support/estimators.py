@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from cdrj_ros.estimation.conditioner import Conditioner
-from cdrj_ros.estimation.estimator import initial_state, step
-from cdrj_ros.estimation.samples import Sample
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.prepared import Model, prepare

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.model.packing import channel_columns
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.model.state import channel_columns
 from cdrj_ros.robot.reader import build_robot
 
 EPOCH_NS = 1_700_000_000_000_000_000

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.drives import follow_joints

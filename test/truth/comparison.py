@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cdrj_ros.estimation.estimator import Estimates, initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot
 from truth.scenes import Scene, Truth

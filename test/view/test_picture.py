@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cdrj_ros.model.packing import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.model.state import INVALID, SLACK, STALE, UNSURE
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing
 from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known

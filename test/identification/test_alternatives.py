@@ -12,15 +12,14 @@ from support.made_up import recording
 from support.places import PROTOTYPE
 
 from cdrj_ros.commands.identify_entries import uncertainty_section
-from cdrj_ros.estimation.estimator import initial_state, run
-from cdrj_ros.estimation.samples import Samples
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
+from cdrj_ros.model.packing import channel_columns
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.model.state import channel_columns
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.simulation.assembly import divide_contacts

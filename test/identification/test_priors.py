@@ -11,7 +11,7 @@ from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.pose import (
+from cdrj_ros.identification.priors import (
     MARGIN,
     Reach,
     moved_ranges,
