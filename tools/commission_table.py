@@ -31,13 +31,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands import commission_steps as steps  # noqa: E402
-from cdrj_ros.commands.commission_poses import rest_poses  # noqa: E402
+from cdrj_ros.estimation.changes import rest_poses  # noqa: E402
 from cdrj_ros.estimation.conditioner import condition  # noqa: E402
 from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
 from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
 from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.foundation.errors import RobotFileError  # noqa: E402
-from cdrj_ros.identification.observations import Recorded  # noqa: E402
+from cdrj_ros.identification.observations import Recorded, samples_of  # noqa: E402
 from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
 from cdrj_ros.robot.description import Robot, Winch  # noqa: E402
 from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
@@ -213,7 +213,8 @@ def scale_read(
     ends = [cable.element_names[-1] for cable in robot.cables]
     columns = [layout.elements.index(end) for end in ends]
     found = []
-    for pose in rest_poses(prepare(robot), recorded):
+    samples = samples_of(prepare(robot), recorded)
+    for pose in rest_poses(robot, samples, recorded.name):
         at = round((pose.stamp_ns - EPOCH_NS) * 1e-9 * RATE)
         errors = gain * (1.0 + SCALE_NOISE * generator.standard_normal(len(ends)))
         values = truth.tension[at, columns] * errors

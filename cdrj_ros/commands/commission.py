@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
-from cdrj_ros.commands.commission_poses import pose_words
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
     begin,
@@ -27,6 +26,7 @@ from cdrj_ros.commands.commission_steps import (
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.identify import recorded
 from cdrj_ros.commands.shared import add_topic_options, topics_of
+from cdrj_ros.estimation.changes import pose_words
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text

@@ -9,10 +9,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from cdrj_ros._core import mark_unsure
-from cdrj_ros.commands.commission_poses import READING
 from cdrj_ros.commands.commission_steps import (
+    READING,
     Commissioned,
-    drum_radii,
     drums_measured,
     fitted,
     preloaded,
@@ -22,6 +21,7 @@ from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elem
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded, samples_of
+from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.inspection.shares import DURATION_S, sweep
 from cdrj_ros.model.packing import EFFORT, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model
@@ -100,7 +100,7 @@ def foretold(now: Commissioned, step: str) -> Judged:
     if step == "drum":
         document: Any = robot.document
         sizes = {motor: 2.0 * find_number(document, paths[0]).value
-                 for motor, paths in drum_radii(robot).items()}  # fmt: skip
+                 for motor, paths in drum_radii(document).items()}  # fmt: skip
         return judged(drums_measured(now, sizes).model)
     noise = {f"{EFFORT}/{motor.name}": motor.effort_noise for motor in robot.motors}
     if step == "cells":

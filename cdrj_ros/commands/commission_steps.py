@@ -2,7 +2,12 @@
 
 A step changes the text of the robot file: its numbers, their standard deviations and where they
 come from.  A fit starts from the file as it was before the first fit, with all recordings so far,
-so that no recording counts twice.  docs/commission.md.
+so that no recording counts twice.
+
+A spring scale's gain errs in all readings alike, so only their ratios to those in the reference
+pose are fitted: they show what neither a tare nor one reading shows, such as the radius of a drum.
+The recording contains the ways between the poses, and so the friction of their directions.
+docs/commission.md.
 """
 
 from __future__ import annotations
@@ -12,12 +17,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from itertools import chain
+from math import sqrt
 from typing import Any, Final
 
 import numpy as np
 
 from cdrj_ros import __version__
-from cdrj_ros.commands.commission_poses import READING, rest_poses, scale_readings
 from cdrj_ros.commands.identify_entries import (
     COVARIANCE_LIMIT,
     fit_errors,
@@ -26,26 +31,33 @@ from cdrj_ros.commands.identify_entries import (
 )
 from cdrj_ros.estimation.changes import (
     CALLIPER,
+    REST_IN_POSE_NS,
     SPRING_SCALE_NOW,
     narrowed,
+    pose_words,
     preloads_of,
     reference_at,
+    rest_poses,
 )
 from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
-from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.observations import Recorded, ScaleReading, samples_of
 from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Progress, Settings
-from cdrj_ros.identification.unknowns import Unknown
+from cdrj_ros.identification.unknowns import Unknown, drum_radii
 from cdrj_ros.inspection.shares import tension_effects
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot, Uncertainty, Winch
+from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import number_of_urdf, with_numbers_in_text, with_section, yaml_number
+
+READING: Final = 0.01
+"""Error of a spring scale's reading beside that of its gain, as a fraction."""
 
 BACK: Final = (0.9999, 0.999, 0.99)
 """Shares of a change by a fit that are tried if the whole makes an impossible robot."""
@@ -92,7 +104,7 @@ def tared(now: Commissioned, recorded: Recorded) -> Commissioned:
         UsageError: the robot moves there.
     """
     model = now.model
-    poses = rest_poses(model, recorded)
+    poses = rest_poses(model.robot, samples_of(model, recorded), recorded.name)
     values = reference_at(model, poses[0]).values
     names = [joint.name for joint in model.robot.joints if joint.measured]
     paths = [f"joints.{name}.{key}" for name in names for key in ("offset", "reference_angle")]
@@ -134,22 +146,11 @@ def drums_measured(
     Raises:
         UsageError: no drum belongs to such a motor.
     """
-    drums = drum_radii(now.model.robot)
+    drums = drum_radii(now.model.robot.document)
     if unknown := [name for name in diameters if name not in drums]:
         raise UsageError(f"there is no drum of {unknown[0]!r}; there are {', '.join(drums)}")
     values = {path: 0.5 * size for name, size in diameters.items() for path in drums[name]}
     return _measured(now, values, list(values), f"calliper, {1e3 * CALLIPER:g} mm", say)
-
-
-def drum_radii(robot: Robot) -> dict[str, list[str]]:
-    """Paths of the radii of all drums, by motor."""
-    found: dict[str, list[str]] = {}
-    for cable in robot.cables:
-        for k, node in enumerate(cable.nodes):
-            if isinstance(node, Winch):
-                path = f"cables.{cable.name}.nodes.{k + 1}.radius"
-                found.setdefault(node.motor, []).append(path)
-    return found
 
 
 def _measured(
@@ -307,3 +308,81 @@ def provenance(now: Commissioned) -> str:
             *(f"    {path}: {json.dumps(origin)}" for path, origin in now.origins.items()),
         ]
     )
+
+
+def scale_readings(
+    robot: Robot,
+    recorded: Recorded | None,
+    poses: Sequence[Sample],
+    readings: Sequence[Mapping[str, float]],
+) -> tuple[dict[str, float], Recorded | None]:
+    """What a spring scale read: the preloads, and the tensions in all further poses.
+
+    Args:
+        robot: the robot.
+        recorded: the recording with the poses, if there is one.
+        poses: those in which the robot rests.
+        readings: tensions by element, ``upper/8``, or by cable if it has one [N], for every pose.
+
+    Returns:
+        The preloads by cable [N], and the recording with the other readings as references; None
+        without any.
+
+    Raises:
+        UsageError: the readings are not those of the poses, or a name is none.
+    """
+    if len(readings) > 1 and len(readings) != len(poses):
+        rests = "; ".join(pose_words(robot, pose) for pose in poses)
+        raise UsageError(
+            f"the spring scale was read in {len(readings)} poses; the recording of the tare rests "
+            f"for {1e-9 * REST_IN_POSE_NS:g} s or more in {len(poses)}"
+            + (f": {rests}" if rests else "")
+        )
+    elements = {cable.name: cable.element_names for cable in robot.cables}
+    for name in readings[0]:
+        if "/" in name:
+            _element(name, elements)
+    preloads = {name.split("/")[0]: value for name, value in readings[0].items()}
+    rows: dict[str, list[tuple[int, float]]] = {}
+    for pose, read in zip(poses[1:], readings[1:], strict=False):
+        for name, value in read.items():
+            element, cable = _element(name, elements), name.split("/")[0]
+            if not preloads.get(cable, 0.0) > 0.0:
+                raise UsageError(f"{name}: read the tension of {cable} in the reference pose too")
+            if not 0.0 < value < 1e6:
+                raise UsageError(f"the tension of {name} must be in (0, 1e6) N, got {value:g}")
+            rows.setdefault(element, []).append((pose.stamp_ns, value))
+    references, scales = {}, {}
+    for element, row in rows.items():
+        stamps, values = (np.array(column) for column in zip(*row, strict=True))
+        channel, cable = f"{TENSION}/{element}", element.split("/")[0]
+        references[channel] = (stamps, np.asarray(values, dtype=float))
+        scales[channel] = ScaleReading(preloads[cable], _noise(values, rows, cable))
+    if recorded is None or not references:
+        return preloads, None
+    return preloads, replace(recorded, name="spring scale", references=references, scales=scales)
+
+
+def _element(name: str, elements: Mapping[str, Sequence[str]]) -> str:
+    """The element of a name, which may be that of its cable if there is only one.
+
+    Raises:
+        UsageError: there is none.
+    """
+    cable = name.partition("/")[0]
+    names = elements.get(cable, ())
+    element = names[0] if name == cable and len(names) == 1 else name
+    if element not in names:
+        there = ", ".join(f"{one[0]} to {one[-1]}" for one in elements.values())
+        raise UsageError(f"there is no element {name!r}; there are {there}")
+    return element
+
+
+def _noise(values: Vector, rows: Mapping[str, Sequence[object]], cable: str) -> float:
+    """Standard deviation of readings [N].
+
+    The error of the reading in the reference pose is common to the ratios of all others of a cable.
+    As if each had an own error √(1 + count) times as large, their mean errs as it does.
+    """
+    count = sum(len(row) for name, row in rows.items() if name.split("/")[0] == cable)
+    return READING * sqrt(1.0 + count) * float(np.mean(values))

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from itertools import repeat
 from math import exp, isfinite, log
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -177,7 +177,8 @@ def parse_unknowns(document: Document, text: str) -> tuple[Unknown, ...]:
 
 def _parse_item(document: Document, item: str) -> list[Unknown]:
     if item == "drum_radius":
-        return _drum_radii(document)
+        radii = drum_radii(document).values()
+        return [_unknown(document, tuple(paths), (1,) * len(paths)) for paths in radii]
     if item.isidentifier() and item not in SHORT_FORMS:
         close = get_close_matches(item, SHORT_FORMS, n=1)
         raise UsageError(
@@ -209,8 +210,8 @@ def _signed(member: str) -> tuple[str, int]:
     return (member[1:].strip(), -1) if member.startswith("-") else (member, 1)
 
 
-def _drum_radii(document: Document) -> list[Unknown]:
-    """One unknown per motor: a common drum radius for all its cables."""
+def drum_radii(document: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Paths of the radii of all drums of a robot file, by motor."""
     by_motor: dict[str, list[str]] = {}
     for cable in document["cables"]:
         for k, node in enumerate(cable["nodes"]):
@@ -218,7 +219,7 @@ def _drum_radii(document: Document) -> list[Unknown]:
                 by_motor.setdefault(node["motor"], []).append(
                     f"cables.{cable['name']}.nodes.{k + 1}.radius"
                 )
-    return [_unknown(document, tuple(paths), (1,) * len(paths)) for paths in by_motor.values()]
+    return by_motor
 
 
 def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...]) -> Unknown:

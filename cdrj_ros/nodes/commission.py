@@ -24,7 +24,7 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
 from cdrj_ros.messages.topics import NAMESPACE, TENSION_SENSORS, in_namespace
-from cdrj_ros.nodes.qos import DEPTH, remapping
+from cdrj_ros.nodes.settings import DEPTH, remapping
 from cdrj_ros.nodes.spinning import ros_context, starting
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter

@@ -37,9 +37,8 @@ from cdrj_ros.nodes.diagnostics import HealthWatch, StepTimes, diagnostic_array,
 from cdrj_ros.nodes.inputs import InputTopic, InputWatch
 from cdrj_ros.nodes.outputs import Outputs, RateLimit
 from cdrj_ros.nodes.parameters import read, settings
-from cdrj_ros.nodes.qos import has_chosen
 from cdrj_ros.nodes.robot_description import given_model
-from cdrj_ros.nodes.settings import declare
+from cdrj_ros.nodes.settings import declare, has_chosen
 from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.nodes.spinning import CheckedClock
 

@@ -25,7 +25,7 @@ from cdrj_ros.inspection.motors import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health
-from cdrj_ros.nodes.qos import (
+from cdrj_ros.nodes.settings import (
     default_profile,
     publishing_nodes,
     reliability_parameter,

@@ -25,7 +25,7 @@ from cdrj_ros.messages.topics import (
 )
 from cdrj_ros.model.packing import STALE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.settings import default_profile
 
 LOOK_S: Final = 0.2
 """Time between two counts of the subscribers of outputs that are computed on request [s]."""

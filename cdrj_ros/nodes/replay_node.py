@@ -29,7 +29,7 @@ from cdrj_ros.messages.topics import (
     MOTOR_STATES,
     NAMESPACE,
 )
-from cdrj_ros.nodes.qos import default_profile
+from cdrj_ros.nodes.settings import default_profile
 from cdrj_ros.recordings.recording import Topics
 
 ANSWER_S: Final = 5.0

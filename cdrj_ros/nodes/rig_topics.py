@@ -23,8 +23,8 @@ from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.packing import OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.nodes.qos import default_profile
 from cdrj_ros.nodes.rig_settings import RigOptions
+from cdrj_ros.nodes.settings import default_profile
 from cdrj_ros.robot.description import Motor, Robot
 from cdrj_ros.simulation.commands import (
     CAUSES,

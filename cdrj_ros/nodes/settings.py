@@ -1,7 +1,7 @@
-"""Parameters as tables: one tuple of ``Setting`` per node.
+"""What users set of nodes: parameters as tables, and the quality of service of topics.
 
-From a table follow the declaration, the values read at the start, the parameter file and the page
-docs/ros_reference.md.
+There is one tuple of ``Setting`` per node.  From such a table follow the declaration, the values
+read at the start, the parameter file and the page docs/ros_reference.md.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from cdrj_ros.foundation.errors import UsageError
 
@@ -168,3 +169,52 @@ def _yaml(value: bool | int | float | str | tuple[str, ...]) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_yaml, value))}]"
     return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+DEPTH: Final = 1000
+"""Queue depth of a topic [messages]."""
+
+
+def default_profile(*, latched: bool = False) -> QoSProfile:
+    """A reliable profile whose queue holds all messages in flight."""
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+
+
+def remapping(node: Node, topic: str, msgtype: str) -> str:
+    """The remapping to another topic of the same type that has publishers; empty if none has.
+
+    Args:
+        node: the node without a publisher on its topic; what it publishes itself is no other topic.
+        topic: resolved name.
+        msgtype: ``sensor_msgs/msg/JointState``.
+    """
+    name = topic.rpartition("/")[2]
+    others = [one for one, types in node.get_topic_names_and_types() if msgtype in types]
+    for other in sorted(others, key=lambda one: one.rpartition("/")[2] != name):
+        there = {one.node_name for one in node.get_publishers_info_by_topic(other)}
+        if other != topic and there - {node.get_name()}:
+            return f"there is {other}: --ros-args -r {name}:={other}"
+    return ""
+
+
+def reliability_parameter(topic: str) -> str:
+    """Name of the parameter by which the user may choose the reliability of a subscription."""
+    return f"qos_overrides.{topic}.subscription.reliability"
+
+
+def has_chosen(node: Node, topic: str) -> bool:
+    """Whether the user has chosen a reliability; ask before the first subscription, which declares.
+
+    Args:
+        node: the node.
+        topic: relative name.
+    """
+    name = reliability_parameter(node.resolve_topic_name(topic))
+    return given_parameter(node, name).type_ != Parameter.Type.NOT_SET
+
+
+def publishing_nodes(node: Node, topic: str) -> list[str]:
+    """Full names of the nodes that publish on a topic, one per publisher."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in publishers)

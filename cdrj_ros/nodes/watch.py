@@ -31,7 +31,7 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, NODAL_FORCES, MessageError
 from cdrj_ros.nodes.feed import Feed
-from cdrj_ros.nodes.qos import remapping
+from cdrj_ros.nodes.settings import remapping
 from cdrj_ros.nodes.spinning import RANGE, ros_context, starting
 from cdrj_ros.report.live_table import View, live_table, plain_line
 

@@ -18,7 +18,7 @@ from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.model.prepared import Model, placed, shape_at
 from cdrj_ros.robot.description import Anchor, Node, Pulley, Robot, Winch
-from cdrj_ros.robot.visuals import MESHES, Visual, VisualShape
+from cdrj_ros.robot.space import MESHES, Visual, VisualShape
 
 FramePose = tuple[Vector, NDArray[np.float64]]
 """Origin [m] and orientation of a frame in the base, shapes (3,) and (3, 3)."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.axes import given
+from cdrj_ros.robot.axes import ProfileReader, given
 from cdrj_ros.robot.description import (
     Anchor,
     Cable,
@@ -21,7 +21,6 @@ from cdrj_ros.robot.description import (
     Pulley,
     Winch,
 )
-from cdrj_ros.robot.profiles import ProfileReader
 from cdrj_ros.robot.space_reader import ONLY_IN_SPACE, PlaceReader, has_bearing
 
 

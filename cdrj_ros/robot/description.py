@@ -11,8 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdrj_ros.robot.space import Frame, Place
-from cdrj_ros.robot.visuals import Visual
+from cdrj_ros.robot.space import Frame, Place, Visual
 
 
 @dataclass(frozen=True)

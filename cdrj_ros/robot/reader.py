@@ -15,14 +15,13 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.axes import read_joints, read_motors
+from cdrj_ros.robot.axes import ProfileReader, read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
 from cdrj_ros.robot.description import Cable, Residual, Robot, Uncertainty, residual_shape
 from cdrj_ros.robot.document import parse_document, read_text
-from cdrj_ros.robot.profiles import ProfileReader
+from cdrj_ros.robot.space import read_visuals
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
 from cdrj_ros.robot.tolerances import complete_uncertainty
-from cdrj_ros.robot.visuals import read_visuals
 
 NARROWEST: Final = 1e-9
 """Range of a learned correction [rad], [m], [N m] or [N]."""

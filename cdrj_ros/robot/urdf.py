@@ -15,8 +15,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.names import prefixed, renamed
-from cdrj_ros.robot.space import UrdfJoint
-from cdrj_ros.robot.visuals import urdf_visuals
+from cdrj_ros.robot.space import UrdfJoint, urdf_visuals
 
 MAXIMUM_BYTES: Final = 20_000_000
 """Largest accepted size of a URDF [bytes]."""

@@ -17,15 +17,15 @@ from support.places import PROTOTYPE
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_judged import foretold, judged
-from cdrj_ros.commands.commission_poses import rest_poses
 from cdrj_ros.commands.identify_entries import uncertainty_section
+from cdrj_ros.estimation.changes import rest_poses
 from cdrj_ros.estimation.conditioner import condition
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.fit import Identification
-from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
@@ -94,12 +94,16 @@ def slipping() -> np.ndarray:
     return found.values[:, model.layout.tension]
 
 
+def rests(model: Model, recorded: Recorded) -> tuple[Sample, ...]:
+    return rest_poses(model.robot, samples_of(model, recorded), recorded.name)
+
+
 def scale_readings(tension: np.ndarray | None = None) -> list[dict[str, float]]:
     """A spring scale whose gain is 3 % too high, in all poses; each reading errs by 1 %."""
     recorded, truth = rig(COURSE)
     generator = np.random.default_rng(1)
     found = []
-    for pose in rest_poses(prepare(parse_robot(FRESH, "fresh")), recorded):
+    for pose in rests(prepare(parse_robot(FRESH, "fresh")), recorded):
         rows = truth.tension if tension is None else tension
         row = rows[round((pose.stamp_ns - EPOCH_NS) * 1e-9 * RATE)]
         errors = 1.03 * generator.normal(1.0, 0.01, 2)
@@ -209,7 +213,7 @@ def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion() -> None:
 
     def poses(joint: np.ndarray) -> list[float]:
         recorded = Recorded("bag", series("winch", 8.0 * joint), series("elbow", joint), {})
-        return [float(np.degrees(one.joint_angle[0])) for one in rest_poses(model, recorded)]
+        return [float(np.degrees(one.joint_angle[0])) for one in rests(model, recorded)]
 
     touched = at_rest_in((0.0, 1.0, 0.0, 0.0, 20.0, 21.0, 20.0, 20.0, -5.0, 0.0, 0.0))
     assert poses(touched) == pytest.approx([0.0, 20.0, 0.0], abs=0.02)
