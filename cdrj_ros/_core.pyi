@@ -94,7 +94,7 @@ FrameMotion: Final[type[Enum]]
 Law: Final[type[Enum]]
 """Friction laws, by the words of a robot file."""
 RECORDS: dict[str, list[tuple[str, str]]]
-"""Fields of the records of ``robot_records.hpp`` and ``state_records.hpp`` with NumPy's types."""
+"""Fields of the records of ``robot_records.hpp`` with NumPy's types."""
 
 class Stribeck(Enum):
     """How static friction enters: (35) as printed, or the capstan equation with mu_s."""

@@ -95,7 +95,6 @@ void bind_kinds(nb::module_& core, const char* name, const char* const (&names)[
     for (std::size_t k = 0; k < n; ++k) kinds.value(names[k], static_cast<Kind>(k));
 }
 
-void bind_records(nb::module_& core);
 void bind_messages(nb::module_& core);
 void bind_conditioning(nb::module_& core);
 void bind_ensemble(nb::module_& core);

@@ -9,7 +9,6 @@
 #include "bind.hpp"
 #include "encoderless.hpp"
 #include "ensemble.hpp"
-#include "report.hpp"
 
 namespace cdrj {
 namespace {

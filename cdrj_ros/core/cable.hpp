@@ -8,7 +8,7 @@
 #include <span>
 
 #include "laws.hpp"
-#include "state_records.hpp"
+#include "robot_records.hpp"
 
 namespace cdrj {
 

@@ -1,19 +1,27 @@
-#include "cells.hpp"
-
+// Contact cells of pulleys, their places on the bodies, and slip against the bodies.
+// docs/model.md, section 4.
 #include <algorithm>
 #include <cmath>
 
-#include "vectors.hpp"
 #include "friction.hpp"
-#include "route.hpp"
+#include "robot.hpp"
 
 namespace cdrj {
+namespace {
 
+/// Length of the segments between cells of a body that the cable does not touch [m].
+constexpr double SHORTEST_SEGMENT = 1e-6;
+
+/// Chord of the unit circle below which two terms of a series give the arc to rounding.
+constexpr double SMALL_CHORD = 1e-4;
+
+/// Cable from the middle of an arc to the middle of the last of its equal cells [m].
 double middle_to_outer(double arc, Index cells) {
     return 0.5 * std::max(arc / static_cast<double>(cells), SHORTEST_SEGMENT) *
            static_cast<double>(cells - 1);
 }
 
+/// Give a contact cell its share of the pulley's constants.
 void share_out(Contact& contact, const PulleyConstants& pulley, double share) {
     contact.share = share;
     contact.stiffness = share * pulley.bristle_stiffness;
@@ -22,6 +30,25 @@ void share_out(Contact& contact, const PulleyConstants& pulley, double share) {
     contact.drag = share * pulley.drag;
     contact.breakaway = pulley.breakaway;
 }
+
+/// Motion of the middle of an arc on its body along the cable [m], towards the last node (E26).
+///
+/// It is exact on a circle, on a helix of constant slope and on a great circle, and of second order
+/// where slope or plane change. It is 0 where the cable did not touch the body in both samples.
+double motion_along(double radius, const ArcMiddle& before, const ArcMiddle& now) {
+    const Vector3 along = before.tangent + now.tangent;
+    const double size = norm(along), was = norm(before.tangent), is = norm(now.tangent);
+    if (size == 0.0 || was == 0.0 || is == 0.0) return 0.0;
+    const Vector3 way = now.normal - before.normal;
+    const double chord = norm(way);
+    double stretch = 1.0 + chord * chord / 24.0;  // arc over chord
+    if (chord > SMALL_CHORD) stretch = 2.0 * std::asin(std::min(0.5 * chord, 1.0)) / chord;
+    const double moved =
+        radius * stretch * dot(way, along) + (now.height - before.height) * along.z;
+    return moved * (0.5 * (was + is) / size);
+}
+
+}  // namespace
 
 void divide_arcs(const Topology& topology, Workspace& work) {
     for (Index c = 0; c < topology.sizes.cables; ++c) {
@@ -125,6 +152,15 @@ void friction_losses(
     }
 }
 
+// Contact cells that are fixed to the surface of a body, of which the simulated rig has some.
+//
+// The path of a cable on its body is measured by the place of a point on it [m], towards the last
+// node (E26). Cell j takes the places from j w to (j + 1) w. An arc covers those between its ends;
+// where an end moves, cable is laid onto new cells, or leaves cells with what they remember.
+//
+// A pulley has a row of cells at hand, the first of which holds the arc's beginning. When another one
+// does, the row moves on. Cells at its end that are not covered have no friction; their contacts lie
+// in the free span behind the arc. docs/model.md, section 8.
 namespace {
 
 /// Places between which an arc, or its part on a cell, lies [m].
@@ -315,10 +351,9 @@ void place_row(
 void cover_surfaces(
     const Topology& topology, const Constants& constants, const double* before, State& after,
     Workspace& work) {
-    const State state(topology.sizes, const_cast<double*>(before));
     std::copy_n(before, State::size(topology.sizes), work.history);
     State history(topology.sizes, work.history);
-    const bool started = *state.started != 0.0;
+    const bool started = *history.started != 0.0;
     for (Index c = 0; c < topology.sizes.cables; ++c) {
         const CableTopology& cable = topology.cables[c];
         for (Index k = 0; k < cable.pulleys; ++k) {

@@ -6,8 +6,6 @@
 #include <limits>
 #include <utility>
 
-#include "report.hpp"
-
 namespace cdrj {
 
 EncoderlessEstimator::EncoderlessEstimator(

@@ -83,9 +83,6 @@ public:
     const std::vector<Index>& measured_joints() const { return measured_; }
 
 private:
-    /// Most Gauss-Newton steps of a prediction or a correction.
-    static constexpr int STEPS = 6;
-
     /// Solve the first sample, without and then with friction.
     void start(const EncoderlessSample& sample);
 

@@ -16,6 +16,9 @@ constexpr double LOST = 5.0;
 /// if it lasts this long [s].
 constexpr double LOST_FOR = 0.05;
 
+/// Most Gauss-Newton steps of a prediction or a correction.
+constexpr int STEPS = 6;
+
 /// A Gauss-Newton step below this fraction of the difference step ends the iteration.
 constexpr double TOLERANCE = 0.01;
 

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "report.hpp"
-
 namespace cdrj {
 namespace {
 

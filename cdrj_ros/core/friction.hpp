@@ -10,7 +10,6 @@
 #include <cmath>
 #include <cstdint>
 
-#include "bristles.hpp"
 #include "law_elastoplastic.hpp"
 #include "law_lugre.hpp"
 #include "robot_records.hpp"

@@ -5,10 +5,10 @@
 // goes. docs/model.md, section 13.2.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
 #include "robot_records.hpp"
-#include "state_records.hpp"
 
 namespace cdrj {
 
@@ -36,21 +36,21 @@ struct Passing {
 
 /// A kind of guide.
 struct GuideKind {
-    /// Its points of contact are given in frames and do not depend on its neighbours.
-    bool fixed;
-
     /// `exit_frame` carries the point at which the cable leaves it; otherwise `frame` carries all of it.
     bool bridges;
 
     /// It holds the cable in the plane z = 0, on a circle whose sense is given.
     bool grooved;
 
-    /// Find where the cable touches the guide, from `before` and `after`.
+    /// Find where the cable touches the guide, from `before` and `after`; null if it is fixed.
     Meeting (*meet)(const NodeConstants& node, Touch& touch);
 
     /// Write length and wrap of the arc, from the points of contact; returns its middle, from which its
     /// motion along the body follows (E26).
     ArcMiddle (*measure)(const NodeConstants& node, const Passing& cable, Touch& touch);
+
+    /// Its points of contact are given in frames and do not depend on its neighbours.
+    bool fixed() const { return meet == nullptr; }
 };
 
 /// An eyelet or a sheath: the cable passes at points of its frame, which never move in it.
@@ -69,6 +69,21 @@ inline const GuideKind& kind_of(Guide guide) {
         case Guide::sheath: return SHEATH;
     }
     return POINT;
+}
+
+/// Where a line becomes tangent to a circle.
+struct TangentPoint {
+    Vector2 normal;  // unit vector from the centre to the point
+    double length;   // of the line [m]
+};
+
+/// (G4): the line from `a` to the circle.
+///
+/// With the opposite sense, the normal is where a line to `a` leaves the circle.
+inline TangentPoint tangent_from(const Vector2& a, double radius, double sense) {
+    const double square = dot(a, a);
+    const double length = std::sqrt(std::max(square - radius * radius, 0.0));
+    return {combined(radius / square, a, sense * length / square, left_of(a)), length};
 }
 
 /// What lies in the plane of an arc about the origin.

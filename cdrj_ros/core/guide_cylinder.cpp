@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "guide.hpp"
-#include "vectors.hpp"
 
 namespace cdrj {
 namespace {
@@ -41,7 +40,6 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
 
 }  // namespace
 
-const GuideKind CYLINDER{
-    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind CYLINDER{.bridges = false, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

@@ -4,8 +4,6 @@
 namespace cdrj {
 namespace {
 
-Meeting meet(const NodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
-
 /// The middle never moves in the body.
 ArcMiddle measure(const NodeConstants&, const Passing& cable, Touch& touch) {
     touch.wrap = cable.bend();
@@ -14,7 +12,6 @@ ArcMiddle measure(const NodeConstants&, const Passing& cable, Touch& touch) {
 
 }  // namespace
 
-const GuideKind POINT{
-    .fixed = true, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind POINT{.bridges = false, .grooved = false, .meet = nullptr, .measure = measure};
 
 }  // namespace cdrj

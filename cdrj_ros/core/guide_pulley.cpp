@@ -1,9 +1,7 @@
 // A pulley whose groove holds the cable in its plane; also drums and sectors at the ends.
 #include <cmath>
 
-#include "vectors.hpp"
 #include "guide.hpp"
-#include "tangents.hpp"
 
 namespace cdrj {
 namespace {
@@ -36,7 +34,6 @@ ArcMiddle measure(const NodeConstants& node, const Passing&, Touch& touch) {
 
 }  // namespace
 
-const GuideKind PULLEY{
-    .fixed = false, .bridges = false, .grooved = true, .meet = meet, .measure = measure};
+const GuideKind PULLEY{.bridges = false, .grooved = true, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

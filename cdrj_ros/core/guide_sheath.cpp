@@ -4,8 +4,6 @@
 namespace cdrj {
 namespace {
 
-Meeting meet(const NodeConstants&, Touch& touch) { return {true, touch.entry, touch.exit}; }
-
 /// The middle never moves in the body.
 ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
     touch.wrap = cable.wrap;
@@ -15,7 +13,6 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
 
 }  // namespace
 
-const GuideKind SHEATH{
-    .fixed = true, .bridges = true, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind SHEATH{.bridges = true, .grooved = false, .meet = nullptr, .measure = measure};
 
 }  // namespace cdrj

@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "guide.hpp"
-#include "vectors.hpp"
 
 namespace cdrj {
 namespace {
@@ -47,7 +46,6 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
 
 }  // namespace
 
-const GuideKind SPHERE{
-    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind SPHERE{.bridges = false, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

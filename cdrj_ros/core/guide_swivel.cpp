@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "vectors.hpp"
 #include "guide.hpp"
 
 namespace cdrj {
@@ -35,7 +34,6 @@ ArcMiddle measure(const NodeConstants& node, const Passing&, Touch& touch) {
 
 }  // namespace
 
-const GuideKind SWIVEL{
-    .fixed = false, .bridges = false, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind SWIVEL{.bridges = false, .grooved = false, .meet = meet, .measure = measure};
 
 }  // namespace cdrj

@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-#include "bristles.hpp"
+#include "laws.hpp"
 
 namespace cdrj {
 

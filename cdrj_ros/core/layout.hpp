@@ -9,7 +9,6 @@
 #include <span>
 
 #include "robot_records.hpp"
-#include "state_records.hpp"
 
 namespace cdrj {
 
@@ -35,14 +34,6 @@ struct Sizes {
     Index axes() const { return motors + joints; }
 };
 
-/// A table of numbers by rows.
-struct Table {
-    double* data;
-    Index width;
-
-    double& operator()(Index row, Index column) const { return data[row * width + column]; }
-};
-
 /// A table of records by rows.
 template <typename Record>
 struct Grid {
@@ -51,6 +42,9 @@ struct Grid {
 
     Record& operator()(Index row, Index column) const { return data[row * width + column]; }
 };
+
+/// A table of numbers by rows.
+using Table = Grid<double>;
 
 /// Connections of a robot.
 struct Topology {
@@ -137,6 +131,9 @@ struct State {
     }
 };
 
+/// Bit flags of an element's status, as in `cdrj_ros.model.packing`.
+enum Status { OK = 0, SLACK = 1, OVERLOAD = 2, UNSURE = 4, STALE = 8, INVALID = 16 };
+
 /// Results of a sample.
 struct Estimate {
     Estimate(const Sizes& sizes, double* estimate);
@@ -144,7 +141,7 @@ struct Estimate {
     static std::size_t size(const Sizes& sizes);
 
     std::span<double> tension;       // of every element [N]
-    std::span<double> status;        // bit flags of every element
+    std::span<double> status;        // `Status` of every element
     std::span<double> force_x;       // of the cable on every pulley [N]
     std::span<double> force_y;
     std::span<double> force_z;
@@ -167,7 +164,7 @@ struct Workspace {
 
     std::span<double> element_length;  // geometric, with its share of the arcs [m]
     Table lever_arm;                   // of every element about every joint [m], (E27)
-    Table direction;                   // unit vectors of routed elements in the base
+    std::span<Vector3> direction;      // unit vectors of routed elements in the base
     std::span<double> wrap;            // of every pulley [rad]
     std::span<double> arc;             // length of cable on every pulley [m]
     std::span<double> laid;            // cable that a turn of its frame or of its tangent has laid onto
@@ -184,18 +181,5 @@ struct Workspace {
     double* history;                   // the state before the sample, by the contact cells of this
                                        // sample; only where some are fixed to a surface
 };
-
-/// Pose of every frame, and its velocity per joint (G1).
-///
-/// A rolling frame follows two equal circles (5): it rolls about its z axis and
-/// starts on its x axis.
-void place_frames(
-    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
-    Workspace& work);
-
-/// Velocity of a point that moves with a frame; both vectors are in the base (G1).
-inline Vector3 velocity_of(const Twist& twist, const Vector3& point) {
-    return twist.linear + cross(twist.angular, point);
-}
 
 }  // namespace cdrj

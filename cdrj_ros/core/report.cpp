@@ -1,9 +1,10 @@
-#include "report.hpp"
-
+// Results of a sample: status, nodal forces and efforts; docs/model.md, section 6. When an element is
+// UNSURE: docs/uncertainty.md.
 #include <algorithm>
 #include <cmath>
 
 #include "guide.hpp"
+#include "robot.hpp"
 
 namespace cdrj {
 namespace {
@@ -16,10 +17,7 @@ Vector3 force_on_pulley(const Step& step, Index p, Route routed, double t_in, do
     const Workspace& work = step.work;
     if (routed == Route::positions) {
         const Index e = step.topology.pulleys[p].element;
-        const Table& u = work.direction;
-        return {
-            t_out * u(e + 1, 0) - t_in * u(e, 0), t_out * u(e + 1, 1) - t_in * u(e, 1),
-            t_out * u(e + 1, 2) - t_in * u(e, 2)};
+        return t_out * work.direction[e + 1] - t_in * work.direction[e];
     }
     double along = step.constants.pulleys[p].half_sine;
     double across = step.constants.pulleys[p].half_cosine;
@@ -34,7 +32,7 @@ Vector3 force_on_pulley(const Step& step, Index p, Route routed, double t_in, do
 double drum_lever(const Step& step, Index c, Index end) {
     const CableTopology& cable = step.topology.cables[c];
     const Index node = cable.first_node + end * cable.elements;
-    if (cable.routed == Route::positions && !kind_of(step.topology.nodes[node].kind).fixed) {
+    if (cable.routed == Route::positions && !kind_of(step.topology.nodes[node].kind).fixed()) {
         return step.work.touches[node].lever;
     }
     return step.constants.ends[2 * c + end].radius;

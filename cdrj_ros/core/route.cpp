@@ -1,18 +1,16 @@
-// The path of one cable.
+// Poses of the frames, and the path of one cable that is given by positions: lengths, wraps and lever arms.
+// A cable in the plane is one in space: its pulleys and drums lie at z = 0, their axes along z.
 //
 // The points of contact of neighbouring round bodies depend on each other. Sweeps along the cable
 // recompute each node from the points of its neighbours until no point moves any more. A point that
 // moves along a tangent does not move the tangent, so two circles in a plane converge quadratically.
 // The result depends on the pose alone, not on the samples before it. docs/model.md, section 13.3.
-#include "route.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "guide.hpp"
-#include "layout.hpp"
-#include "vectors.hpp"
+#include "robot.hpp"
 
 namespace cdrj {
 namespace {
@@ -32,8 +30,28 @@ constexpr double LEAST_SHARE = 1e-3;
 /// Sine of an angle between two axes that count as parallel.
 constexpr double PARALLEL = 1e-12;
 
-/// Chord of the unit circle below which two terms of a series give the arc to rounding.
-constexpr double SMALL_CHORD = 1e-4;
+/// Add an angular velocity about a line in the base.
+void turn(Twist& twist, const Vector3& axis, const Vector3& origin) {
+    twist.angular = twist.angular + axis;
+    twist.linear = twist.linear + cross(origin, axis);
+}
+
+/// Turn a pose about a unit vector in its own axes.
+///
+/// Turning about the vector in the base would multiply rounding errors from joint to joint.
+void turn(Pose& pose, const Vector3& axis, double angle) {
+    const double c = std::cos(angle), s = std::sin(angle);
+    const Vector3 first = rotated(pose.rotation, about(axis, c, s, {1.0, 0.0, 0.0}));
+    const Vector3 second = rotated(pose.rotation, about(axis, c, s, {0.0, 1.0, 0.0}));
+    const Vector3 third = rotated(pose.rotation, about(axis, c, s, {0.0, 0.0, 1.0}));
+    pose.rotation.row = {
+        first.x, second.x, third.x, first.y, second.y, third.y, first.z, second.z, third.z};
+}
+
+/// Velocity of a point that moves with a frame; both vectors are in the base (G1).
+Vector3 velocity_of(const Twist& twist, const Vector3& point) {
+    return twist.linear + cross(twist.angular, point);
+}
 
 /// One cable with its nodes; the first and the last are its ends.
 struct Path {
@@ -53,7 +71,7 @@ struct Path {
     const GuideKind& kind(Index k) const { return kind_of(topology[k].kind); }
 
     /// Whether an end winds cable.
-    bool winds(Index end) const { return !kind(end).fixed; }
+    bool winds(Index end) const { return !kind(end).fixed(); }
 };
 
 /// (E4): where the common tangent of two pulleys with parallel axes leaves one and meets the other.
@@ -97,7 +115,7 @@ double place_nodes(const Path& path, std::span<const Pose> poses) {
         if (kind.bridges) {
             const Pose& far = poses[links.exit_frame];
             touch.exit = far.origin + rotated(far.rotation, node.exit);
-        } else if (!kind.fixed) {
+        } else if (!kind.fixed()) {
             for (int i = 0; i < 3; ++i) {
                 const auto& own = node.basis.row;
                 const Vector3 row{own[3 * i], own[3 * i + 1], own[3 * i + 2]};
@@ -159,7 +177,7 @@ Sweep sweep(const Path& path) {
     const Index last = path.last();
     for (Index k = 0; k <= last; ++k) {
         const GuideKind& kind = path.kind(k);
-        if (kind.fixed) continue;
+        if (kind.fixed()) continue;
         const NodeConstants& node = path.nodes[k];
         Touch& touch = path.touches[k];
         const Vector3 centre = touch.centre;
@@ -192,7 +210,7 @@ Sweep sweep(const Path& path) {
 bool find_path(const Path& path, double size) {
     bool coupled = false;  // one sweep is exact if both neighbours of every round body are points
     for (Index k = 1; k <= path.last(); ++k) {
-        coupled |= !(path.kind(k).fixed || path.kind(k - 1).fixed);
+        coupled |= !(path.kind(k).fixed() || path.kind(k - 1).fixed());
     }
     Sweep found = sweep(path);
     if (!coupled) return found.possible;
@@ -221,6 +239,7 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
     double* length = work.element_length.data() + first;
     double* wrap = work.wrap.data() + own.first_pulley;
     double* arc = work.arc.data() + own.first_pulley;
+    Vector3* along = work.direction.data() + first;
     bool possible = true;
     for (Index p = 0; p < last;) {
         const Index q = path.neighbour(p, 1);
@@ -233,17 +252,11 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
         for (Index e = p; e < q; ++e) {
             const double end = e + 1 < q ? touches[e + 1].share : 1.0;
             length[e] = (end - begin) * line;
-            work.direction(first + e, 0) = unit.x;
-            work.direction(first + e, 1) = unit.y;
-            work.direction(first + e, 2) = unit.z;
+            along[e] = unit;
             begin = end;
         }
         p = q;
     }
-    const auto along = [&](Index e) {
-        const Table& u = work.direction;
-        return Vector3{u(first + e, 0), u(first + e, 1), u(first + e, 2)};
-    };
     ArcMiddle* middle = work.middles.data() + own.first_node;
     middle[0] = middle[last] = {Z_AXIS, Z_AXIS, 0.0};  // cable sticks to an end
     for (Index k = 1; k < last; ++k) {
@@ -253,7 +266,7 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
             middle[k] = {Z_AXIS, ZERO, 0.0};
             continue;
         }
-        const Passing cable{along(k - 1), along(k), wrap[k - 1]};
+        const Passing cable{along[k - 1], along[k], wrap[k - 1]};
         middle[k] = path.kind(k).measure(path.nodes[k], cable, touch);
         wrap[k - 1] = touch.wrap;
         arc[k - 1] = touch.arc;
@@ -265,6 +278,53 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
 }
 
 }  // namespace
+
+void place_frames(
+    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
+    Workspace& work) {
+    for (Index f = 0; f < topology.sizes.frames; ++f) {
+        const FrameConstants& frame = constants.frames[f];
+        const auto [parent, motion, joint] = topology.frames[f];
+        Pose& pose = work.pose[f];
+        Vector3 origin = frame.origin;
+        pose.rotation = frame.rotation;
+        if (parent >= 0) {
+            const Pose& carrier = work.pose[parent];
+            pose.rotation = product(carrier.rotation, frame.rotation);
+            origin = carrier.origin + rotated(carrier.rotation, frame.origin);
+        }
+        for (Index j = 0; j < topology.sizes.joints; ++j) {
+            work.twist(f, j) =
+                parent >= 0 ? work.twist(parent, j) : Twist{ZERO, ZERO};
+        }
+        if (joint >= 0) {
+            const double q = frame.multiplier * joint_angle[joint] + frame.offset;
+            const Vector3 axis = rotated(pose.rotation, frame.axis);
+            const Vector3 rate = frame.multiplier * axis;
+            Twist& twist = work.twist(f, joint);
+            switch (motion) {
+                case FrameMotion::fixed: break;
+                case FrameMotion::revolute:
+                    turn(twist, rate, origin);
+                    turn(pose, frame.axis, q);
+                    break;
+                case FrameMotion::prismatic:
+                    twist.linear = twist.linear + rate;
+                    origin = combined(1.0, origin, q, axis);
+                    break;
+                case FrameMotion::rolling: {
+                    const Vector3 start = rotated(pose.rotation, {frame.rolling_radius, 0.0, 0.0});
+                    const Vector3 radius = about(axis, std::cos(q), std::sin(q), start);
+                    turn(twist, 2.0 * rate, origin + radius);
+                    origin = combined(1.0, origin, 2.0, radius);
+                    turn(pose, frame.axis, 2.0 * q);
+                    break;
+                }
+            }
+        }
+        pose.origin = origin;
+    }
+}
 
 bool route_cable(
     const Topology& topology, const Constants& constants, Index cable,
@@ -302,15 +362,10 @@ bool route_cable(
         laid = path.nodes[k].reel * wound_angle(path.nodes[k], path.touches[k], k == 0);  // (G8)
         length[std::min(k, last - 1)] += laid;
     }
-    const auto along = [&](Index e) {
-        const Table& u = work.direction;
-        const Index row = own.first_element + e;
-        return Vector3{u(row, 0), u(row, 1), u(row, 2)};
-    };
+    const Vector3* along = work.direction.data() + own.first_element;
     for (Index e = 0; e < last; ++e) {
         // (E27), in the plane (E7): velocity along the cable of the point at which it arrives on a body, less that of the
         // point at which it has left one
-        const Vector3 unit = along(e);
         const NodeTopology& from = path.topology[e];
         const Index left = path.kind(e).bridges ? from.exit_frame : from.frame;
         const Index right = path.topology[e + 1].frame;
@@ -323,7 +378,7 @@ bool route_cable(
             if (rigid) continue;
             const Vector3 arrives = velocity_of(work.twist(right, j), end.entry);
             const Vector3 leaves = velocity_of(work.twist(left, j), begin.exit);
-            lever_arm = dot(unit, arrives - leaves);
+            lever_arm = dot(along[e], arrives - leaves);
         }
     }
     for (const Index k : {Index{0}, last}) {
@@ -331,23 +386,10 @@ bool route_cable(
         // moment about the axis of the drum per newton
         Touch& touch = path.touches[k];
         const Vector3 arm = (k == 0 ? touch.exit : touch.entry) - touch.centre;
-        const Vector3 unit = along(std::min(k, last - 1));
+        const Vector3& unit = along[std::min(k, last - 1)];
         touch.lever = path.nodes[k].turn * dot(axis_of(touch.basis), cross(arm, unit));
     }
     return possible;
-}
-
-double motion_along(double radius, const ArcMiddle& before, const ArcMiddle& now) {
-    const Vector3 along = before.tangent + now.tangent;
-    const double size = norm(along), was = norm(before.tangent), is = norm(now.tangent);
-    if (size == 0.0 || was == 0.0 || is == 0.0) return 0.0;
-    const Vector3 way = now.normal - before.normal;
-    const double chord = norm(way);
-    double stretch = 1.0 + chord * chord / 24.0;  // arc over chord
-    if (chord > SMALL_CHORD) stretch = 2.0 * std::asin(std::min(0.5 * chord, 1.0)) / chord;
-    const double moved =
-        radius * stretch * dot(way, along) + (now.height - before.height) * along.z;
-    return moved * (0.5 * (was + is) / size);
 }
 
 }  // namespace cdrj

@@ -111,6 +111,19 @@ inline Vector3 rotated_back(const Matrix3& r, const Vector3& a) {
     };
 }
 
+/// The product of two rotations.
+inline Matrix3 product(const Matrix3& left, const Matrix3& right) {
+    Matrix3 result{};
+    for (int i = 0; i < 3; ++i) {
+        for (int k = 0; k < 3; ++k) {
+            result.row[3 * i + k] = left.row[3 * i] * right.row[k] +
+                                    left.row[3 * i + 1] * right.row[3 + k] +
+                                    left.row[3 * i + 2] * right.row[6 + k];
+        }
+    }
+    return result;
+}
+
 /// `a` turned about a unit vector (Rodrigues).
 inline Vector3 about(const Vector3& axis, double cosine, double sine, const Vector3& a) {
     const double along = (1.0 - cosine) * dot(axis, a);

@@ -3,7 +3,7 @@
 ``topology`` holds integers: how many parts there are, and their connections.  ``constants`` holds
 reals; the members of an ensemble differ in them and share one topology.  The compiled core reads
 the same two vectors, and reads and writes states, scratch and estimates.  Its headers describe all
-parts and records: ``layout.hpp``, ``robot_records.hpp`` and ``state_records.hpp``.
+parts and records: ``layout.hpp`` and ``robot_records.hpp``.
 """
 
 from __future__ import annotations
