@@ -7,7 +7,6 @@
 
 #include "bind.hpp"
 #include "conditioner.hpp"
-#include "recording.hpp"
 
 namespace cdrj {
 namespace {
@@ -167,6 +166,8 @@ public:
 
     HeldRecording(Conditioner& conditioner, std::vector<GivenSeries> given)
         : given_(std::move(given)), conditioner_(conditioner), recording_(conditioner, series()) {}
+    HeldRecording(const HeldRecording&) = delete;  // views of its own arrays
+    HeldRecording& operator=(const HeldRecording&) = delete;
 
     bool is_over() const { return recording_.is_over(); }
 

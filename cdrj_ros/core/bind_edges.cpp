@@ -53,6 +53,8 @@ class HeldStepper {
 public:
     HeldStepper(const HeldRobot& held, Index joint)
         : robot_(held.robot), stepper_(held.robot, checked(held, joint)), joint_(joint) {}
+    HeldStepper(const HeldStepper&) = delete;  // refers to a robot
+    HeldStepper& operator=(const HeldStepper&) = delete;
 
     void release(
         const std::array<double, 6>& load, double effort_sign, double lower, double upper) {

@@ -12,6 +12,8 @@ constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;     // the velocity is avera
 constexpr Nanoseconds SHORTEST_WINDOW_NS = 10'000'000;  // and not over less where readings are lost
 constexpr std::size_t RECENT = 1000;       // readings kept for it at most
 constexpr int STRAGGLERS = 100;            // that a channel may deliver after a jump back
+constexpr Nanoseconds LAG_WINDOW_NS = 500'000'000;     // shortest window over which a lag is taken
+constexpr int LAG_READINGS = 8;            // fewest readings in one
 constexpr double FINER = 0.22;             // logarithm of 1.25
 
 /// The next of few values, each a quarter above the one before, so that changes are few.
@@ -29,8 +31,7 @@ bool is_in_range(const Axis& axis, double angle) {
     return axis.lower - RANGE_MARGIN <= angle && angle <= axis.upper + RANGE_MARGIN;
 }
 
-}  // namespace
-
+/// Linear interpolation between the points of a correction, constant beyond its ends.
 double correction_at(const Axis& axis, double angle) {
     const std::vector<double>& at = axis.corrected_at;
     const std::vector<double>& value = axis.correction;
@@ -40,6 +41,50 @@ double correction_at(const Axis& axis, double angle) {
     const auto before = after - 1;
     const double slope = (value[after] - value[before]) / (at[after] - at[before]);
     return slope * (angle - at[before]) + value[before];
+}
+
+}  // namespace
+
+void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
+    if (others_.size() <= axis) others_.resize(axis + 1);
+    Other& other = others_[axis];
+    other.newest_ns = stamp_ns;
+    if (last_ns_ < 0) return;
+    other.least_ns = std::min(other.least_ns, std::max<Nanoseconds>(stamp_ns - last_ns_, 0));
+}
+
+void Lag::take(Nanoseconds stamp_ns) {
+    last_ns_ = stamp_ns;
+    ++count_;
+    Nanoseconds newest_ns = -1, most = 0;
+    for (Other& other : others_) {
+        if (other.newest_ns < 0) continue;  // this axis, or a silent one
+        newest_ns = std::max(newest_ns, other.newest_ns);
+        if (other.newest_ns == stamp_ns) ++other.shared;
+        const bool one_clock = 2 * other.shared >= count_;
+        const bool met = other.least_ns != EVER_NS;
+        most = std::max(most, one_clock ? 0 : met ? other.least_ns : most_ns);
+    }
+    if (newest_ns < 0) return;
+    const Nanoseconds behind_ns = std::max<Nanoseconds>(newest_ns - stamp_ns, 0);
+    if (begin_ns_ < 0) begin_ns_ = stamp_ns;
+    least_ns_ = std::min(least_ns_, behind_ns);
+    lag_ns = first_ns_ < 0 ? least_ns_ : std::min(lag_ns, behind_ns);
+    if (first_ns_ < 0) most_ns = most;
+    if (count_ < LAG_READINGS || stamp_ns - begin_ns_ < LAG_WINDOW_NS) return;
+    lag_ns = least_ns_;
+    most_ns = most;
+    if (first_ns_ < 0) {
+        first_ns_ = stamp_ns;
+        first_lag_ns_ = lag_ns;
+    } else {
+        growth = static_cast<double>(lag_ns - first_lag_ns_) /
+                 static_cast<double>(stamp_ns - first_ns_);
+    }
+    begin_ns_ = stamp_ns;
+    least_ns_ = EVER_NS;
+    for (Other& other : others_) other = {other.newest_ns};
+    count_ = 0;
 }
 
 Channel::Channel(const Axis& axis) {

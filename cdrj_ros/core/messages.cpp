@@ -13,6 +13,29 @@ namespace {
 
 constexpr std::size_t ENCAPSULATION = 4;  // bytes before the first field: representation, options
 
+/// Whether bytes are UTF-8: no longer form than needed, no surrogates, nothing beyond U+10FFFF.
+bool is_utf8(std::string_view bytes) {
+    const auto at = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
+    for (std::size_t i = 0; i < bytes.size();) {
+        const unsigned char first = at(i);
+        if (first < 0x80) {
+            ++i;
+            continue;
+        }
+        const std::size_t length = first >= 0xF0 ? 4 : first >= 0xE0 ? 3 : 2;
+        if (first < 0xC2 || first > 0xF4 || length > bytes.size() - i) return false;
+        // the range of the second byte excludes longer forms, surrogates and what is beyond the end
+        const unsigned char least = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
+        const unsigned char most = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
+        if (at(i + 1) < least || at(i + 1) > most) return false;
+        for (std::size_t k = 2; k < length; ++k) {
+            if ((at(i + k) & 0xC0) != 0x80) return false;
+        }
+        i += length;
+    }
+    return true;
+}
+
 /// A cursor over one message; once a field does not fit, nothing fits any more.
 class Reader {
 public:
@@ -115,28 +138,6 @@ bool JointStateDecoder::decode(std::string_view payload) {
     const bool some = !next_.efforts.empty() && next_.efforts.size() != next_.names.size();
     if (efforts_ && some) return false;
     std::swap(last_, next_);
-    return true;
-}
-
-bool is_utf8(std::string_view bytes) {
-    const auto at = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
-    for (std::size_t i = 0; i < bytes.size();) {
-        const unsigned char first = at(i);
-        if (first < 0x80) {
-            ++i;
-            continue;
-        }
-        const std::size_t length = first >= 0xF0 ? 4 : first >= 0xE0 ? 3 : 2;
-        if (first < 0xC2 || first > 0xF4 || length > bytes.size() - i) return false;
-        // the range of the second byte excludes longer forms, surrogates and what is beyond the end
-        const unsigned char least = first == 0xE0 ? 0xA0 : first == 0xF0 ? 0x90 : 0x80;
-        const unsigned char most = first == 0xED ? 0x9F : first == 0xF4 ? 0x8F : 0xBF;
-        if (at(i + 1) < least || at(i + 1) > most) return false;
-        for (std::size_t k = 2; k < length; ++k) {
-            if ((at(i + k) & 0xC0) != 0x80) return false;
-        }
-        i += length;
-    }
     return true;
 }
 

@@ -37,9 +37,6 @@ private:
     JointState last_, next_;
 };
 
-/// Whether bytes are UTF-8: no longer form than needed, no surrogates, nothing beyond U+10FFFF.
-bool is_utf8(std::string_view bytes);
-
 /// Numbers that are copied into a message.
 struct CopiedNumbers {
     std::size_t offset;  // of the first one in the message [bytes], encapsulation included

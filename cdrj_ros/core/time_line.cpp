@@ -24,6 +24,11 @@ double interpolated(Channel& channel, Nanoseconds stamp_ns) {
     return before.angle + (after.angle - before.angle) * (passed / whole);
 }
 
+/// The reading at, or next after, the sample that `interpolated` gave last.
+const Reading& reached(const Channel& channel, Nanoseconds stamp_ns) {
+    return channel.readings[channel.readings[0].stamp_ns == stamp_ns ? 0 : 1];
+}
+
 /// The angle at or after the last reading, by the velocity, within the limits.
 double extrapolated(const Axis& axis, const Channel& channel, Nanoseconds stamp_ns) {
     const Nanoseconds ahead_ns = stamp_ns - channel.last_ns;
@@ -51,13 +56,12 @@ std::vector<double> unseen_at(
     Nanoseconds previous_ns) {
     Unseen unseen{channels.size()};
     for (std::size_t k = 0; k < channels.size(); ++k) {
-        const std::deque<Reading>& readings = channels[k].readings;
-        const bool between = readings[0].stamp_ns != stamp_ns;
-        const Reading& after = readings[between ? 1 : 0];
+        const Reading &before = channels[k].readings[0], &after = reached(channels[k], stamp_ns);
         if (after.curvature == 0.0) continue;
+        const bool between = before.stamp_ns != stamp_ns;
         const double way =
             way_between(after.curvature, stamp_ns - previous_ns, axes[k].negligible);
-        const double here = between ? after.curvature * (stamp_ns - readings[0].stamp_ns) *
+        const double here = between ? after.curvature * (stamp_ns - before.stamp_ns) *
                                           (after.stamp_ns - stamp_ns)
                                     : 0.0;
         if (between || way > 0.0) unseen.set(k, here, way);
@@ -104,12 +108,6 @@ std::vector<double> unseen_ahead(
         if (deviation > axes[k].negligible || way > 0.0) unseen.set(k, deviation, way);
     }
     return unseen.values;
-}
-
-/// Whether a curvature of (C3) at the sample that `interpolated` gave last is not 0.
-bool is_curved(const Channel& channel, Nanoseconds stamp_ns) {
-    const std::deque<Reading>& readings = channel.readings;
-    return readings[readings[0].stamp_ns == stamp_ns ? 0 : 1].curvature != 0.0;
 }
 
 }  // namespace
@@ -201,7 +199,7 @@ void TimeLine::interpolate(
         bool curved = false;
         for (std::size_t k = 0; k < channels.size(); ++k) {
             sample.angle[k] = interpolated(channels[k], sample.stamp_ns);
-            curved = curved || is_curved(channels[k], sample.stamp_ns);
+            curved = curved || reached(channels[k], sample.stamp_ns).curvature != 0.0;
         }
         if (!began) {
             sample.unseen = unseen_before(axes, channels, sample.stamp_ns, resumed_ns_);
@@ -215,6 +213,7 @@ void TimeLine::interpolate(
             continue;
         }
         tell_offsets(channels, sample);
+        std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= last_ns; });
         sample.doubtful = is_doubtful(last_ns);
         sample.silent = last_ns <= ahead_ns_;
         began = true;
@@ -225,14 +224,10 @@ void TimeLine::interpolate(
 
 /// Give the offsets' standard deviations at a sample that `interpolated` gave, if they have changed.
 void TimeLine::tell_offsets(Channels channels, Sample& sample) {
-    const auto offset_of = [&](const Channel& channel) {
-        const std::deque<Reading>& readings = channel.readings;
-        return readings[readings[0].stamp_ns == sample.stamp_ns ? 0 : 1].offset;
-    };
     bool changed = offset_.empty();
     offset_.resize(channels.size());
     for (std::size_t k = 0; k < channels.size(); ++k) {
-        const Offset offset = offset_of(channels[k]);
+        const Offset& offset = reached(channels[k], sample.stamp_ns).offset;
         changed = changed || offset != offset_[k];
         offset_[k] = offset;
     }
@@ -262,18 +257,15 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     }
     sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;
-    sample.doubtful = std::any_of(doubts_.begin(), doubts_.end(), [&](const Doubt& doubt) {
-        return doubt.after_ns < stamp_ns && stamp_ns < doubt.until_ns;
-    });
+    sample.doubtful = is_doubtful(stamp_ns);
     sample.predicted = true;
     return sample;
 }
 
-/// Whether some sensor may have stepped before a sample; drops doubts that have ended.
-bool TimeLine::is_doubtful(Nanoseconds stamp_ns) {
-    std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= stamp_ns; });
+/// Whether some sensor may have stepped before a sample.
+bool TimeLine::is_doubtful(Nanoseconds stamp_ns) const {
     return std::any_of(doubts_.begin(), doubts_.end(), [&](const Doubt& doubt) {
-        return doubt.after_ns < stamp_ns;
+        return doubt.after_ns < stamp_ns && stamp_ns < doubt.until_ns;
     });
 }
 
