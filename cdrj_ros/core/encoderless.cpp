@@ -67,15 +67,14 @@ void EncoderlessEstimator::reset() {
 }
 
 void EncoderlessEstimator::keep() {
-    if (!kept_) kept_ = {history_, ensemble_.population.states, ensemble_.memory};
+    if (!kept_) kept_ = history_;
+    ensemble_.keep();
 }
 
 void EncoderlessEstimator::roll_back() {
     if (!kept_) return;
-    history_ = std::move(kept_->history);
-    ensemble_.population.states = kept_->states;  // of the same sizes: they stay where they are
-    ensemble_.memory = kept_->memory;
-    kept_.reset();
+    history_ = *std::exchange(kept_, std::nullopt);
+    ensemble_.roll_back();
 }
 
 /// Solve the readings in `motor_angle_`, `measured_angle_` and `effort_` for one robot.

@@ -192,13 +192,6 @@ private:
         std::vector<double> variance;            // of the angles
     };
 
-    /// The history, and the ensemble's.
-    struct Kept {
-        History history;
-        std::vector<double> states;
-        EnsembleMemory memory;
-    };
-
     History before_first_sample() const;
     void solve(
         const Robot& robot, std::span<const double> share, std::span<double> state,
@@ -209,7 +202,7 @@ private:
     Ensemble& ensemble_;
     EncoderlessSolver solver_;
     History history_;
-    std::optional<Kept> kept_;
+    std::optional<History> kept_;
     std::vector<double> motor_angle_;     // readings with the errors of a member
     std::vector<double> measured_angle_;
     std::vector<double> effort_;

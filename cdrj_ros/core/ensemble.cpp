@@ -102,19 +102,23 @@ void Ensemble::update(
 
 void Ensemble::predict(
     const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
-    if (!before_prediction_) before_prediction_ = {population.states, memory};
+    keep();
     begin(sample, estimate, 1, stddev);
 }
 
+void Ensemble::keep() {
+    if (!kept_) kept_ = {population.states, memory};
+}
+
 void Ensemble::roll_back() {
-    if (!before_prediction_) return;
-    population.states = before_prediction_->states;  // of the same sizes: they stay where they are
-    memory = before_prediction_->memory;
-    before_prediction_.reset();
+    if (!kept_) return;
+    population.states = kept_->states;  // of the same sizes: they stay where they are
+    memory = kept_->memory;
+    kept_.reset();
 }
 
 void Ensemble::reset() {
-    before_prediction_.reset();
+    kept_.reset();
     start_anew();
     memory.progress.last_stamp = -1;
     memory.progress.last_unsolved = 0;

@@ -140,7 +140,10 @@ public:
     void predict(
         const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
 
-    /// Forget what has been predicted.
+    /// Keep the history of all members, unless that has been done.
+    void keep();
+
+    /// Return to the history that was kept, as before a prediction; without effect if there is none.
     void roll_back();
 
     /// Discard the history of all members; the next sample starts them anew.
@@ -205,13 +208,13 @@ private:
     /// The part of an estimate that learned corrections have; `part` 0: the corrections, 1: their trust.
     double learned(std::span<const double> estimate, Index residual, Index part) const;
 
-    /// What a prediction changes, as it was before.
+    /// What samples change.
     struct Kept {
         std::vector<double> states;
         EnsembleMemory memory;
     };
 
-    std::optional<Kept> before_prediction_;
+    std::optional<Kept> kept_;
 
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;
