@@ -67,6 +67,10 @@ public:
         if (axis >= ndim()) throw nb::value_error("an array has too few axes");
         return PyArray_DIM(array(), static_cast<int>(axis));
     }
+    bool has(Shape shape) const {
+        return std::equal(
+            shape.begin(), shape.end(), PyArray_DIMS(array()), PyArray_DIMS(array()) + ndim());
+    }
     const nb::object& object() const { return object_; }
 
 private:

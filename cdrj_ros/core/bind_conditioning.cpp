@@ -125,8 +125,7 @@ nb::tuple memory(const Conditioner& conditioner) {
 void recall(Conditioner& conditioner, const Given& rows, const Given& stepped) {
     const auto axes = static_cast<Index>(conditioner.axes().size());
     require(
-        rows.ndim() == 2 && rows.shape(0) == axes && rows.shape(1) == REMEMBERED &&
-            stepped.size() == axes,
+        rows.has({axes, REMEMBERED}) && stepped.size() == axes,
         "memory of another number of axes");
     std::vector<Conditioner::Memory> memory;
     for (Index k = 0; k < axes; ++k) {

@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include <nanobind/stl/array.h>
+
 #include "bind.hpp"
 #include "messages.hpp"
 #include "simulation.hpp"
@@ -44,7 +46,7 @@ nb::bytes encode(
 
 void require_rows(const auto& table, Index rows, Index columns, const char* name) {
     require(
-        table.ndim() == 2 && table.shape(0) == rows && table.shape(1) == columns,
+        table.has({rows, columns}),
         (std::string(name) + " has not the shape of this robot's").c_str());
 }
 

@@ -1,7 +1,6 @@
 // The ensemble behind the standard deviations, and joints without encoder, as `cdrj_ros.estimation`
 // uses them.
 #include <algorithm>
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,9 +16,8 @@ namespace {
 template <typename T>
 std::vector<std::remove_const_t<T>> taken(
     const Array<T>& array, Shape shape, const char* name) {
-    bool fits = array.ndim() == Index(shape.size());
-    for (Index axis = 0; const Index wanted : shape) fits = fits && array.shape(axis++) == wanted;
-    require(fits, (std::string(name) + " has not the shape of this robot's ensemble").c_str());
+    require(
+        array.has(shape), (std::string(name) + " has not the shape of this robot's ensemble").c_str());
     return {array.data(), array.data() + array.size()};
 }
 
@@ -262,7 +260,7 @@ void run_encoderless(
     const Sizes& sizes = estimator.ensemble().robot().topology.sizes;
     const Index samples = stamp_ns.size();
     const auto fits = [samples](const auto& one, std::size_t width) {
-        return one.shape(0) == samples && one.shape(1) == Index(width);
+        return one.has({samples, Index(width)});
     };
     require(
         fits(motor_angle, sizes.motors) && fits(effort, sizes.motors) &&
@@ -283,7 +281,7 @@ void run_encoderless(
 }
 
 void bind_encoderless(nb::module_& core) {
-    nb::class_<EncoderlessJoint>(core, "EncoderlessJoint", "A joint without encoder.")
+    nb::class_<EncoderlessJoint>(core, "EncoderlessJoint")
         .def(
             "__init__",
             [](EncoderlessJoint* made, Index joint, double lower, double upper, double start,
@@ -291,8 +289,7 @@ void bind_encoderless(nb::module_& core) {
                 new (made) EncoderlessJoint{joint, lower, upper, start, load_drift};
             },
             nb::kw_only(), "joint"_a, "lower"_a, "upper"_a, "start"_a, "load_drift"_a);
-    nb::class_<EncoderlessEstimator>(
-        core, "EncoderlessEstimator", "The estimate of a robot with joints without encoder.")
+    nb::class_<EncoderlessEstimator>(core, "EncoderlessEstimator")
         .def(
             nb::init<Ensemble&, std::vector<EncoderlessJoint>, std::vector<double>>(), nb::kw_only(),
             "ensemble"_a, "joints"_a, "effort_noise"_a, nb::keep_alive<1, 2>())
@@ -310,15 +307,15 @@ void bind_encoderless(nb::module_& core) {
 }  // namespace
 
 void bind_ensemble(nb::module_& core) {
-    nb::class_<HeldPopulation>(core, "Population", "Robots with constants of their own.")
+    nb::class_<HeldPopulation>(core, "Population")
         .def(
             nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a)
         .def(
             "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a)
         .def("reset", [](HeldPopulation& held) {
             std::ranges::fill(held.population.states, 0.0);
-        }, "Discard the history of all robots.");
-    nb::class_<Ensemble>(core, "Ensemble", "Robots that differ in all that is unknown.")
+        });
+    nb::class_<Ensemble>(core, "Ensemble")
         .def(
             "__init__", make_ensemble, "robot"_a, "constants"_a, "friction_share"_a, "slipping"_a,
             "effort_error"_a, "reading_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
@@ -335,9 +332,9 @@ void bind_ensemble(nb::module_& core) {
         .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
             "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a)
-        .def("roll_back", &Ensemble::roll_back, "Forget what has been predicted.")
-        .def("reset", &Ensemble::reset, "Discard the history of all members.")
-        .def("take_offset", take_offset, "offset"_a, "Take the standard deviations of lasting errors.")
+        .def("roll_back", &Ensemble::roll_back)
+        .def("reset", &Ensemble::reset)
+        .def("take_offset", take_offset, "offset"_a)
         .def_prop_ro(
             "constants", part(&Ensemble::population, &Population::constants, true))
         .def_prop_ro(

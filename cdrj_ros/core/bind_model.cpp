@@ -5,6 +5,7 @@
 #include <type_traits>
 #include <vector>
 
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 
 #include "bind.hpp"
@@ -235,9 +236,7 @@ Index course(
     require(joint_angle.ndim() == 2, "joint_angle needs two axes");
     held.require_angles(sizes.motors, joint_angle.shape(1));
     const Index poses = joint_angle.shape(0);
-    const auto fits = [poses](const auto& one, Index width) {
-        return one.ndim() == 2 && one.shape(0) == poses && one.shape(1) == width;
-    };
+    const auto fits = [poses](const auto& one, Index width) { return one.has({poses, width}); };
     require(
         fits(length, sizes.elements) && fits(lever_arm, sizes.elements * sizes.joints) &&
             fits(wrap, sizes.pulleys) && fits(arc, sizes.pulleys) && fits(track, sizes.pulleys),
@@ -302,10 +301,9 @@ HeldState forget_drums(const HeldRobot& held, HeldState state) {
 void bind_robot(nb::module_& core) {
     bind_kinds<Guide>(core, "Guide", GUIDE_NAMES);
     bind_kinds<FrameMotion>(core, "FrameMotion", FRAME_MOTION_NAMES);
-    core.def(
-        "residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a);
+    core.def("residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a);
     core.attr("NEVER") = NEVER_NS;
-    nb::class_<HeldState>(core, "State", "State of a robot after a sample.")
+    nb::class_<HeldState>(core, "State")
         .def(
             "__init__",
             [](HeldState* made, Nanoseconds stamp_ns, const Given& values) {
@@ -318,7 +316,7 @@ void bind_robot(nb::module_& core) {
         })
         .def_ro("stamp_ns", &HeldState::stamp_ns)
         .def_prop_ro("values", [](const HeldState& state) { return copy_of(state.numbers); });
-    nb::class_<HeldRobot>(core, "Robot", "A robot as ``cdrj_ros.model.packing`` packs it.")
+    nb::class_<HeldRobot>(core, "Robot")
         .def(
             nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a)
         .def("__getstate__", [](const HeldRobot& held) { return nb::make_tuple(held.topology, held.constants); })
@@ -335,19 +333,15 @@ void bind_robot(nb::module_& core) {
         .def_prop_ro("estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
         .def_prop_ro(
             "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); })
-        .def(
-            "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a)
+        .def("step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a)
         .def(
             "run", run, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "estimates"_a,
             "slipping"_a = false)
-        .def(
-            "shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a)
+        .def("shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a)
         .def(
             "course", course, "joint_angle"_a, "length"_a, "lever_arm"_a, "wrap"_a, "arc"_a, "track"_a)
-        .def(
-            "start", start, "motor_angle"_a, "joint_angle"_a, "share"_a)
-        .def(
-            "forget_drums", forget_drums, "state"_a);
+        .def("start", start, "motor_angle"_a, "joint_angle"_a, "share"_a)
+        .def("forget_drums", forget_drums, "state"_a);
 }
 
 }  // namespace
