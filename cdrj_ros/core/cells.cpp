@@ -109,11 +109,8 @@ void place_contacts(
         if (topology.pulleys[p].surface >= 0) continue;
         const PulleyConstants& pulley = constants.pulleys[p];
         const Index first = topology.pulleys[p].first_contact, cells = topology.pulleys[p].cells;
-        double share = 1.0, between = work.arc[p];
-        if (cells > 1) {
-            share = 1.0 / static_cast<double>(cells);
-            between = work.arc[p] / static_cast<double>(cells);
-        }
+        const double share = 1.0 / static_cast<double>(cells);
+        const double between = work.arc[p] / static_cast<double>(cells);
         double place = after.track[p] - 0.5 * between * static_cast<double>(cells - 1);
         for (Index q = first; q < first + cells; ++q) {
             Contact& contact = work.contacts[q];

@@ -282,6 +282,19 @@ bool Robot::advance(
     return solved_all;
 }
 
+bool Robot::is_state(std::span<const double> numbers) const {
+    if (numbers.size() != state_size()) return false;
+    for (const double number : numbers) {
+        if (!(std::abs(number) <= LARGEST_IN_STATE)) return false;
+    }
+    std::vector<double> copy(numbers.begin(), numbers.end());
+    const State state(topology.sizes, copy.data());
+    if (*state.started == 0.0) return true;
+    return std::ranges::all_of(state.drums, [](const Drum& drum) {
+        return drum.points >= 1.0 && drum.points <= CAPACITY && drum.points == std::floor(drum.points);
+    });
+}
+
 // -------------------------------------------------------------------------------------------------
 // Histories that are assumed, not computed: friction before the start, and drums that slip
 
@@ -352,19 +365,6 @@ void Robot::forget_drums(double* state) const {
             start_drum(drum, drum.angle[top], drum.material[top], rate);
         }
     }
-}
-
-bool Robot::is_state(std::span<const double> numbers) const {
-    if (numbers.size() != state_size()) return false;
-    for (const double number : numbers) {
-        if (!(std::abs(number) <= LARGEST_IN_STATE)) return false;
-    }
-    std::vector<double> copy(numbers.begin(), numbers.end());
-    const State state(topology.sizes, copy.data());
-    if (*state.started == 0.0) return true;
-    return std::ranges::all_of(state.drums, [](const Drum& drum) {
-        return drum.points >= 1.0 && drum.points <= CAPACITY && drum.points == std::floor(drum.points);
-    });
 }
 
 }  // namespace cdrj

@@ -151,7 +151,7 @@ Outcome BalancedJoint::step(
     if (std::abs(b - drive) > motor_speed * dt && dt > 0.0) {
         const double asked = std::abs(fb) <= BALANCE_TOLERANCE ? std::abs(b - drive) / dt : 0.0;
         following = phase;  // the joint waits for the motor
-        b = b > drive ? drive + motor_speed * dt : drive + -motor_speed * dt;
+        b = b > drive ? drive + motor_speed * dt : drive - motor_speed * dt;
         const double before = tried(drive);
         fb = tried(b);
         if (std::abs(fb - before) > 0.1 * (1.0 + std::abs(plan.torque[phase])) && !excused) {
@@ -172,12 +172,8 @@ Outcome Stepper::step(
     std::span<double> estimate) {
     const Index last = static_cast<Index>(plan.torque.size()) - 1;
     const Index following = sample.dt > 0.0 ? std::min(phase + 1, last) : phase;
-    for (std::size_t m = 0; m < motors.size(); ++m) {
-        motors[m] = plan.motors(following, static_cast<Index>(m));
-    }
-    for (std::size_t j = 0; j < pose.size(); ++j) {
-        pose[j] = plan.pose(following, static_cast<Index>(j));
-    }
+    std::copy_n(&plan.motors(following, 0), motors.size(), motors.begin());
+    std::copy_n(&plan.pose(following, 0), pose.size(), pose.begin());
     offset_motors_.assign(motors.begin(), motors.end());
     for (std::size_t m = 0; m < motors.size(); ++m) offset_motors_[m] += sample.offset[m];
     Angles angles{motors, pose, offset_motors_};

@@ -35,8 +35,10 @@ bool StepDetector::is_judged(Point next) const {
            points_[2].stamp_ns - points_[1].stamp_ns <= WITHIN_NS;
 }
 
-bool StepDetector::is_dense(Point next) const {
-    return next.stamp_ns - points_[2].stamp_ns <= DENSE_NS;
+/// Whether neither noise nor a motion to and fro causes a deviation.
+bool StepDetector::is_plain(const Motion& motion, Point next, double deviation) const {
+    return next.stamp_ns - points_[2].stamp_ns <= DENSE_NS && motion.band > 0.0 &&
+           std::abs(deviation) > PLAIN * motion.band;
 }
 
 /// Deviation from the line through the last two readings, by the noise that it may contain.
@@ -48,11 +50,11 @@ double StepDetector::bend(Point next) const {
 
 bool StepDetector::is_off(const Motion& motion, Point next) const {
     if (!is_judged(next)) return false;
-    const double size = std::abs(bend(next));
+    const double deviation = bend(next);
     if (motion.travelled >= TRAVEL) {
-        return size > std::max(2.0 * motion.band, BEYOND * memory.bend);
+        return std::abs(deviation) > std::max(2.0 * motion.band, BEYOND * memory.bend);
     }
-    return is_dense(next) && motion.band > 0.0 && size > PLAIN * motion.band;
+    return is_plain(motion, next, deviation);
 }
 
 bool StepDetector::returns(Point off, Point next) const {
@@ -76,8 +78,7 @@ bool StepDetector::take(const Motion& motion, double worth, Point next, bool off
     if (is_judged(next)) {
         const double deviation = bend(next);
         if (!off && !found) memory.bend = std::max(memory.bend, std::abs(deviation));
-        const bool plain = is_dense(next) && motion.band > 0.0 &&
-                           std::abs(deviation) > PLAIN * motion.band;
+        const bool plain = is_plain(motion, next, deviation);
         alternate(plain && deviation * side_ < 0.0);
         side_ = plain ? deviation : 0.0;
     }

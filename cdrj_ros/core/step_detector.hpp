@@ -67,7 +67,7 @@ public:
 private:
     double bend(Point next) const;
     bool is_judged(Point next) const;
-    bool is_dense(Point next) const;
+    bool is_plain(const Motion& motion, Point next, double deviation) const;
     bool is_step(const Motion& motion, double worth, Point next);
     void alternate(bool does);
     void follow(const Motion& motion, Point next);
