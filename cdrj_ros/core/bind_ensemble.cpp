@@ -130,33 +130,29 @@ void follow(
     const Given& estimates, const Written& stddev) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     const Index samples = stamp_ns.size();
-    const auto fits = [samples](const auto& one, std::size_t width) {
-        return one.size() == samples * Index(width) && one.shape(0) == samples;
-    };
-    const std::size_t quantities = ensemble.quantities.size(), size = ensemble.robot().estimate_size();
-    const std::size_t motors = sizes.motors, joints = sizes.joints;
+    const std::size_t lasting = 3 * ensemble.axes();
     const std::size_t hidden = unseen.size() == 0 ? 0 : 2 * ensemble.axes();
+    const auto fits = [samples](const auto& one, std::size_t width) {
+        return one.has({samples, Index(width)});
+    };
     require(
-        fits(motor_angle, motors) && fits(joint_angle, joints) && fits(estimates, size) &&
-            fits(stddev, quantities) && (hidden == 0 || fits(unseen, hidden)) &&
-            offset.size() == offset_rows.size() * Index(3 * ensemble.axes()),
+        fits(motor_angle, sizes.motors) && fits(joint_angle, sizes.joints) &&
+            fits(estimates, ensemble.robot().estimate_size()) &&
+            fits(stddev, ensemble.quantities.size()) &&
+            unseen.size() == samples * Index(hidden) &&
+            offset.size() == offset_rows.size() * Index(lasting),
         "samples, estimates and stddev have not the shapes of this robot's");
-    const Nanoseconds* stamps = stamp_ns.data();
-    const double *motor = motor_angle.data(), *joint = joint_angle.data(), *deviation = unseen.data();
-    const double* estimate = estimates.data();
-    double* written = stddev.data();
-    const std::span<const Nanoseconds> changes(offset_rows.data(), offset_rows.size());
+    const std::span<const double> deviations = span_of(unseen), offsets = span_of(offset);
+    const std::span<const Index> changes = span_of(offset_rows);
     std::size_t change = 0;
     for_samples(samples, [&](Index k) {
         SampleView sample{
-            stamps[k], {motor + k * motors, motors}, {joint + k * joints, joints},
-            {deviation + k * hidden, hidden}};
+            stamp_ns.data()[k], row_of(motor_angle, k), row_of(joint_angle, k),
+            deviations.subspan(k * hidden, hidden)};
         if (change < changes.size() && changes[change] == k) {
-            const std::size_t width = 3 * ensemble.axes();
-            sample.offset = {offset.data() + change++ * width, width};
+            sample.offset = offsets.subspan(change++ * lasting, lasting);
         }
-        ensemble.update(
-            sample, {estimate + k * size, size}, 1, {written + k * quantities, quantities});
+        ensemble.update(sample, row_of(estimates, k), 1, row_of(stddev, k));
         return true;
     });
 }
