@@ -33,9 +33,9 @@ CONDITIONING = (
     "test/model",
 )  # fmt: skip
 SOURCES = {
-    "cdrj_ros/core/(cable|cells|friction|guide|law|motion)": PHYSICS,
-    "cdrj_ros/core/(report|route|tangents|vectors)": PHYSICS,
-    "cdrj_ros/core/(channel|conditioner|lag|step_detector|time_line|tracking)": CONDITIONING,
+    "cdrj_ros/core/(cable|cells|friction|guide|law)": PHYSICS,
+    "cdrj_ros/core/(report|residual|robot[.]|route|tangents|vectors)": PHYSICS,
+    "cdrj_ros/core/(channel|conditioner|motion|step_detector|time_line)": CONDITIONING,
     "cdrj_ros/estimation/(conditioner|innovation_gate|fusion|measurements)": CONDITIONING,
 }
 """Beginnings of the files that are mutated, and their tests, likely killers first."""

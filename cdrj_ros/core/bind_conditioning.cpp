@@ -107,34 +107,18 @@ nb::list names_where(const Conditioner& conditioner, Condition condition) {
     return found;
 }
 
-constexpr Index REMEMBERED = 8;  // numbers of every axis
-
-nb::tuple memory(const Conditioner& conditioner) {
-    std::vector<double> rows, stepped;
-    for (const Conditioner::Memory& one : conditioner.memory()) {
-        rows.insert(
-            rows.end(),
-            {one.speed, one.acceleration, one.fastest, one.travelled, one.windows,
-             one.steps.bend, one.steps.unexplained, one.steps.displaced});
-        stepped.push_back(one.steps.stepped ? 1.0 : 0.0);
-    }
+nb::tuple memory(Conditioner& conditioner) {
+    const auto [numbers, stepped] = conditioner.memory();
     const auto axes = static_cast<Index>(stepped.size());
-    return nb::make_tuple(copy_of(rows, {axes, REMEMBERED}), copy_of(stepped));
+    return nb::make_tuple(copy_of(numbers, {axes, Channel::REMEMBERED}), copy_of(stepped));
 }
 
 void recall(Conditioner& conditioner, const Given& rows, const Given& stepped) {
     const auto axes = static_cast<Index>(conditioner.axes().size());
     require(
-        rows.has({axes, REMEMBERED}) && stepped.size() == axes,
+        rows.has({axes, Channel::REMEMBERED}) && stepped.size() == axes,
         "memory of another number of axes");
-    std::vector<Conditioner::Memory> memory;
-    for (Index k = 0; k < axes; ++k) {
-        const auto row = row_of(rows, k);
-        memory.push_back(
-            {row[0], row[1], row[2], row[3], row[4],
-             {row[5], row[6], row[7], stepped.data()[k] != 0.0}});
-    }
-    conditioner.recall(memory);
+    conditioner.recall(span_of(rows), span_of(stepped));
 }
 
 void expect(Conditioner& conditioner, const Given& angles, Nanoseconds stamp_ns) {

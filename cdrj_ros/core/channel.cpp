@@ -272,6 +272,14 @@ void Channel::extrapolate_from(Nanoseconds stamp_ns, double angle, Nanoseconds h
     if (recent_ns() > 0) tested_.push_back({stamp_ns, recent_ns(), angle, velocity()});
 }
 
+std::array<double*, Channel::REMEMBERED> Channel::remembered() {
+    StepMemory& step = steps.memory;
+    return {
+        &motion.speed, &motion.acceleration, &motion.fastest, &motion.travelled, &motion.windows,
+        &step.bend, &step.unexplained, &step.displaced,
+    };
+}
+
 double Channel::velocity() const {
     const Nanoseconds span_ns = recent_ns();
     if (span_ns <= 0) return 0.0;

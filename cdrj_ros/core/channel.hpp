@@ -1,6 +1,8 @@
 // Gate of one channel, a motor or a joint: converts readings to angles, refuses impossible ones.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <deque>
 #include <optional>
 #include <span>
@@ -160,6 +162,10 @@ public:
     /// Adds an angle to those that are extrapolated; compares it with what was expected of it half
     /// of `horizon_ns` before.
     void extrapolate_from(Nanoseconds stamp_ns, double angle, Nanoseconds horizon_ns);
+
+    /// The numbers that outlast a restart, as does whether the sensor has stepped.
+    static constexpr std::size_t REMEMBERED = 8;
+    std::array<double*, REMEMBERED> remembered();
 
     /// The time over which the velocity is averaged, and the velocity [rad/s].
     Nanoseconds recent_ns() const { return last_ns - recent.front().stamp_ns; }

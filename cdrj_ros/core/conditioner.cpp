@@ -250,30 +250,22 @@ void Conditioner::reset(bool keep_turns) {
     }
 }
 
-std::vector<Conditioner::Memory> Conditioner::memory() const {
-    std::vector<Memory> found;
-    for (const Channel& channel : channels_) {
-        const Motion& m = channel.motion;
-        found.push_back({
-            m.speed, m.acceleration, m.fastest, m.travelled, m.windows,
-            channel.steps.memory,
-        });
+Conditioner::Memory Conditioner::memory() {
+    Memory found;
+    for (Channel& channel : channels_) {
+        for (const double* one : channel.remembered()) found.numbers.push_back(*one);
+        found.stepped.push_back(channel.steps.memory.stepped ? 1.0 : 0.0);
     }
     return found;
 }
 
-void Conditioner::recall(std::span<const Memory> memory) {
+void Conditioner::recall(std::span<const double> numbers, std::span<const double> stepped) {
+    const double* next = numbers.data();
     for (std::size_t k = 0; k < channels_.size(); ++k) {
-        const Memory& known = memory[k];
         Channel& channel = channels_[k];
-        Motion motion = channel.motion;
-        motion.speed = known.speed;
-        motion.acceleration = known.acceleration;
-        motion.fastest = known.fastest;
-        motion.travelled = known.travelled;
-        motion.windows = known.windows;
-        channel.motion = motion.elsewhen();
-        channel.steps.memory = known.steps;
+        for (double* one : channel.remembered()) *one = *next++;
+        channel.motion = channel.motion.elsewhen();
+        channel.steps.memory.stepped = stepped[k] != 0.0;
     }
 }
 

@@ -30,10 +30,10 @@ public:
     static constexpr Target ELSEWHERE = -1;  // a joint in a message of motors, or the reverse
     static constexpr Target UNKNOWN = -2;    // no name of the robot
 
-    /// What outlasts a restart of one axis.
+    /// What outlasts a restart.
     struct Memory {
-        double speed, acceleration, fastest, travelled, windows;  // see `Motion`
-        StepMemory steps;
+        std::vector<double> numbers;  // `Channel::remembered` of every axis
+        std::vector<double> stepped;  // 1 where its sensor has stepped, otherwise 0
     };
 
     /// axes: of all motors, then all joints, in the robot's order.
@@ -63,9 +63,9 @@ public:
     /// within `MAX_GAP_NS`.
     void reset(bool keep_turns);
 
-    /// Values that outlast a restart, of every axis, and their restoration before the first reading.
-    std::vector<Memory> memory() const;
-    void recall(std::span<const Memory> memory);
+    /// What outlasts a restart, and its restoration before the first reading.
+    Memory memory();
+    void recall(std::span<const double> numbers, std::span<const double> stepped);
 
     /// Continues from the last sample of an earlier run, which had one angle per axis.
     void expect(std::span<const double> angles, Nanoseconds stamp_ns);
