@@ -329,7 +329,7 @@ bool Recording::is_over() const {
 }
 
 std::vector<Samples> Recording::advance(std::size_t most) {
-    std::vector<Samples> pieces{{.after_jump = false}};
+    std::vector<Samples> pieces(1);
     for (; most > 0; --most) {
         const std::size_t s = next();
         if (s == series_.size()) break;

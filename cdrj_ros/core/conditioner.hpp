@@ -116,7 +116,7 @@ struct Series {
 
 /// Consecutive samples, as columns; n is their number.
 struct Samples {
-    bool after_jump;                    // whether the clock went back before them
+    bool after_jump = false;            // whether the clock went back before them
     std::vector<Nanoseconds> stamp_ns{};
     std::vector<double> motor{};        // angles, (n, motors)
     std::vector<double> joint{};        // angles, (n, joints)
