@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
-from cdrj_ros.estimation.reading_limits import slips
+from cdrj_ros.estimation.conditioner import slips
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import Json, counted, fixed, json_text, plain, printable

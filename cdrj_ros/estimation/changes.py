@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cdrj_ros.estimation.conditioner import half_width
 from cdrj_ros.estimation.estimator import Sample, Samples
-from cdrj_ros.estimation.reading_limits import half_width
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare

@@ -30,8 +30,7 @@ from cdrj_ros.messages.cdr import (
 )
 from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.recordings.batch import BEFORE, Batch
-from cdrj_ros.recordings.decoding import BulkDecoder
+from cdrj_ros.recordings.batch import BEFORE, Batch, BulkDecoder
 
 STALLED_S: Final = 10.0
 """Time without an answer after which estimates in flight are given up [s].

@@ -16,15 +16,10 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.identification.observations import (
-    Observations,
-    noise_of,
-    samples_by,
-)
+from cdrj_ros.identification.observations import Observations, noise_of, samples_by
 from cdrj_ros.identification.problem import Problem
 
 Labels = NDArray[np.int64]
-
 
 STRETCHES: Final = 4
 """Number of stretches into which the main motion is divided, each forward and back."""

@@ -2,7 +2,7 @@
 
 A message of numbers and names has a *layout*: the offsets of its numbers, which are determined by
 the bytes that hold lengths and names.  Two payloads with equal such bytes have their numbers at the
-same offsets.  A layout is therefore parsed with all checks once (`read_layout`), and `decoding`
+same offsets.  A layout is therefore parsed with all checks once (`read_layout`), and `batch`
 reuses it for every matching payload.
 `Template` does the reverse: it encodes a message once and then patches its numbers.
 

@@ -17,9 +17,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.estimation.conditioner import Kind
+from cdrj_ros.estimation.conditioner import Kind, efforts_of
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.reading_limits import efforts_of
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
 from cdrj_ros.foundation.output import counted

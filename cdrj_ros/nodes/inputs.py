@@ -17,8 +17,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from cdrj_ros._core import JointStateDecoder
+from cdrj_ros.estimation.conditioner import REFUSALS, axis_of
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.reading_limits import REFUSALS, axis_of
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, printable
 from cdrj_ros.inspection.motors import MotorTravel

@@ -30,10 +30,12 @@ from mcap.summary import Summary
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings.batch import (
     CHUNK_BYTES,
+    CONVERSION,
     DEFINITION_BYTES,
     RECORD_BYTES,
     UNPACKED_FREE,
     UNPACKED_RATIO,
+    ZSTD_MAGIC,
     Batch,
     BoundedReader,
     Channel,
@@ -42,7 +44,6 @@ from cdrj_ros.recordings.batch import (
     column,
     pick,
 )
-from cdrj_ros.recordings.decoding import CONVERSION, ZSTD_MAGIC
 from cdrj_ros.recordings.definitions import long_name
 
 MAGIC: Final = b"\x89MCAP0\r\n"

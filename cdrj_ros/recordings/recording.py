@@ -28,8 +28,14 @@ from cdrj_ros.messages.topics import (
     TENSIONS,
     in_namespace,
 )
-from cdrj_ros.recordings.batch import LARGEST_REFERENCE, Batch, Channel, require_cdr
-from cdrj_ros.recordings.decoding import BulkDecoder, series_by_name
+from cdrj_ros.recordings.batch import (
+    LARGEST_REFERENCE,
+    Batch,
+    BulkDecoder,
+    Channel,
+    require_cdr,
+    series_by_name,
+)
 from cdrj_ros.recordings.definitions import message_type
 from cdrj_ros.recordings.mcap_file import McapFile
 from cdrj_ros.recordings.source import Source, open_source

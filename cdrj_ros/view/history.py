@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import Axis
-from cdrj_ros.estimation.reading_limits import axes_of
+from cdrj_ros.estimation.conditioner import axes_of
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import INVALID, STALE, Layout
 from cdrj_ros.model.prepared import Model

@@ -18,9 +18,8 @@ from support.wound import robot_of
 from cdrj_ros import _core
 from cdrj_ros._core import LARGEST
 from cdrj_ros.estimation import conditioner as conditioning
-from cdrj_ros.estimation.conditioner import HORIZON_NS, Conditioner, condition
+from cdrj_ros.estimation.conditioner import HORIZON_NS, REFUSALS, Conditioner, condition
 from cdrj_ros.estimation.estimator import Sample, Samples
-from cdrj_ros.estimation.reading_limits import REFUSALS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER

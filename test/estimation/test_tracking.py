@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.wound import robot_of
 
 from cdrj_ros._core import TrackingFilter
-from cdrj_ros.estimation.reading_limits import axes_of, half_width
+from cdrj_ros.estimation.conditioner import axes_of, half_width
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Sensor
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from cdrj_ros.estimation.conditioner import REFUSALS, worth_of
 from cdrj_ros.estimation.estimator import ALL_SEEN, NONE_CHANGED, Sample
-from cdrj_ros.estimation.reading_limits import REFUSALS, worth_of
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
 END_NS = 2**31 * 10**9
