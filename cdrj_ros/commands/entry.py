@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final, NoReturn
 
-from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.errors import CdrjError, reason_of
 from cdrj_ros.foundation.interruption import run_module
 from cdrj_ros.foundation.output import lasting_output, printable
 
@@ -46,11 +46,8 @@ def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[
     with lasting_output(name):
         try:
             return body(sys.argv[1:] if argv is None else argv)
-        except CdrjError as error:
-            words = str(error)
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            words = f"{where}{error.strerror or error}"
+        except (CdrjError, OSError) as error:
+            words = reason_of(error)
         except MemoryError as error:
             words = f"not enough memory: {error}" if str(error) else "not enough memory"
         print(printable(f"{name}: {words}"), file=sys.stderr)

@@ -26,6 +26,7 @@ from cdrj_ros.commands.simulate_motion import (
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.recordings.writer import require_new
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
@@ -133,10 +134,10 @@ def _check_output(path: Path) -> None:
     """Refuse an output bag that cannot be written, before the simulation starts.
 
     Raises:
-        UsageError: the path exists, or no folder can be made there.
+        BagError: the path exists.
+        UsageError: no folder can be made there.
     """
-    if path.exists():
-        raise UsageError(f"{path} exists already; a bag is written to a new folder")
+    require_new(path)
     above = next(folder for folder in path.absolute().parents if folder.exists())
     if not above.is_dir() or not os.access(above, os.W_OK):
         raise UsageError(f"{path} cannot be written: {above} is not a folder, or is not writable")

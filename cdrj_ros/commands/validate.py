@@ -33,9 +33,10 @@ from cdrj_ros.evaluation.parallel import (
     processors,
 )
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
-from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, size_of
 from cdrj_ros.foundation.output import ProgressBar, say
+from cdrj_ros.recordings.writer import require_new
 from cdrj_ros.robot.description import Robot
 
 MOST_JOBS = 64
@@ -156,8 +157,7 @@ def _written(out: str | None, bags: Sequence[str]) -> list[str]:
         )
     written = [out] if len(names) == 1 else [str(Path(out) / name) for name in names]
     for path in written:
-        if Path(path).exists():
-            raise BagError(f"{path} exists already; a bag is written to a new folder")
+        require_new(Path(path))
     return written
 
 

@@ -19,7 +19,7 @@ from multiprocessing.connection import wait
 from multiprocessing.process import parent_process
 from typing import Final, Generic, TypeVar
 
-from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.errors import CdrjError, reason_of
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -66,16 +66,6 @@ def default_jobs(sizes: Sequence[int]) -> int:
     if sum(sizes) < WORTH_PROCESSES:
         return 1
     return max(1, min(processors(), len(sizes)))
-
-
-def reason_of(error: BaseException) -> str:
-    """Why a task failed, in one line."""
-    if isinstance(error, CdrjError):
-        return str(error)
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
-        return f"{where}{error.strerror or error}"
-    return f"unexpected {type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def in_this_process(work: Work[T, R], report: Progress) -> list[R | Failed]:
@@ -127,8 +117,11 @@ def _attempt(function: Callable[[T], R], task: T, name: str) -> R | Failed:
     """Process one task; an exception becomes its ``Failed``."""
     try:
         return function(task)
-    except Exception as error:  # noqa: BLE001  one failure must not stop the other tasks
+    except (CdrjError, OSError) as error:
         return Failed(name, reason_of(error))
+    except Exception as error:  # noqa: BLE001  one failure must not stop the other tasks
+        words = " ".join(str(error).split())
+        return Failed(name, f"unexpected {type(error).__name__}: {words}")
 
 
 @contextmanager

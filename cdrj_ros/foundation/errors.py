@@ -35,6 +35,14 @@ class UsageError(CdrjError):
     """A command line or call with invalid arguments."""
 
 
+def reason_of(error: CdrjError | OSError) -> str:
+    """What went wrong, in one line that names the file if there is one."""
+    if isinstance(error, CdrjError):
+        return str(error)
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}"
+
+
 LONGEST_TEXT: Final = 400
 """Largest length of an error text, which may quote the file."""
 

@@ -215,7 +215,7 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
         part = slice(begin, min(begin + CHUNK, n))
         count = part.stop - begin
         into = block[1 : count + 1]
-        state, _ = run(model, state, _slice(samples, part), into, slipping=slipping)
+        state, _ = run(model, state, samples.part(part), into, slipping=slipping)
         for group, estimates in zip(groups, found, strict=True):
             first, end = np.searchsorted(group.right, (begin, part.stop))
             right = group.right[first:end] - begin
@@ -233,10 +233,6 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
         for k, channel in enumerate(observed.channels)
     ]
     return np.concatenate(parts) if parts else np.empty(0)
-
-
-def _slice(samples: Samples, part: slice) -> Samples:
-    return Samples(samples.stamp_ns[part], samples.motor_angle[part], samples.joint_angle[part])
 
 
 LOWEST_RATE: Final = 100.0

@@ -43,6 +43,12 @@ Queued = tuple[int, str, bytes]
 """Log time [ns], topic and payload of a message to be written."""
 
 
+def require_new(path: Path) -> None:
+    """Raise BagError if something is where a bag shall be written."""
+    if path.exists():
+        raise BagError(f"{path} exists already; a bag is written to a new folder")
+
+
 class BagWriter:
     """Collects messages and writes them, in order of log time, when closed.
 
@@ -54,8 +60,7 @@ class BagWriter:
     def __init__(self, path: Path | str) -> None:
         """`path` is the folder to create."""
         self.path = Path(path)
-        if self.path.exists():
-            raise BagError(f"{self.path} exists already; a bag is written to a new folder")
+        require_new(self.path)
         if not str(self.path).isprintable():
             raise BagError(
                 f"{self.path} is not a name for a bag: metadata.yaml takes printable text"

@@ -53,8 +53,6 @@ class DriveLimits:
     """Damping of every rotor, for effort commands [N m s/rad]."""
     timeout_s: float
     """Time without a command after which a motor in velocity or effort mode holds its angle [s]."""
-    travel: float = TRAVEL
-    """Largest travel from the reference angle to either side [rad]."""
 
 
 class CommandError(UsageError):
@@ -219,7 +217,7 @@ def _require(limits: DriveLimits, mode: Mode, motor: int, value: float) -> None:
     if not np.isfinite(value):
         raise CommandError("not finite", f"the {mode} of {name} must be finite, got {value}")
     most = {
-        "position": limits.travel,
+        "position": TRAVEL,
         "velocity": limits.speed[motor],
         "effort": limits.torque[motor],
     }[mode]
