@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -197,16 +198,16 @@ class EstimateEncoder:
         of_elements = [(k, k) for k in range(elements)]
         of_pulleys = [(int(k), int(k) + 1) for k in layout.element_before]
         begins = (0, elements, elements + pulleys) if uncertain else (None, None, None)
-        prepare = _Preparation(layout)
-        self._tensions = prepare.message(
+        prepare = partial(_encoder_of, layout)
+        self._tensions = prepare(
             CABLE_TENSIONS, layout.elements, ("tension",), begins[0], beside=of_elements
         )
-        self._nodal_forces = prepare.message(
+        self._nodal_forces = prepare(
             NODAL_FORCES, layout.pulleys, FORCES, begins[1], beside=of_pulleys
         )
-        self._efforts = prepare.message(JOINT_STATE, axes, ("effort",))
-        self._no_efforts = prepare.message(JOINT_STATE, axes)
-        self._efforts_stddev = prepare.message(JOINT_STATE, axes, (), begins[2], "effort")
+        self._efforts = prepare(JOINT_STATE, axes, ("effort",))
+        self._no_efforts = prepare(JOINT_STATE, axes)
+        self._efforts_stddev = prepare(JOINT_STATE, axes, (), begins[2], "effort")
 
     def encode(self, estimate: Estimate) -> Encoded:
         """Encode all three messages.
@@ -241,48 +242,44 @@ class EstimateEncoder:
         return encoder.encode(estimate.stamp_ns, estimate.values, stddevs)
 
 
-@dataclass(frozen=True)
-class _Preparation:
-    """Prepares the messages of one robot."""
+def _encoder_of(
+    layout: Layout,
+    message: MessageType,
+    names: tuple[str, ...],
+    values: Sequence[str] = (),
+    first_stddev: int | None = None,
+    stddev: str = "stddev",
+    beside: Sequence[tuple[int, int]] = (),
+) -> MessageEncoder:
+    """Prepare a message of one robot.
 
-    layout: Layout
+    Args:
+        layout: of its estimates.
+        message: its type.
+        names: its names.
+        values: its arrays that are copied from the estimate.
+        first_stddev: index of its first standard deviation; None: it has none.
+        stddev: its array that holds the standard deviations.
+        beside: for a message with status, the elements beside each of its names.
+    """
 
-    def message(
-        self,
-        message: MessageType,
-        names: tuple[str, ...],
-        values: Sequence[str] = (),
-        first_stddev: int | None = None,
-        stddev: str = "stddev",
-        beside: Sequence[tuple[int, int]] = (),
-    ) -> MessageEncoder:
-        """Prepare a message.
-
-        Args:
-            message: its type.
-            names: its names.
-            values: its arrays that are copied from the estimate.
-            first_stddev: index of its first standard deviation; None: it has none.
-            stddev: its array that holds the standard deviations.
-            beside: for a message with status, the elements beside each of its names.
-        """
-        uncertain = first_stddev is not None
-        arrays = (*values, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
-        frame = self.layout.force_frame if message is NODAL_FORCES else self.layout.base_link
-        blank = Template(message, names, arrays, frame)
-        at = {array: span.offset for array, span in blank.spans.items()}
-        status = self.layout.status.start
-        return MessageEncoder(
-            blank.payload,
-            values=[(at[one], self._first(one), len(names)) for one in values],
-            stddevs=[(at[stddev], first_stddev, len(names))] if first_stddev is not None else [],
-            flags=[
-                (at["status"] + k, status + before, status + after)
-                for k, (before, after) in enumerate(beside)
-            ],
-        )
-
-    def _first(self, array: str) -> int:
-        """Index of the first number of a message's array among the estimate's values."""
-        part = self.layout.motor_effort if array == "effort" else getattr(self.layout, array)
+    def first(array: str) -> int:
+        """Index of the first number of an array among the estimate's values."""
+        part = layout.motor_effort if array == "effort" else getattr(layout, array)
         return int(part.start)
+
+    uncertain = first_stddev is not None
+    arrays = (*values, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
+    frame = layout.force_frame if message is NODAL_FORCES else layout.base_link
+    blank = Template(message, names, arrays, frame)
+    at = {array: span.offset for array, span in blank.spans.items()}
+    status = layout.status.start
+    return MessageEncoder(
+        blank.payload,
+        values=[(at[one], first(one), len(names)) for one in values],
+        stddevs=[(at[stddev], first_stddev, len(names))] if first_stddev is not None else [],
+        flags=[
+            (at["status"] + k, status + before, status + after)
+            for k, (before, after) in enumerate(beside)
+        ],
+    )
