@@ -37,14 +37,13 @@ EFFORT_AGE_NS: Final = 100_000_000
 class EncoderlessEstimator:
     """The estimate of a robot some of whose joints have no encoder."""
 
-    def __init__(self, model: Model, members: int = MEMBERS, seed: int = 0) -> None:
+    def __init__(self, model: Model, members: int = MEMBERS) -> None:
         """Draw the members.
 
         Args:
             model: the prepared robot, with at least one joint without encoder.
             members: number of members, even; 0 for no ensemble, whose standard deviations are then
                 those of the efforts' noise alone.
-            seed: seed of the draws.
 
         Raises:
             ValueError: every joint has an encoder, or the number of members is odd or negative.
@@ -57,7 +56,7 @@ class EncoderlessEstimator:
         self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
         joints = ((j, model.robot.joints[j]) for j in model.robot.unmeasured)
         self._core = _core.EncoderlessEstimator(
-            ensemble=new_members(model, draw(model, members, seed)),
+            ensemble=new_members(model, draw(model, members)),
             joints=[
                 _core.EncoderlessJoint(
                     joint=j,
