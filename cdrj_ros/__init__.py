@@ -12,15 +12,7 @@ TYPE_CHECKING = False  # as typing.TYPE_CHECKING, which takes longer to import t
 if TYPE_CHECKING:
     from typing import Any, Final
 
-    from cdrj_ros.api import (
-        Estimator,
-        draw,
-        estimate,
-        identify,
-        load,
-        validate,
-        write_recording,
-    )
+    from cdrj_ros.api import Estimator, draw, estimate, identify, load, validate, write_recording
     from cdrj_ros.estimation.estimator import (
         Estimate,
         Estimates,

@@ -26,13 +26,7 @@ from cdrj_ros.estimation.innovation_gate import (
     finite,
 )
 from cdrj_ros.estimation.known_sensors import KnownSensors
-from cdrj_ros.estimation.lasting_error import (
-    BIAS,
-    CELL,
-    EFFORT,
-    LastingError,
-    MotorFriction,
-)
+from cdrj_ros.estimation.lasting_error import BIAS, CELL, EFFORT, LastingError, MotorFriction
 from cdrj_ros.estimation.measurements import (
     Expected,
     Measurement,

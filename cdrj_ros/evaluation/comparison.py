@@ -14,12 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdrj_ros.evaluation.channels import (
-    Angle,
-    Channel,
-    quantity_of,
-    unit_of,
-)
+from cdrj_ros.evaluation.channels import Angle, Channel, quantity_of, unit_of
 from cdrj_ros.evaluation.metrics import within
 from cdrj_ros.foundation.arrays import Floats, Stamps
 

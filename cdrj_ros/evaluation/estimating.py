@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
-from cdrj_ros.estimation.ensemble import (
-    UNSURE_SHARE,
-    Ensemble,
-    preload_of_elements,
-    stddev_columns,
-)
+from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elements, stddev_columns
 from cdrj_ros.estimation.estimator import Angles, Estimates, Samples, initial_state, run
 from cdrj_ros.evaluation.inputs import in_order
 from cdrj_ros.foundation.arrays import Series, Table

@@ -24,12 +24,7 @@ from cdrj_ros.evaluation.channels import (
     stddev_channels,
 )
 from cdrj_ros.evaluation.comparison import Comparing
-from cdrj_ros.evaluation.estimating import (
-    OUTPUTS,
-    log_times,
-    pieces_of,
-    write_estimates,
-)
+from cdrj_ros.evaluation.estimating import OUTPUTS, log_times, pieces_of, write_estimates
 from cdrj_ros.evaluation.inputs import (
     WHOLE,
     Window,

@@ -36,14 +36,7 @@ from cdrj_ros.identification.observations import (
     residual_scales,
     samples_of,
 )
-from cdrj_ros.identification.problem import (
-    Problem,
-    Progress,
-    Rounds,
-    Settings,
-    check,
-    sample_count,
-)
+from cdrj_ros.identification.problem import Problem, Progress, Rounds, Settings, check, sample_count
 from cdrj_ros.identification.residual_statistics import Unexplained, unexplained
 from cdrj_ros.identification.solver import Minimum, minimise
 from cdrj_ros.identification.standard_errors import accuracy

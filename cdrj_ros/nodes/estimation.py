@@ -24,13 +24,7 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.foundation.output import counted
 from cdrj_ros.messages.cdr import MessageError, cable_tensions
 from cdrj_ros.messages.templates import marked_stale
-from cdrj_ros.messages.topics import (
-    DIAGNOSTICS,
-    FEW,
-    JOINT_STATES,
-    MOTOR_STATES,
-    TENSION_SENSORS,
-)
+from cdrj_ros.messages.topics import DIAGNOSTICS, FEW, JOINT_STATES, MOTOR_STATES, TENSION_SENSORS
 from cdrj_ros.nodes.changes import SIMULATED, Changes
 from cdrj_ros.nodes.diagnostics import HealthWatch, StepTimes, diagnostic_array, status_of
 from cdrj_ros.nodes.inputs import InputTopic, InputWatch

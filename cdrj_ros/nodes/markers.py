@@ -18,11 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
-from cdrj_ros.nodes.settings import (
-    Setting,
-    declare,
-    values_of,
-)
+from cdrj_ros.nodes.settings import Setting, declare, values_of
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.report.scene import Wxyz, quaternion_to

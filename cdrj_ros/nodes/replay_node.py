@@ -22,13 +22,7 @@ from cdrj_ros.evaluation.answers import ANSWER_TOPICS, Run
 from cdrj_ros.evaluation.replayed import NodeSettings
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
-from cdrj_ros.messages.topics import (
-    CLOCK,
-    FEW,
-    JOINT_STATES,
-    MOTOR_STATES,
-    NAMESPACE,
-)
+from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE
 from cdrj_ros.nodes.settings import default_profile
 from cdrj_ros.recordings.recording import Topics
 

@@ -18,11 +18,7 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
 from cdrj_ros.model.packing import STALE
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
-from cdrj_ros.nodes.settings import (
-    Setting,
-    declare,
-    values_of,
-)
+from cdrj_ros.nodes.settings import Setting, declare, values_of
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.nodes.view_link import (

@@ -19,11 +19,7 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import (
-    MotionError,
-    Rig,
-    make_rig,
-)
+from cdrj_ros.simulation.assembly import MotionError, Rig, make_rig
 
 START_POINTS: Final = 2001
 """Number of poses among which the equilibrium at the start is sought."""

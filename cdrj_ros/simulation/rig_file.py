@@ -9,12 +9,7 @@ from typing import Final
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.prepared import installed_path
-from cdrj_ros.robot.document import (
-    check_document,
-    load_schema,
-    read_text,
-    si_document,
-)
+from cdrj_ros.robot.document import check_document, load_schema, read_text, si_document
 from cdrj_ros.simulation.faults import Fault, check_amount
 from cdrj_ros.simulation.load import Load, LoadKind, make_load
 from cdrj_ros.simulation.sensors import IDEAL_SENSORS, LOAD_CELLS, Freeze, SensorSettings
