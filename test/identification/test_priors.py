@@ -21,8 +21,9 @@ from cdrj_ros.identification.priors import (
 )
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns, with_bounds
+from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.parameters import number_at, with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document, parse_document
+from cdrj_ros.robot.reader import build_robot, load_document
 
 ONE_CABLE = """
 name: arm
