@@ -351,6 +351,5 @@ def identify(
     recordings = []
     for bag in [bags] if isinstance(bags, (str, Path)) else bags:
         read = read_inputs(str(bag), topics or Topics(), model)
-        references = {name: (one.stamp_ns, one.value) for name, one in read.references.items()}
-        recordings.append(Recorded(Path(bag).name, read.motors, read.joints, references))
+        recordings.append(Recorded(Path(bag).name, read.motors, read.joints, read.references))
     return identify_numbers(document, robot.source, unknowns, recordings)

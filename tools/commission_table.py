@@ -163,7 +163,8 @@ def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorde
     at = np.ascontiguousarray(motion.stamp_ns[::2])
     layout = prepare(robot).layout
     efforts = {
-        f"effort/{name}": (
+        f"effort/{name}": Series(
+            at,
             at,
             column[::2] + generator.normal(0.0, EFFORT_NOISE[robot.name], at.size),
         )
@@ -174,7 +175,7 @@ def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorde
     for k, cell in enumerate(cells):
         column = motion.truth.tension[::2, layout.elements.index(cell)]
         noise = generator.normal(0.0, CELL_NOISE, at.size)
-        references = {**references, f"tension/{cell}": (at, column + noise)}
+        references = {**references, f"tension/{cell}": Series(at, at, column + noise)}
         name = f"{k + 1} cells"
         found.append(Recorded(name, motion.motors, motion.joints, references))
     return tuple(found)

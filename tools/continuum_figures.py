@@ -27,6 +27,7 @@ sys.path.insert(0, str(ROOT))
 from cdrj_ros.evaluation.channels import BagComparison, Channel  # noqa: E402
 from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors  # noqa: E402
 from cdrj_ros.evaluation.validation import validate_bag  # noqa: E402
+from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.identification.fit import identify  # noqa: E402
 from cdrj_ros.identification.observations import Recorded  # noqa: E402
 from cdrj_ros.identification.unknowns import parse_unknowns  # noqa: E402
@@ -90,7 +91,7 @@ def tared(bag: Path) -> dict[str, float]:
     references = {}
     for name, series in run.references.items():
         first = series.stamp_ns < series.stamp_ns[0] + round(TARE_S * 1e9)
-        references[name] = series.stamp_ns[first], series.value[first]
+        references[name] = Series(*(one[first] for one in vars(series).values()))
     document, source = load_document(ROBOT)
     unknowns = parse_unknowns(document, "motors.{*}.reference_angle")
     found = identify(

@@ -17,6 +17,7 @@ import numpy as np
 from standard_errors import SECONDS, fitted_numbers, moved, recording, robot_file, truths
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
@@ -51,7 +52,8 @@ def rig(document: Any, values: dict[str, float], seed: int, *, slips: bool) -> R
     references = {}
     for name, column in columns.items():
         noise = 5e-4 if name.startswith("effort/") else 0.02
-        references[name] = (stamps, column + generator.normal(0.0, noise, stamps.size))
+        read = column + generator.normal(0.0, noise, stamps.size)
+        references[name] = Series(stamps, stamps, read)
     return replace(recorded, references=references)
 
 

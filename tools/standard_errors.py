@@ -166,7 +166,8 @@ def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
         ("effort", layout.joints, truth.joint_effort, 5e-4),
     ):
         for name, column in zip(names, table[::2].T, strict=True):
-            references[f"{kind}/{name}"] = (at, column + generator.normal(0.0, noise, at.size))
+            read = column + generator.normal(0.0, noise, at.size)
+            references[f"{kind}/{name}"] = Series(at, at, read)
     motors = {"winch": Series(stamps, stamps, motor)}
     return Recorded("rig", motors, {"elbow": Series(stamps, stamps, joint)}, references)
 

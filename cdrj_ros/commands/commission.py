@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -24,7 +23,6 @@ from cdrj_ros.commands.commission_steps import (
     tared,
 )
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
-from cdrj_ros.commands.identify import recorded
 from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.estimation.changes import pose_words
 from cdrj_ros.evaluation.inputs import read_inputs
@@ -213,17 +211,17 @@ def _fitting(take: Callable[[Progress], Commissioned]) -> Commissioned:
 
 def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
     """A bag; where no reference has a motor's effort, that on the topic of its angle is taken."""
-    recording = read_inputs(bag, topics, now.model, motor_efforts=True)
-    own = {f"{EFFORT}/{name}": one for name, one in recording.motor_efforts.items()}
+    read = read_inputs(bag, topics, now.model, motor_efforts=True)
+    own = {f"{EFFORT}/{name}": one for name, one in read.motor_efforts.items()}
     chosen = {}
-    for name, one in {**own, **recording.references}.items():
+    for name, one in {**own, **read.references}.items():
         if not name.startswith((EFFORT, TENSION)):
             continue
         if np.any(one.value != one.value[:1]):
             chosen[name] = one
         else:
             say(f"note: {name} never changes in {bag}; it is not used.")
-    return recorded(replace(recording, references=chosen), Path(bag).name)
+    return Recorded(Path(bag).name, read.motors, read.joints, chosen)
 
 
 def _numbers(text: str, option: str, form: str) -> dict[str, float]:

@@ -137,7 +137,8 @@ def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
     columns, generator = channel_columns(model.layout), np.random.default_rng(0)
     stamps = samples.stamp_ns
     references = {
-        name: (
+        name: Series(
+            stamps,
             stamps,
             estimates.values[:, columns[name]] + generator.normal(0.0, stddev, stamps.size),
         )

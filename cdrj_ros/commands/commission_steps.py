@@ -40,7 +40,7 @@ from cdrj_ros.estimation.changes import (
     rest_poses,
 )
 from cdrj_ros.estimation.estimator import Sample
-from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
@@ -356,7 +356,7 @@ def scale_readings(
     for element, row in rows.items():
         stamps, values = (np.array(column) for column in zip(*row, strict=True))
         channel, cable = f"{TENSION}/{element}", element.split("/")[0]
-        references[channel] = (stamps, np.asarray(values, dtype=float))
+        references[channel] = Series(stamps, stamps, np.asarray(values, dtype=float))
         scales[channel] = ScaleReading(preloads[cable], _noise(values, rows, cable))
     if recorded is None or not references:
         return preloads, None

@@ -37,7 +37,7 @@ from cdrj_ros.identification.priors import Moved, pose_ranges
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings.recording import Recording, Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.report.table import print_rows, r2_remark
 from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.parameters import with_numbers
@@ -268,24 +268,15 @@ def validated(bags: Sequence[str], topics: Topics, model: Model) -> list[BagComp
     return [validate_bag(model, bag, topics) for bag in bags]
 
 
-def recorded(recording: Recording, name: str) -> Recorded:
-    """A recording in the form that the identification expects."""
-    return Recorded(
-        name,
-        recording.motors,
-        recording.joints,
-        {key: (series.stamp_ns, series.value) for key, series in recording.references.items()},
-    )
-
-
 def _read(bags: Sequence[str], topics: Topics, model: Model) -> list[Recorded]:
     recordings, notes = [], list[str]()
     with ProgressBar("reading", len(bags)) as report:
         for bag in bags:
             read = read_inputs(bag, topics, model)
             require_references(bag, topics, read)
-            recordings.append(recorded(read, Path(bag).name))
-            notes += [f"{Path(bag).name}: {note}" for note in read.notes if note.startswith(TAKEN)]
+            name = Path(bag).name
+            recordings.append(Recorded(name, read.motors, read.joints, read.references))
+            notes += [f"{name}: {note}" for note in read.notes if note.startswith(TAKEN)]
             report(len(recordings))
     for note in notes:
         print(printable(note))

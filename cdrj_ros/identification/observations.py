@@ -39,8 +39,8 @@ class Recorded:
     name: str
     motors: Mapping[str, Series]
     joints: Mapping[str, Series]
-    references: Mapping[str, tuple[Stamps, Vector]]
-    """Stamps [ns] and values by channel: ``tension/upper/8``, ``effort/jaw``."""
+    references: Mapping[str, Series]
+    """By channel: ``tension/upper/8``, ``effort/jaw``."""
     scales: Mapping[str, ScaleReading] = field(default_factory=dict)
     """Accuracy of the references that were read on a spring scale, by channel."""
 
@@ -144,7 +144,8 @@ def observe(
     found = []
     names = [name for name in sigmas if name in recorded.references]
     for name in names:
-        stamps, values = recorded.references[name]
+        series = recorded.references[name]
+        stamps, values = series.stamp_ns, series.value
         key = id(stamps)
         finite = bool(np.isfinite(values).all())
         if not finite or key not in inside:
@@ -303,7 +304,7 @@ def residual_scales(
             if name in one.scales:  # stated, in place of either rule
                 result[name] = one.scales[name].noise
             elif name in one.references:
-                values.setdefault(name, []).append(one.references[name][1])
+                values.setdefault(name, []).append(one.references[name].value)
     if rule == "noise":
         return result | {name: max(map(noise_of, listed)) for name, listed in values.items()}
     kinds: dict[str, list[str]] = {}

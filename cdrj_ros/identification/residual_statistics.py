@@ -381,7 +381,7 @@ def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
         problem.observations, _by_recording(problem, residuals), strict=True
     ):
         for channel, part in zip(observed.channels, split, strict=True):
-            values = observed.recorded.references[channel.name][1]
+            values = observed.recorded.references[channel.name].value
             finite = values[np.isfinite(values)]
             noise = channel.scale.noise if channel.scale else noise_of(finite)
             parts.setdefault(channel.name, []).append(part * channel.sigma)

@@ -173,8 +173,8 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
     element = build_robot(document, "test").cables[0].element_names[-1]
     noise = generator.normal(0.0, (0.02, 0.1), (stamps.size, 2)).T
     references = {
-        f"effort/{scene.motors[0]}": (stamps, truth.motor_effort[:, 0] + noise[0]),
-        f"tension/{element}": (stamps, truth.tension[:, -1] + noise[1]),
+        f"effort/{scene.motors[0]}": Series(stamps, stamps, truth.motor_effort[:, 0] + noise[0]),
+        f"tension/{element}": Series(stamps, stamps, truth.tension[:, -1] + noise[1]),
     }
 
     def series(angles: dict[str, np.ndarray], rest: bool) -> dict[str, Series]:

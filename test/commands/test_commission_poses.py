@@ -161,7 +161,8 @@ def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readi
     stamps = other.motors["winch"].stamp_ns
     noise = np.random.default_rng(2).normal(0.0, 0.02, stamps.size)
     effort = truth.motor_effort[:, 0] + 0.05 * np.sin(stamps * 1e-9) + noise
-    after = steps.fitted(before, [replace(other, references={"effort/winch": (stamps, effort)})])
+    references = {"effort/winch": Series(stamps, stamps, effort)}
+    after = steps.fitted(before, [replace(other, references=references)])
     assert after.found is not None
     assert after.found.drums is not None
     assert after.found.drums.drums == "hold"

@@ -13,6 +13,7 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
@@ -56,7 +57,7 @@ def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Record
     return replace(
         recorded,
         references={
-            name: (stamps, column + generator.normal(0.0, noise[name], stamps.size))
+            name: Series(stamps, stamps, column + generator.normal(0.0, noise[name], stamps.size))
             for name, column in columns.items()
         },
     )

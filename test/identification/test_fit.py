@@ -205,11 +205,10 @@ def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(
 def test_outliers_hardly_affect_a_robust_fit(document: Document, loss: str) -> None:
     whole = recording(document, 10.0)
     spoilt = dict(whole.references)
-    for channel in list(spoilt):
-        stamps, values = spoilt[channel]
-        bad = values.copy()
-        bad[300:400] += 5.0 * np.ptp(values)  # a disturbed load cell
-        spoilt[channel] = (stamps, bad)
+    for channel, series in whole.references.items():
+        bad = series.value.copy()
+        bad[300:400] += 5.0 * np.ptp(bad)  # a disturbed load cell
+        spoilt[channel] = replace(series, value=bad)
     rec = replace(whole, references=spoilt)
     plain = found_from(document, "rho", {"friction.rho": 0.24}, [rec])
     robust = found_from(document, "rho", {"friction.rho": 0.24}, [rec], replace(QUICK, loss=loss))

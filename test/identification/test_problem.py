@@ -49,15 +49,15 @@ def recorded() -> Recorded:
     motor, joint = 4.0 * np.sin(time), 0.4 * np.sin(time)
     own = stamps[3:-3:4] + 1_234_567
     generator = np.random.default_rng(3)
-    tension = (own, 30.0 + generator.normal(0.0, 1.0, own.size))
+    tension = 30.0 + generator.normal(0.0, 1.0, own.size)
     return Recorded(
         "made up",
         {"winch": Series(stamps, stamps, motor)},
         {"elbow": Series(stamps, stamps, joint)},
         {
-            "tension/upper/8": tension,
-            "tension/lower/8": (own, tension[1] + 1.0),
-            "effort/elbow": (stamps, generator.normal(0.0, 0.1, stamps.size)),
+            "tension/upper/8": Series(own, own, tension),
+            "tension/lower/8": Series(own, own, tension + 1.0),
+            "effort/elbow": Series(stamps, stamps, generator.normal(0.0, 0.1, stamps.size)),
         },
     )
 

@@ -39,7 +39,7 @@ def recording(
     for channel, column in channel_columns(model.layout).items():
         scale = noise * (0.02 if channel.startswith("effort") else 1.0)
         values = estimates.values[:, column] + generator.normal(0.0, scale, stamps.size)
-        references[channel] = (stamps, values)
+        references[channel] = Series(stamps, stamps, values)
     reported = stamps - round(late_s * 1e9)
     (sensor,) = (axis.sensor for axis in model.robot.joints)
     return Recorded(
