@@ -12,11 +12,11 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import Angle, Channel, quantity_of, unit_of
 from cdrj_ros.evaluation.metrics import within
-from cdrj_ros.foundation.arrays import Floats, Stamps
+from cdrj_ros.foundation.arrays import Floats, Series, Stamps
 
 DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -118,10 +118,6 @@ def values_at(stamp_ns: Stamps, angle: Angle | None, max_gap_ns: int) -> Floats:
     return result
 
 
-Reference = tuple[ArrayLike, ArrayLike]
-"""(stamps [ns] as integers, values), both of shape (k,); values of vectors (k, 3)."""
-
-
 class _Target(NamedTuple):
     """A channel's reference, and the estimates at its stamps received so far."""
 
@@ -144,7 +140,7 @@ class Comparing:
         self,
         names: Sequence[str],
         own_stamps: Stamps,
-        references: Mapping[str, Reference],
+        references: Mapping[str, Series],
         max_gap_ns: int,
     ) -> None:
         """Find the neighbouring estimates of every reference sample.
@@ -153,7 +149,7 @@ class Comparing:
             names: names of the estimated channels.
             own_stamps: stamps of all estimates that will be added [ns], strictly increasing,
                 shape (m,).
-            references: stamps [ns] and values [unit] by channel name, in any order.
+            references: by channel name [unit], in any order.
             max_gap_ns: an estimate is interpolated only between neighbours at most this far apart.
 
         Raises:
@@ -172,17 +168,15 @@ class Comparing:
 
     def _target(
         self,
-        reference: Reference,
+        reference: Series,
         own_stamps: Stamps,
         shared: dict[int, Neighbours],
     ) -> _Target:
         """Find the neighbours of one reference, once for all that share an array of stamps."""
-        given_stamps, given_values = reference
-        stamps = np.asarray(given_stamps, np.int64)
-        recorded = np.asarray(given_values, dtype=np.float64)
+        stamps, recorded = reference.stamp_ns, reference.value
         finite = _finite(recorded)
         if finite.all():
-            key = id(given_stamps)
+            key = id(stamps)
             if key not in shared:
                 shared[key] = neighbours_of(stamps, own_stamps, self._max_gap_ns)
             neighbours = shared[key]

@@ -104,8 +104,7 @@ class Validation:
         names += [f"{ANGLE}/{model.layout.joints[j]}" for j in model.robot.unmeasured]
         self._unknown = [name for name in references if name not in names]
         (self._segment,) = conditioned.segments
-        given = {name: (series.stamp_ns, series.value) for name, series in references.items()}
-        self._comparing = Comparing(names, self._segment.stamp_ns, given, MAX_GAP_NS)
+        self._comparing = Comparing(names, self._segment.stamp_ns, references, MAX_GAP_NS)
         self._angles: list[Angles] = []
 
     def compare(

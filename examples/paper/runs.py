@@ -280,9 +280,9 @@ def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
     }
     ends = _stamps(np.array([recording.turns[0], recording.turns[-1]]))
     kept = (recording.stamp_ns >= ends[0]) & (recording.stamp_ns <= ends[1])
+    stamps = recording.stamp_ns[kept]
     references = {
-        name: (recording.stamp_ns[kept], reading[kept])
-        for name, reading in recording.readings.items()
+        name: Series(stamps, stamps, reading[kept]) for name, reading in recording.readings.items()
     }
     angle = Angle(layout.joints[0], samples.stamp_ns, samples.joint_angle[:, 0])
     comparing = Comparing(list(named), samples.stamp_ns, references, MAX_GAP_NS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.compared import compare
+from support.compared import compare, series_of
 
 from cdrj_ros.evaluation.channels import QUANTITIES, Angle, Channel, unit_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES, Comparing
@@ -107,7 +107,8 @@ def test_the_pieces_in_which_estimates_come_change_no_bit(sizes: list[int]) -> N
     deviations = {NAME: random.uniform(0.1, 1.0, 100)}
     deviations[NAME][[4, 36, 80]] = -1.0
     whole = compare(stamps, values, references, max_gap_ns=250, stddev=deviations)
-    comparing = Comparing(list(values), stamps, references, 250)
+    series = {name: series_of(*given) for name, given in references.items()}
+    comparing = Comparing(list(values), stamps, series, 250)
     begin = 0
     for size in sizes:
         part = slice(begin, begin + size)
