@@ -191,7 +191,7 @@ def _identified(arguments: argparse.Namespace, task: Task) -> int:
         model = prepare(build_robot(task.document, task.source))
     read = perf_counter()
     found = fit(task.document, task.source, task.unknowns, recordings, task.settings)
-    values = {**task.start, **_rounded(found)}
+    values = {**task.start, **{path: _round(one) for path, one in found.by_path.items()}}
     values |= {path: _round(end) for path, end in pose_ranges(left, values).items()}
     seen = {path for k in found.seen.tolist() for path in found.unknowns[k].paths}
     written = {path: values[path] for path in values if path in seen or path in task.start}
@@ -283,12 +283,8 @@ def _read(bags: Sequence[str], topics: Topics, model: Model) -> list[Recorded]:
     return recordings
 
 
-def _rounded(found: Identification) -> dict[str, float]:
-    """The numbers rounded to the digits that are written."""
-    return {path: _round(value) for path, value in found.by_path.items()}
-
-
 def _round(value: float) -> float:
+    """The number with the digits that are written."""
     return float(yaml_number(value))
 
 

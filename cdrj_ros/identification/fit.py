@@ -130,7 +130,7 @@ def identify(
         samples = tuple(threads.map(partial(samples_of, model), recordings))
         rounds = Rounds(
             document, source, tuple(unknowns), tuple(recordings), settings, model, samples, sigmas,
-            threads, say or _silent,
+            threads, say or (lambda _: None),
         )  # fmt: skip
         return _fitted(rounds, channels)
 
@@ -223,10 +223,6 @@ def _search(scout: Problem, settings: Settings, say: Progress) -> tuple[Vector, 
     found = minimise(scout, best.coordinates, settings.loss, say)
     message = (_of_starts(settings.starts, same),) if settings.starts > 1 else ()
     return found.coordinates, message
-
-
-def _silent(text: str) -> None:
-    del text
 
 
 def _of_starts(count: int, same: int) -> str:

@@ -21,8 +21,8 @@ from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, declare, values_of
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.nodes.view_inputs import Inputs
-from cdrj_ros.report.scene import Wxyz, quaternion_to
-from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, middle_of, picture_of
+from cdrj_ros.report.scene import Wxyz, middle_of, quaternion_to
+from cdrj_ros.view.picture import FORCE, LINKS, Picture, dashes_of, picture_of
 
 Namespace = Literal["cables", "bodies", "links", "visuals", "forces", "labels"]
 

@@ -23,7 +23,7 @@ from cdrj_ros.foundation.files import replacing
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.inspection.ranges import Inspection
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import LONG_SPAN, Body, Scene, by_cable, inner_size, scene_of
+from cdrj_ros.report.scene import LONG_SPAN, Body, Scene, by_cable, inner_size, middle_of, scene_of
 from cdrj_ros.robot.description import Robot
 
 CABLE_COLOURS: Final = (
@@ -214,8 +214,7 @@ def _cut_off(paths: Sequence[Points], room: float) -> list[Points]:
 
 def _number(axes: Axes, line: Points, number: str, colour: str) -> None:
     """Write the number of an element on the middle of its longest straight piece."""
-    longest = int(np.argmax(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    x, y = (0.5 * (line[longest] + line[longest + 1])).tolist()
+    x, y = middle_of(line).tolist()
     axes.text(
         x, y, number, fontsize=FONT_SIZE - 2, color=colour,
         weight="bold", ha="center", va="center", zorder=6, clip_on=True,

@@ -55,7 +55,6 @@ from cdrj_ros.report.table import (
     r2_remark,
     table_groups,
 )
-from cdrj_ros.robot.description import Robot
 
 PICTURE_BUDGET: Final = 2_700_000
 """Characters available for pictures on one page; channels beyond it are listed but not drawn."""
@@ -97,7 +96,7 @@ def write_report(
         bags=_bags(errors),
         robot=f"{robot.name} ({robot.source})",
         drawing=_drawing(inspection),
-        parameters=_robot_file(robot),
+        parameters=yaml_text(dict(robot.document)).splitlines(),
         versions=versions,
         sigmas=f"{COVERAGE_SIGMAS:g}",
         around=f"{AROUND_NS * 1e-9:g} s",
@@ -136,11 +135,6 @@ def _drawing(inspection: Inspection) -> Any:
 
     name = inspection.model.robot.name
     return inline_svg(draw_robot(inspection), f"Cables of {name}", "drawing")
-
-
-def _robot_file(robot: Robot) -> list[str]:
-    """The lines of the robot file."""
-    return yaml_text(dict(robot.document)).splitlines()
 
 
 def _limits(limit_check: LimitCheck) -> dict[str, Any]:

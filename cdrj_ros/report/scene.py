@@ -342,10 +342,10 @@ def inner_size(model: Model, scene: Scene) -> float:
     return float(np.ptp(np.concatenate(inner or scene.elements), axis=0).max())
 
 
-def straight_piece(path: Points) -> Points:
-    """Both ends of the longest straight piece of a path, shape (2, 3)."""
+def middle_of(path: Points) -> Vector:
+    """The middle of the longest straight piece of a path, in space or in a picture."""
     longest = int(np.argmax(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    return path[longest : longest + 2]
+    return np.asarray(path[longest : longest + 2].mean(axis=0))
 
 
 def _unrolled(model: Model, c: int, row: int) -> tuple[list[Points], list[Vector]]:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Faces, Points, Vector
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import Colour, PlacedVisual, Wxyz, mesh_in, quaternion_to
-from cdrj_ros.view.picture import LINKS, DrawnBody, DrawnCable, Picture, extent_of, middle_of
+from cdrj_ros.report.scene import Colour, PlacedVisual, Wxyz, mesh_in, middle_of, quaternion_to
+from cdrj_ros.view.picture import LINKS, DrawnBody, DrawnCable, Picture, extent_of
 
 SIDES: Final = 8
 """Number of flat sides of a tube."""

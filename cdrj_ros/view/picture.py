@@ -23,7 +23,6 @@ from cdrj_ros.report.scene import (
     by_cable,
     inner_size,
     scene_of,
-    straight_piece,
     tension_colour,
 )
 from cdrj_ros.view.history import Snapshot, usable
@@ -180,11 +179,6 @@ def dashes_of(path: Points) -> Points:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     at = np.linspace(0.0, along[-1], 2 * DASHES)
     return np.column_stack([np.interp(at, along, path[:, k]) for k in range(3)])
-
-
-def middle_of(path: Points) -> Points:
-    """The middle of the longest straight piece of a path [m], shape (3,)."""
-    return np.asarray(straight_piece(path).mean(axis=0))
 
 
 def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[DrawnCable]:
