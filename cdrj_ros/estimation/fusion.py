@@ -56,8 +56,8 @@ SUDDEN: Final = 0.5
 """Largest sudden change of the preloads that a motor's effort may show, as a fraction of them."""
 
 UNCONFIRMED: Final = 1.0 / 3.0
-"""Standard deviation of a preload of which one load cell says otherwise than the robot file, as a
-fraction of the difference: either is wrong."""
+"""Standard deviation of a preload of which one load cell, or an effort alone, says otherwise than
+the robot file, as a fraction of the difference: either is wrong."""
 
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N or N m]."""
@@ -287,8 +287,7 @@ class SensorFusion:
         state = self._apply(what, sensor, Innovation(innovation, own, factors), state)
         sensor.evidence.follow(uncorrected, enough(own, uncorrected))
         self._leave_open(sensor, what)
-        if not what.is_effort:
-            self._confirm(what.cables[0], stamp_ns)
+        self._confirm(what, stamp_ns)
         health.dropped = sensor.errors.wrong(factors, sensor.history_error)
         return state
 
@@ -355,19 +354,23 @@ class SensorFusion:
             bias = sensor.errors.deviation[BIAS]
             bias -= self._preloads.exchange(size, what, self.sensors.lasting())
 
-    def _confirm(self, cable: int, stamp_ns: int) -> None:
-        """Note whether more than one load cell confirms the corrections of a cable, (U15).
+    def _confirm(self, what: Quantity, stamp_ns: int) -> None:
+        """Note whether more than one load cell confirms the corrections of cables, (U15).
 
-        Those of cables without load cell that share an effort with it follow from it, since an
-        effort shows the difference of cables.
+        An effort shows the difference of cables.  So the corrections of cables without load cell
+        that share an effort with one that has a cell follow from that cell's, and an effort alone
+        confirms none.
         """
         recent = self.sensors.recent(stamp_ns).values()
         with_cell = [one.cables[0] for one in recent if not one.is_effort]
-        share = 0.0 if with_cell.count(cable) > 1 else UNCONFIRMED
-        for one in recent:
-            for c in one.cables if cable in one.cables else ():
-                if c == cable or c not in with_cell:
-                    self._unconfirmed[c] = share * self._changed[c]
+        if what.is_effort and not set(with_cell).isdisjoint(what.cables):
+            return
+        for cable in what.cables:
+            share = 0.0 if with_cell.count(cable) > 1 else UNCONFIRMED
+            for one in recent:
+                for c in one.cables if cable in one.cables else ():
+                    if c == cable or c not in with_cell:
+                        self._unconfirmed[c] = share * self._changed[c]
         self._preloads.show_at_least(self._unconfirmed)
 
     # --- errors -----------------------------------------------------------------------------------

@@ -112,6 +112,17 @@ def test_an_effort_that_gets_stuck_is_not_taken_for_lost_preloads(
     assert abs(outputs[-1].tension - longer.tension[-1]).max() < 1.0
 
 
+def test_an_effort_that_takes_both_preloads_along_keeps_to_the_law(model: Model) -> None:
+    """Stuck at one half of the hysteresis, it agrees every other stroke: both preloads fall."""
+    fast = course_of(model, 9.0, sine(1.9), seed=8)
+    lies = {EFFORT: Lie("is stuck", 6244 * MS, -0.045)}
+    verdict = judge(
+        fast, run(model, fast, Faults(sensors=(EFFORT,), lies=lies)), 0, fast.duration_ns
+    )
+    assert verdict.ratio.size >= 0.3 * verdict.judged
+    assert verdict.beyond(5.0) <= 0.001
+
+
 @pytest.mark.parametrize(
     ("name", "lie", "sensors", "least"),
     [
