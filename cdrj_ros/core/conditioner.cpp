@@ -141,8 +141,28 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
             time_line_.end_doubt(k, raw.stamp_ns);
         }
     }
-    time_line_.take(axes_[k], channel, raw, unwrapped);
+    time_line_.take(axes_[k], channel, raw, unwrapped, shown_by_others(k, raw.stamp_ns));
     ++accepted;
+}
+
+/// What the other axes show of the motion of an axis up to its next reading, (C13).
+///
+/// Cables couple the axes: where another one turns between two readings of this one, this one may have
+/// done so, too, although its readings show a slow motion or none.
+LeastMotion Conditioner::shown_by_others(std::size_t k, Nanoseconds stamp_ns) const {
+    LeastMotion least;
+    const Nanoseconds span_ns = stamp_ns - channels_[k].last_ns;
+    if (channels_[k].last_ns < 0 || span_ns <= WINDOW_NS) return least;
+    if (!std::isfinite(axes_[k].worth)) return least;  // no cable acts on it
+    for (std::size_t other = 0; other < channels_.size(); ++other) {
+        const Motion& motion = channels_[other].motion;
+        if (other == k || !(axes_[other].worth > 0.0)) continue;
+        if (!motion.turns_within(span_ns, channels_[other].usual_ns)) continue;
+        const double ratio = axes_[k].worth / axes_[other].worth;
+        least.speed = std::max(least.speed, ratio * motion.speed);
+        least.acceleration = std::max(least.acceleration, ratio * motion.acceleration);
+    }
+    return least;
 }
 
 /// Notes whether an axis repeats a reading while another one moves on by what its worth is, (C12).

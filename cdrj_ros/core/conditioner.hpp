@@ -90,6 +90,7 @@ private:
     bool admit(std::size_t k, Nanoseconds stamp_ns, double reading);
     bool judge(std::size_t k, Raw raw);
     void note_stuck(Channel& channel);
+    LeastMotion shown_by_others(std::size_t k, Nanoseconds stamp_ns) const;
     void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
     void drop_held(Channel& channel);
     void drop_off(Channel& channel);

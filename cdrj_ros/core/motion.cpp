@@ -7,7 +7,6 @@
 namespace cdrj {
 namespace {
 
-constexpr Nanoseconds WINDOW_NS = 100'000'000;  // speeds are averaged over at least this time
 constexpr Nanoseconds PART_NS = 20'000'000;     // the greatest speed, over at least this one
 constexpr double SLOW = 2e-9 * WINDOW_NS;       // windows longer than this are chords [s]
 constexpr double CHORDS = 1.5;       // factor for accelerations from chords of a third of a period
@@ -103,14 +102,20 @@ bool Motion::knows(Nanoseconds span_ns) const {
     return windows > WINDOWS && (span_ns <= FAR_NS || still);
 }
 
-double Motion::curvature(Nanoseconds span_ns) const {
+double Motion::curvature(Nanoseconds span_ns, const LeastMotion& least) const {
     if (!knows(span_ns)) return INFINITE;
-    if (span_ns <= seen_ns) return 0.0;
-    const double length = span_ns * 1e-9, bend = acceleration * length;
-    const double unresolved = speed > 0.0 ? std::max(bend / speed, 1.0) : 1.0;
+    if (span_ns <= seen_ns && least.acceleration == 0.0) return 0.0;
+    const double fast = std::max(speed, least.speed);
+    const double length = span_ns * 1e-9;
+    const double bend = std::max(acceleration, least.acceleration) * length;
+    const double unresolved = fast > 0.0 ? std::max(bend / fast, 1.0) : 1.0;
     const double sagitta =
-        std::min(bend * length / 8.0 * unresolved * unresolved, std::max(speed, bend) * length / 3.0);
+        std::min(bend * length / 8.0 * unresolved * unresolved, std::max(fast, bend) * length / 3.0);
     return 4.0 * sagitta / (static_cast<double>(span_ns) * static_cast<double>(span_ns));
+}
+
+bool Motion::turns_within(Nanoseconds span_ns, Nanoseconds usual_ns) const {
+    return acceleration * (span_ns * 1e-9) > speed && acceleration * (usual_ns * 1e-9) <= speed;
 }
 
 void Motion::miss(Nanoseconds horizon_ns, Nanoseconds window_ns, double error) {

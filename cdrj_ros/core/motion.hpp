@@ -8,6 +8,15 @@
 
 namespace cdrj {
 
+/// Speeds are averaged over at least this time.
+inline constexpr Nanoseconds WINDOW_NS = 100'000'000;
+
+/// How fast an axis moves at least.
+struct LeastMotion {
+    double speed = 0.0;         // [rad/s]
+    double acceleration = 0.0;  // [rad/s^2]; 0 if nothing is known
+};
+
 /// Running estimates of an axis's speed and acceleration.
 struct Motion {
     double band = 0.0;            // greatest error of a reading
@@ -42,7 +51,12 @@ struct Motion {
     ///
     /// The standard deviation of the angle is this times the times to both readings. 0 where it is
     /// negligible everywhere between them, infinite where it is unknown.
-    double curvature(Nanoseconds span_ns) const;
+    ///
+    /// least: what the other axes show of its motion.
+    double curvature(Nanoseconds span_ns, const LeastMotion& least = {}) const;
+
+    /// Whether it turns within a time that its readings, `usual_ns` apart, resolve.
+    bool turns_within(Nanoseconds span_ns, Nanoseconds usual_ns) const;
 
     /// Takes the error of an angle that was extrapolated with the velocity over a window, (C4).
     void miss(Nanoseconds horizon_ns, Nanoseconds window_ns, double error);

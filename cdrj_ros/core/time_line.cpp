@@ -132,7 +132,8 @@ void TimeLine::end_doubt(std::size_t channel, Nanoseconds until_ns) {
     }
 }
 
-void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped) {
+void TimeLine::take(
+    const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped, const LeastMotion& least) {
     const auto [stamp_ns, reading] = raw;
     const double value = unwrapped.angle;
     const double angle =
@@ -141,7 +142,7 @@ void TimeLine::take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwra
     double curvature = 0.0;
     if (channel.last_ns >= 0) {
         const Nanoseconds interval_ns = stamp_ns - channel.last_ns;
-        curvature = channel.motion.curvature(interval_ns);
+        curvature = channel.motion.curvature(interval_ns, least);
         channel.usual_ns = std::max(interval_ns, channel.usual_ns / 2);
     } else if (0 <= resumed_ns_ && resumed_ns_ < stamp_ns) {
         channel.resumed = channel.motion.curvature(stamp_ns - resumed_ns_);

@@ -43,7 +43,10 @@ public:
     void end_doubt(std::size_t channel, Nanoseconds until_ns);
 
     /// Stores an accepted reading of a channel and its angle.
-    void take(const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped);
+    ///
+    /// least: what the other axes show of its motion since the reading before.
+    void take(
+        const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped, const LeastMotion& least);
 
     /// Samples at all stamps that every channel has reached, then a predicted one if enabled.
     std::vector<Sample> samples(std::span<const Axis> axes, std::span<Channel> channels);

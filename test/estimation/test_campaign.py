@@ -118,6 +118,18 @@ def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviatio
     assert ratio.size > 0.2 * sum(one.judged for one in verdicts), "some have status 0"
 
 
+@pytest.mark.parametrize("axis", ["winch", "elbow"])
+def test_an_axis_that_is_read_once_in_a_period_is_not_taken_for_slow(
+    axis: str, model: Model
+) -> None:
+    """Its readings show a slow motion, or none, while the other axis moves to and fro."""
+    fast = course_of(model, 6.0, sine(3.0))
+    faults = Faults(period_ns={"winch": MS, "elbow": 2 * MS, axis: 330 * MS})
+    verdict = judge(fast, run(model, fast, faults), 0, fast.duration_ns)
+    assert verdict.judged > 0
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+
+
 def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course) -> None:
     """With readings at full rate the unseen deviation is empty and has no effect."""
 

@@ -39,7 +39,8 @@ def random_robot(random: Random) -> Robot:
     paths = "motors.m0.clock_offset, joints.j0.clock_offset"
     block = f"uncertainty: {{others: exact, parameters: [{paths}], stddev: [0.003, 0.01]}}\n"
     stated = random.choice(("", block))
-    return robot_of(f"name: any\n{stated}motors: [{motors}]\njoints: [{joints}]\n", "m0")
+    span = random.choice(("1", "[1, {joint: j0, slope: 0.02}]"))
+    return robot_of(f"name: any\n{stated}motors: [{motors}]\njoints: [{joints}]\n", "m0", span)
 
 
 def _axis(random: Random, name: str, keys: list[str]) -> str:
@@ -79,11 +80,11 @@ class Sender:
         self.at_once = random.random() < 0.4
         """Whether all topics are sent at the same times."""
         base = random.choice((1, 2, 5, 20, 60, 130, 400, 1500)) * MS
-        rates = [1.0 if self.at_once else random.choice((0.3, 0.5, 1.0, 1.0, 2.0, 7.0))
+        rates = [1.0 if self.at_once else random.choice((0.3, 0.5, 1.0, 2.0, 7.0, 60.0))
                  for _ in self.topics]  # fmt: skip
         self.periods = [max(int(base * rate), 1) for rate in rates]
         self.due = [self.begin] * len(rates)
-        self.speed = random.choice((0.0, 0.1, 0.5, 2.0, 6.0))
+        self.speed = random.choice((0.0, 0.1, 0.5, 2.0, 6.0, 20.0))
         self.amplitude = random.choice((0.01, 0.3, 0.6))
         self.shift = 0
         """By which the clock has been set [ns]."""

@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import ceil, exp, hypot, inf, isfinite, log, pi, sqrt
+from math import ceil, exp, hypot, inf, isfinite, isinf, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -117,15 +117,16 @@ class Motion:
             return True
         return self.windows > 3 and (span_ns <= 10**9 or self.speed * span_ns * 1e-9 <= 0.01)
 
-    def curvature(self, span_ns: int) -> float:
+    def curvature(self, span_ns: int, least: tuple[float, float] = (0.0, 0.0)) -> float:
+        """(C3), with speed and acceleration of at least ``least``, (C13)."""
         if not self.knows(span_ns):
             return inf
-        if span_ns <= self.seen_ns():
+        if span_ns <= self.seen_ns() and least[1] == 0.0:
             return 0.0
-        span = span_ns * 1e-9
-        bend = self.acceleration * span
-        factor = max(bend / self.speed, 1.0) if self.speed > 0.0 else 1.0
-        most = max(self.speed, bend) * span / 3.0
+        span, speed = span_ns * 1e-9, max(self.speed, least[0])
+        bend = max(self.acceleration, least[1]) * span
+        factor = max(bend / speed, 1.0) if speed > 0.0 else 1.0
+        most = max(speed, bend) * span / 3.0
         sagitta = min(bend * span / 8.0 * factor * factor, most)
         return 4.0 * sagitta / (float(span_ns) * float(span_ns))
 
@@ -733,6 +734,21 @@ class Reference:
                 self._append(channel, stamp, reading, channel.last_ns)
         return self.accepted > before
 
+    def _shown_by_others(self, channel: Channel, stamp: int) -> tuple[float, float]:
+        """Speed and acceleration that the motion of other axes suggests, (C13)."""
+        span = stamp - channel.last_ns
+        if channel.last_ns < 0 or span <= WINDOW_NS or isinf(channel.steps.worth):
+            return 0.0, 0.0
+        shown = [(0.0, 0.0)]
+        for other in self.channels:
+            v, a = other.motion.speed, other.motion.acceleration
+            if other is channel or other.steps.worth == 0.0 or a * (span * 1e-9) <= v:
+                continue
+            if a * (other.usual_ns * 1e-9) <= v:
+                ratio = channel.steps.worth / other.steps.worth
+                shown.append((ratio * v, ratio * a))
+        return max(v for v, _ in shown), max(a for _, a in shown)
+
     def _append(
         self, channel: Channel, stamp: int, reading: float, since_ns: int, off: bool = False
     ) -> None:
@@ -745,6 +761,7 @@ class Reference:
                 self.doubts.append(channel.doubt)
         elif channel.doubt is not None:
             channel.doubt.until_ns, channel.doubt = stamp, None
+        least = self._shown_by_others(channel, stamp)
         since, angle, motion = stamp - channel.last_ns, value, channel.motion
         if channel.bandwidth > 0.0:
             band = error_of(channel.axis.sensor)
@@ -753,7 +770,7 @@ class Reference:
         motion.take(stamp, value)
         curvature = 0.0
         if channel.last_ns >= 0:
-            curvature = motion.curvature(since)
+            curvature = motion.curvature(since, least)
             channel.usual_ns = max(since, channel.usual_ns // 2)
         elif 0 <= self.resumed_ns < stamp:
             channel.resumed = motion.curvature(stamp - self.resumed_ns)

@@ -11,10 +11,10 @@ cables:
     axial_stiffness: 1000
     preload: 1
     nodes: [{{type: winch, motor: {motor}, winding: 1, radius: 0.1}}, {{type: anchor}}]
-    spans: [1]
+    spans: [{span}]
 """
 
 
-def robot_of(axes: str, motor: str = "a") -> Robot:
+def robot_of(axes: str, motor: str = "a", span: str = "1") -> Robot:
     """A robot with these motors and joints, in YAML, and a cable on the winch of one motor."""
-    return parse_robot(axes + CABLE.format(motor=motor))
+    return parse_robot(axes + CABLE.format(motor=motor, span=span))
