@@ -21,30 +21,34 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros_reference.md"
 HEAD = """\
 # Topics, services and parameters of the nodes
 
-Written by `python tools/ros_reference.py --write` from the nodes themselves; a test compares. Names
-are relative to the namespace `/cdrj`, and `~` is the node's own name. A topic is reliable, volatile
-and keeps the given number of messages unless the table says otherwise. `estimator` accepts
-best-effort publishers of its inputs as well. Every node has ROS's own services of parameters,
-`/rosout` and `/parameter_events`. `ros2 param describe /cdrj/estimator timeout` and
-`ros2 interface show cdrj_msgs/msg/CableTensions` give the same texts.
+This page lists the topics, services and parameters of every node. Names are relative to the
+namespace `/cdrj`, and `~` is the node's own name. A topic is reliable, volatile and keeps the given
+number of messages unless the table states otherwise. `estimator` accepts best-effort publishers of
+its inputs as well. Every node also has ROS's own services of parameters, `/rosout` and
+`/parameter_events`. The same descriptions are printed by
+`ros2 param describe /cdrj/estimator timeout` and `ros2 interface show cdrj_msgs/msg/CableTensions`.
+`python tools/ros_reference.py --write` writes this page.
 """
 
 NOTES = {
-    "estimator": "On request: `tension_sensors` (a parameter), `wrenches` (for their subscribers); "
-    "for joints without encoder `joint_angles` and `joint_angles_stddev` "
-    "([joints without encoder](robot_file.md#joints-without-encoder)); "
-    "with `--managed` the services of the "
-    "[lifecycle](install.md#the-estimator-as-a-lifecycle-node) and `~/transition_event`; "
-    "with `use_sim_time` the input `/clock`. The QoS of every topic can be overridden by "
-    "parameters `qos_overrides.<topic>.<publisher or subscription>.<policy>`. With `--managed`, "
-    "parameters that do not change while running may change while unconfigured.",
+    "estimator": "Some topics and services exist only on request:\n\n"
+    "- `tension_sensors` with the parameter of that name, and `wrenches` for their subscribers;\n"
+    "- `joint_angles` and `joint_angles_stddev` for [joints without "
+    "encoder](robot_file.md#joints-without-encoder);\n"
+    "- with `--managed` the services of the "
+    "[lifecycle](install.md#the-estimator-as-a-lifecycle-node)\n  and `~/transition_event`;\n"
+    "- the input `/clock` with `use_sim_time`.\n\n"
+    "Parameters `qos_overrides.<topic>.<publisher or subscription>.<policy>` override the QoS of "
+    "every topic.\nWith `--managed`, parameters that do not change while running may change while "
+    "unconfigured.",
     "rig": "Described in [Simulated robot](simulation.md#the-robot-as-a-node).",
     "replay": "Options are on its command line: "
     "[Replay](recordings.md#replay-through-the-running-node).",
     "watch": "Options are on its command line: [Live table](view.md#terminal).",
     "markers": "Described in [RViz](view.md#rviz).",
-    "view": "Described in [Browser](view.md). It needs the extra `view`. While a page is open, it "
-    "subscribes to `tensions`, `nodal_forces`, `joint_states`, `references` and `/diagnostics`.",
+    "view": "Described in [Browser](view.md#browser). It needs the extra `view`. While a page is "
+    "open, it subscribes to `tensions`, `nodal_forces`, `joint_states`, `references` and "
+    "`/diagnostics`.",
 }
 
 OWN = ("/rosout", "/parameter_events")

@@ -55,9 +55,9 @@ _SETTINGS: Final = (
     Setting("timeout", 0.5, "Silence after which outputs are marked STALE", "s", 0.001, 3600.0),
     Setting(
         "same_clock_within", SAME_CLOCK_S,
-        "Estimates that lag the clock of this node by more than the timeout are STALE. Where "
-        "the first readings lag it by more than this, their stamps are those of a recording or "
-        "of another clock, and only what estimates lag beyond the smallest lag so far counts. "
+        "Estimates that lag the clock of this node by more than the timeout are STALE. If the "
+        "first readings lag it by more than this value, their stamps are taken to be those of a "
+        "recording or of another clock; then only the lag beyond the smallest one so far counts. "
         "0: never compare with this clock, for a recording that is paused or played slowly",
         "s", 0.0, 1e10,
     ),
