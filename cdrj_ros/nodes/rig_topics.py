@@ -6,8 +6,8 @@ ros2_control's controllers are in the units in which the robot publishes its sta
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
+from heapq import heappop, heappush
 from typing import Any, Final
 
 import numpy as np
@@ -67,19 +67,21 @@ Convert = Callable[[Mode, Sequence[str], Sequence[float]], Sequence[float]]
 
 
 class _Queue:
-    """Encoded messages of one topic that have not arrived yet."""
+    """Encoded messages of all topics that have not arrived yet, in the order of their arrival."""
 
-    def __init__(self, publisher: Any, latency_s: float) -> None:
-        self._publisher, self._latency_s = publisher, latency_s
-        self._waiting: deque[tuple[float, bytes]] = deque()
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, int, Any, bytes]] = []
+        self._count = 0
 
-    def send(self, stamp_s: float, message: bytes) -> None:
-        self._waiting.append((stamp_s + self._latency_s, message))
+    def send(self, arrival_s: float, publisher: Any, message: bytes) -> None:
+        self._count += 1  # messages that arrive at the same time stay in order
+        heappush(self._waiting, (arrival_s, self._count, publisher, message))
 
     def deliver(self, now_s: float) -> None:
         """Publish what has arrived."""
         while self._waiting and self._waiting[0][0] <= now_s:
-            self._publisher.publish(self._waiting.popleft()[1])
+            _, _, publisher, message = heappop(self._waiting)
+            publisher.publish(message)
 
 
 class RigOutputs:
@@ -95,7 +97,8 @@ class RigOutputs:
             kind: node.create_publisher(JointState, names[kind], default_profile())
             for kind in dict.fromkeys(group.kind for group in self._groups)
         }
-        self._queues = [_Queue(publishers[one.kind], one.latency) for one in self._groups]
+        self._publishers = [publishers[group.kind] for group in self._groups]
+        self._queue = _Queue()
         self._templates = [
             Template(JOINT_STATE, one.names, one.fields, BASE_LINK if one.kind == "all" else "")
             for one in self._groups
@@ -134,16 +137,19 @@ class RigOutputs:
         effort = np.concatenate([rig.motor_effort, rig.joint_effort])
         time = np.array([now_s])
         truth = truth_table(position[None], self._speed[None], effort[None], rig.tension[None])
-        for group, queue, template in zip(self._groups, self._queues, self._templates, strict=True):
+        for group, publisher, template in zip(
+            self._groups, self._publishers, self._templates, strict=True
+        ):
             read = group.take(time, truth)
             arrays = {field: getattr(read, field) for field in group.fields}
             for k, stamp_s in enumerate(read.stamps.tolist()):
                 stamp_ns = zero_ns - group.clock_offset_ns + round(stamp_s * 1e9)
                 row = {field: array[k] for field, array in arrays.items()}
-                queue.send(stamp_s, template.encode(stamp_ns, **row))
-            queue.deliver(now_s)
+                message = template.encode(stamp_ns, **row)
+                self._queue.send(stamp_s + group.latency, publisher, message)
         if self._cells is not None:
             self._emit_cells(self._cells, time, truth, zero_ns)
+        self._queue.deliver(now_s)
         if self._truth_every and rig.steps % self._truth_every == 0:
             self._publish_truth(rig, position, effort, zero_ns + round(now_s * 1e9))
 
@@ -154,8 +160,9 @@ class RigOutputs:
             return
         self._cells = cells
         self._cell_template = Template(CABLE_TENSIONS, cells.names, ("tension", "status", "stddev"))
-        publisher = node.create_publisher(CableTensions, topics.TENSION_SENSORS, default_profile())
-        self._cell_queue = _Queue(publisher, cells.latency)
+        self._cell_publisher = node.create_publisher(
+            CableTensions, topics.TENSION_SENSORS, default_profile()
+        )
 
     def _emit_cells(self, cells: CellGroup, time: Vector, truth: Table, zero_ns: int) -> None:
         stamps, tensions = cells.take(time, truth)
@@ -165,8 +172,7 @@ class RigOutputs:
                 zero_ns + round(stamp_s * 1e9), tension=tension, status=np.zeros(count),
                 stddev=np.full(count, cells.stddev),
             )  # fmt: skip
-            self._cell_queue.send(stamp_s, message)
-        self._cell_queue.deliver(float(time[0]))
+            self._queue.send(stamp_s + cells.latency, self._cell_publisher, message)
 
     def _open_truth(self, node: Node, model: Model, options: RigOptions) -> None:
         self._truth_every = 0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -23,8 +25,11 @@ from support.places import ROBOT
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.messages import topics
 from cdrj_ros.model.packing import SLACK
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.nodes.rig import RigNode
+from cdrj_ros.nodes.rig_topics import RigOutputs
 
 
 def overrides(**given: Any) -> list[Any]:
@@ -259,6 +264,29 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
     assert not set_one("payload", -2.0)
     assert not set_one("preload", [1.0, 2.0])
     assert not set_one("cells", 4)
+
+
+def test_readings_are_published_in_the_order_of_their_arrival(bench: Any) -> None:
+    """Those of one step too: otherwise one topic always lags the other, as one of another clock."""
+    rig = bench("motors: {latency: 0.0025}").rig
+    sent: list[tuple[str, bytes]] = []
+
+    class Recorder:
+        def create_publisher(self, _: Any, topic: str, __: Any) -> Any:
+            return SimpleNamespace(publish=lambda message: sent.append((topic, message)))
+
+    outputs = RigOutputs(cast("Node", Recorder()), load_model(ROBOT), rig.options)
+    for _ in range(20):
+        rig.rig.step(rig.rig.motor_angle)
+        outputs.emit(rig.rig, np.zeros(1), rig.rig.time_s, 0)
+    arrivals = [
+        stamp_ns(deserialize_message(message, JointState))
+        + (2_500_000 if topic == topics.MOTOR_STATES else 0)
+        for topic, message in sent
+    ]
+    assert {topic for topic, _ in sent} == {topics.MOTOR_STATES, topics.JOINT_STATES}
+    assert len(arrivals) > 20
+    assert arrivals == sorted(arrivals)
 
 
 def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None:
