@@ -15,7 +15,8 @@ from cdrj_ros.commands.entry import DONE, run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
-from cdrj_ros.nodes.parameters import estimator_file
+from cdrj_ros.nodes.parameters import estimator_file, settings
+from cdrj_ros.nodes.settings import refuse_unknown_parameters
 from cdrj_ros.nodes.spinning import (
     CheckedClock,
     OneLineParser,
@@ -153,6 +154,7 @@ def _body(argv: Sequence[str]) -> int:
     if own.print_parameters:
         print(estimator_file(), end="")
         return DONE
+    refuse_unknown_parameters(arguments, settings())
     with ros_context(arguments) as stop:
         if own.managed:
             spin_managed(own.state_file, stop)

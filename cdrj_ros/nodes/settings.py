@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import pairwise
 from textwrap import wrap
 from typing import Any, Final
 
@@ -21,6 +23,9 @@ from cdrj_ros.foundation.errors import UsageError
 
 WIDTH: Final = 96
 """Maximum line length of comments in a parameter file [columns]."""
+
+OF_ROS: Final = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""How names of the parameters begin that ROS itself gives every node."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,28 @@ def as_double(given: Parameter, kind: Any) -> Parameter:
     if kind == Parameter.Type.DOUBLE_ARRAY and given.type_ == Parameter.Type.INTEGER_ARRAY:
         return Parameter(given.name, value=[float(value) for value in given.value])
     return given
+
+
+def refuse_unknown_parameters(arguments: Sequence[str], settings: Sequence[Setting]) -> None:
+    """Refuse names on the command line that no parameter has; rclpy would ignore a misspelt one.
+
+    Names in a parameter file may be those of other nodes.
+
+    Args:
+        arguments: the command line of one node.
+        settings: its table.
+
+    Raises:
+        UsageError: an unknown name; the message suggests the nearest known one.
+    """
+    known = [one.name for one in settings]
+    for flag, rule in pairwise(arguments):
+        name, assigned, _ = rule.partition(":=")
+        of_this_node = flag in ("-p", "--param") and assigned and ":" not in name
+        if of_this_node and name not in known and not name.startswith(OF_ROS):
+            close = get_close_matches(name, known, n=1)
+            nearest = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
+            raise UsageError(f"there is no parameter {name}; {nearest}")
 
 
 _HEADER: Final = """\

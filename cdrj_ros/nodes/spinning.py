@@ -24,7 +24,7 @@ from cdrj_ros.commands.entry import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
-from cdrj_ros.nodes.settings import Setting, parameter_file
+from cdrj_ros.nodes.settings import Setting, parameter_file, refuse_unknown_parameters
 
 STOP_POLL_S: Final = 0.1
 """Maximum time until a stop request is noticed [s]."""
@@ -283,6 +283,7 @@ def run_node(
     if own.print_parameters:
         print(parameter_file(name, settings), end="")
         return DONE
+    refuse_unknown_parameters(arguments, settings)
     with ros_context(arguments) as stop:
         with starting():
             node, before_end = make()

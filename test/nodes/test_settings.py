@@ -19,7 +19,13 @@ from rclpy.parameter import Parameter
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.nodes import markers, parameters, rig_settings, view
-from cdrj_ros.nodes.settings import Setting, declare, parameter_file, values_of
+from cdrj_ros.nodes.settings import (
+    Setting,
+    declare,
+    parameter_file,
+    refuse_unknown_parameters,
+    values_of,
+)
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -111,3 +117,15 @@ def test_integers_are_taken_for_doubles(context: Context) -> None:
     assert values == {
         "count": 0, "share": 1.0, "names": ["c"], "mode": "on", "numbers": [1.0, 2.0],
     }  # fmt: skip
+
+
+def test_unknown_names_on_the_command_line_are_refused() -> None:
+    def check(*rules: str) -> None:
+        flags = [word for rule in rules for word in ("-p", rule)]
+        refuse_unknown_parameters(["rig", "--ros-args", *flags], TABLES["rig"])
+
+    check("robot:=a", "use_sim_time:=true", "other:name:=1", "qos_overrides./a.publisher.depth:=1")
+    with pytest.raises(UsageError, match=r"there is no parameter robto; did you mean robot\?"):
+        check("rate:=500.0", "robto:=a")
+    with pytest.raises(UsageError, match="there is no parameter stiffness; there are robot, "):
+        check("stiffness:=1")
