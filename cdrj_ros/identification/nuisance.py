@@ -76,8 +76,8 @@ def nuisance_causes(known: Uncertainty | None, unknowns: Sequence[Unknown]) -> t
             if share > NEGLIGIBLE * len(group):
                 sizes = np.sqrt(share) * direction * stddev[group]
                 sizes = sizes if sizes[int(np.abs(direction).argmax())] > 0.0 else -sizes
-                names = [known.parameters[k] for k in group]
-                causes.append(dict(zip(names, sizes.tolist(), strict=True)))
+                moved = zip(group, sizes.tolist(), strict=True)
+                causes.append({known.parameters[k]: size for k, size in moved if size != 0.0})
     return tuple(causes)
 
 

@@ -10,6 +10,7 @@ from support.places import PROTOTYPE
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.nuisance import nuisance_causes
+from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.residual_statistics import (
     Linear,
@@ -134,6 +135,20 @@ def test_stated_correlations_give_causes_with_the_same_covariance(fresh: Documen
     np.testing.assert_allclose(root @ root.T, known.covariance, rtol=1e-9, atol=1e-12)
     rest = nuisance_causes(known, parse_unknowns(fresh, "EA"))
     assert {path for cause in rest for path in cause} == set(paths[:2])
+
+
+def test_a_cause_has_only_the_numbers_that_it_moves(fresh: Document) -> None:
+    """Numbers that a spring scale has read: a direction of their covariance leaves one alone."""
+    paths = ["cables.upper.preload", "cables.lower.preload", "cables.upper.axial_stiffness"]
+    stated = {
+        "parameters": paths, "stddev": [1.21, 1.21, 0.585], "others": "exact",
+        "correlation": np.where(np.eye(3) > 0.0, 1.0, 0.95062).tolist(),
+    }  # fmt: skip
+    known = build_robot({**fresh, "uncertainty": stated}, "test").uncertainty
+    causes = nuisance_causes(known, ())
+    assert len(causes) == 3
+    assert all(all(cause.values()) for cause in causes)
+    assert len(unknown_causes(fresh, causes)) == 3
 
 
 SIZE, STATES = 8000, 8
