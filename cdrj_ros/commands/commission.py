@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.writer import moved, with_section
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ASKED: Final = {
     "rest": "1. Tare: record the robot at rest in its reference pose for 3 s. Better go on to two "
@@ -276,12 +279,13 @@ def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Ste
     text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text
     write_text(arguments.out, moved(text, now.source, arguments.out))
     if arguments.png:
-        _draw(steps, arguments.png)
+        figure_of(steps).savefig(arguments.png, format="png", dpi=120)
 
 
-def _draw(steps: Sequence[Step], path: str) -> None:
+def figure_of(steps: Sequence[Step]) -> Figure:
     """Standard deviation over tension of every cable, step by step."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullLocator
 
     figure = Figure((7.0, 4.0), layout="constrained")
     axes = figure.add_subplot()
@@ -290,11 +294,14 @@ def _draw(steps: Sequence[Step], path: str) -> None:
         shares = [100.0 * one.judged.relative[name] for one in steps]
         axes.plot(places, shares, marker="o", label=name)
     axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_ylabel("standard deviation over tension [%]")
     axes.set_xticks(list(places), [f"{one.name}\nOK {one.judged.ok:.0%}" for one in steps])
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path, format="png", dpi=120)
+    return figure
 
 
 def main(argv: Sequence[str] | None = None) -> int:
