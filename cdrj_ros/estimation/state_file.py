@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -23,17 +22,17 @@ from cdrj_ros.foundation.files import InputError, read_regular, write_bytes
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.prepared import Model
 
-HEADER: Final = b"cdrj_ros state 8\n"
-"""First bytes of a state file."""
+KIND: Final = b"cdrj_ros state "
+"""First bytes of a state file of any version."""
+
+HEADER: Final = KIND + b"8\n"
+"""First line of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000
 """Maximum size of a state file; a larger file is refused."""
 
 DAY_NS: Final = 86_400_000_000_000
 """A day [ns]."""
-
-CHANGED: Final = re.compile(r"(motors|joints)\.\w+\.reference_angle|cables\.\w+\.preload")
-"""Paths of the numbers that ``~/tare`` and ``~/set_preload`` set."""
 
 
 class StateFileError(CdrjError):
@@ -51,6 +50,16 @@ def _digest(model: Model) -> NDArray[np.uint8]:
 def _is_of(model: Model, arrays: Mapping[str, NDArray[Any]], key: str) -> bool:
     """Whether the digest in a state file is that of a robot."""
     return key in arrays and np.array_equal(arrays[key], _digest(model))
+
+
+def _set_by_services(model: Model) -> set[str]:
+    """Paths of the numbers that ``~/tare`` and ``~/set_preload`` set."""
+    layout = model.layout
+    return {
+        *(f"motors.{name}.reference_angle" for name in layout.motors),
+        *(f"joints.{name}.reference_angle" for name in layout.joints),
+        *(f"cables.{cable.name}.preload" for cable in model.robot.cables),
+    }
 
 
 def with_checksum(content: bytes) -> bytes:
@@ -129,12 +138,29 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
     buffer = BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     try:
-        if path.exists() and not path.is_file():  # a pipe that nobody reads takes nothing, for ever
-            raise StateFileError(f"cannot write the state file {path}: it is not a regular file")
+        _check_replaceable(path)
         write_bytes(path, with_checksum(buffer.getvalue()))
     except OSError as error:
         raise StateFileError(f"cannot write the state file {path}: {error.strerror}") from error
     return True
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to write to what is no state file.
+
+    Raises:
+        StateFileError: a file of another kind, such as the robot file; or a pipe, which takes
+            nothing, for ever, if nobody reads it.
+        OSError: the file cannot be read.
+    """
+    if not path.exists():
+        return
+    if not path.is_file():
+        raise StateFileError(f"cannot write the state file {path}: it is not a regular file")
+    with path.open("rb") as file:
+        begin = file.read(len(KIND))
+    if begin not in (b"", KIND):
+        raise StateFileError(f"{path} is not a state file, and is not replaced")
 
 
 def read_state(live: LiveEstimator, path: Path) -> str:
@@ -216,7 +242,7 @@ def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], pa
         changes = _unpacked(arrays["changes"])
         if not changes:
             return ""
-        if not all(CHANGED.fullmatch(name) for name in changes):
+        if not _set_by_services(live.model).issuperset(changes):
             raise ValueError("numbers that no service sets")
         live.change({name: float(value) for name, value in changes.items()})
     except (KeyError, TypeError, ValueError, AttributeError, CdrjError) as error:

@@ -276,6 +276,24 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
     assert read_state(LiveEstimator(model, UNFILTERED), path)  # and the restart after that one
 
 
+def test_the_state_file_takes_every_name_of_a_motor(tmp_path: Path) -> None:
+    """Names in messages may contain a slash, a dot and spaces."""
+    path, text = tmp_path / "state", Path(ROBOT).read_text(encoding="utf-8")
+    name = "left/winch no.1"
+    named = text.replace("name: winch", f"name: {name}").replace("motor: winch", f"motor: {name}")
+    (tmp_path / "robot.yaml").write_text(named, encoding="utf-8")
+    model = load_model(str(tmp_path / "robot.yaml"))
+    live = LiveEstimator(model)
+    for k in range(400):
+        live.feed("motors", START + k * MS, (name,), (0.8,))
+        live.feed("joints", START + k * MS, ("elbow",), (0.1,))
+    live.tare()
+    assert write_state(live, path)
+    again = LiveEstimator(model)
+    assert f"motors.{name}.reference_angle = 0.8" in read_state(again, path)
+    assert again.model.robot.motors[0].reference_angle == 0.8
+
+
 def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_state(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
@@ -432,3 +450,22 @@ def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
             file.write(content[bit // 8 : bit // 8 + 1])
     assert path.read_bytes() == content
     assert "continues from" in read_state(again, path)
+
+
+@pytest.mark.usefixtures("few_members")
+def test_a_file_that_is_no_state_file_is_not_replaced(
+    model: Model, readings: Samples, tmp_path: Path
+) -> None:
+    """As the robot file, given by mistake; an empty file and one of an earlier version are."""
+    path = tmp_path / "state"
+    live = LiveEstimator(model)
+    for k in range(10):
+        send(live, readings, k)
+    path.write_text("name: arm\n")
+    with pytest.raises(StateFileError, match="state is not a state file, and is not replaced"):
+        write_state(live, path)
+    assert path.read_text() == "name: arm\n"
+    for content in (b"", b"cdrj_ros state 3\n"):
+        path.write_bytes(content)
+        assert write_state(live, path)
+        assert path.stat().st_size > 1000
