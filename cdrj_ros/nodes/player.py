@@ -15,6 +15,7 @@ from rclpy.task import Future
 from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.evaluation.answers import Answers, Run, Tally
 from cdrj_ros.evaluation.replayed import NodeSettings, require_every_sample
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
@@ -102,7 +103,7 @@ class Player:
 
         Raises:
             NoEstimatorError: the estimator is not connected after ``PATIENCE_S``.
-            UsageError: the estimator does not publish every estimate.
+            UsageError: the estimator does not publish every estimate, or hears others, too.
         """
         begin = monotonic()
         news = begin + NEWS_S
@@ -127,6 +128,7 @@ class Player:
             self.executor.spin_once(timeout_sec=0.05)
         for topic in self.node.unconnected():
             self.bar.say(f"warning: a listener of {topic} has a QoS that does not fit")
+        self._refuse_intruders()
         self.estimator = self.node.settings(self.executor)
         require_every_sample(self.estimator)
         for topic in self.node.rivals():
@@ -137,6 +139,7 @@ class Player:
         """Play one pass from a reset of the estimator on.
 
         Raises:
+            UsageError: others publish the estimator's inputs, too.
             NoEstimatorError: the estimator does not reset, or answers none of the inputs.
             AnotherRobotError: the estimator uses another robot.
         """
@@ -271,6 +274,7 @@ class Player:
                 self._refuse_silence(run.tally())
         if now >= self._presence_s:
             self._presence_s = now + PRESENCE_S
+            self._refuse_intruders()
             if missing := self.node.missing():
                 self.bar.say(f"the estimator disappeared: {'; '.join(missing)}")
                 self._gone = True
@@ -281,6 +285,11 @@ class Player:
         total = (playback.end_ns - playback.begin_ns) * 1e-9
         counters = (self._before + run.tally()).words
         self.bar(done, f"{done:.1f}/{total:.1f} s, {counters}")
+
+    def _refuse_intruders(self) -> None:
+        """Refuse to play to an estimator that hears a robot as well; it may be discovered late."""
+        for topic, names in self.node.intruders().items():
+            raise UsageError(f"{topic} is published by others, too: {', '.join(names)}; stop them")
 
     def _refuse_silence(self, tally: Tally) -> None:
         raise NoEstimatorError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -23,7 +24,7 @@ from cdrj_ros.evaluation.replayed import NodeSettings
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.yaml import YamlError, load_yaml
 from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE
-from cdrj_ros.nodes.settings import default_profile
+from cdrj_ros.nodes.settings import default_profile, publishing_nodes
 from cdrj_ros.recordings.recording import Topics
 
 ANSWER_S: Final = 5.0
@@ -128,6 +129,17 @@ class ReplayNode(Node):
             for p in (*self.inputs, *self.extras.values())
             if p.get_subscription_count() < self.count_subscribers(p.topic_name)
         ]
+
+    def intruders(self) -> dict[str, list[str]]:
+        """Nodes that publish an input of the estimator beside this one, by topic."""
+        found = {}
+        for topic, own in Counter(one.topic_name for one in (self.motors, self.joints)).items():
+            names = publishing_nodes(self, topic)
+            for _ in range(min(own, names.count(self.get_fully_qualified_name()))):
+                names.remove(self.get_fully_qualified_name())
+            if names:
+                found[topic] = names
+        return found
 
     def rivals(self) -> list[str]:
         """Output topics of the estimator with more than one publisher."""

@@ -50,6 +50,8 @@ class Silence:
         steady = steady_s - self._steady_s
         if not self._simulated:  # the system clock may be set while the node runs
             return steady
+        if self._node_ns == 0:  # the clock has started since
+            self._node_ns = node_ns
         self._node_ns = min(self._node_ns, node_ns)  # the clock was set back
         simulated = (node_ns - self._node_ns) * 1e-9
         if steady_s - self._moved_s > self.timeout_s:

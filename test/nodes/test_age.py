@@ -18,7 +18,7 @@ from support.estimators import (
 
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, read_layout
 from cdrj_ros.model.packing import STALE
-from cdrj_ros.nodes.silence import StampClock
+from cdrj_ros.nodes.silence import Silence, StampClock
 
 MS = 1_000_000
 
@@ -52,6 +52,15 @@ def test_two_clocks_may_drift_apart_by_two_tenths_of_a_millisecond_per_second() 
     late = _late_s([100.0 + 1e-4 * k for k in range(3600)])
     assert max(late) < 1e-3
     assert _late_s([100.0 + 1e-2 * k for k in range(3600)])[-1] > 30.0
+
+
+def test_an_estimate_before_a_simulated_clock_starts_is_no_silence() -> None:
+    """ROS's time is 0 until the first message on /clock."""
+    silence = Silence(0.5, simulated=True)
+    silence.note(0, 10.0)
+    assert silence.seconds(0, 10.1) == 0.0
+    assert silence.seconds(BEGIN, 10.2) == 0.0
+    assert silence.seconds(BEGIN + SECOND, 10.3) == 1.0
 
 
 def test_a_clock_that_is_set_back_has_another_offset() -> None:

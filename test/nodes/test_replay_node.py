@@ -16,6 +16,7 @@ import pytest
 import rclpy
 from cdrj_msgs.msg import CableTensions
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from support.places import ROBOT
 from support.processes import Output, end
 
@@ -202,6 +203,22 @@ def test_without_an_estimator_the_missing_parts_are_named(
     assert "no estimator within 1 s" in out
     assert "no service /nobody/estimator/reset" in out
     assert "Traceback" not in out
+
+
+@pytest.mark.usefixtures("estimator", "ros")
+def test_a_recording_is_not_played_into_the_readings_of_a_robot(
+    short_bag: str, replay: Any
+) -> None:
+    """Both would be one motion for the estimator, which the replay resets, too."""
+    robot = rclpy.create_node("driver")
+    publisher = robot.create_publisher(JointState, "/cdrj/joint_states", 10)
+    try:
+        assert _spun_until(robot, lambda: publisher.get_subscription_count() > 0)
+        code, out = replay(short_bag, "--rate", "1").finish()
+    finally:
+        robot.destroy_node()
+    assert code == 2
+    assert "/cdrj/joint_states is published by others, too: /driver; stop them" in out
 
 
 @pytest.mark.parametrize(
