@@ -173,6 +173,9 @@ REFUSED = {
     "no effort": ("    max_speed: 50", "    effort_scale: 0", "motors[0].effort_scale must not be 0", "efforts would be 0"),
     "name of an element": ("  - name: m\n", "  - name: c/1\n  - name: m\n", "the name 'c/1' of a motor", "is that of an element"),
     "name with a blank": ("name: small", "name: very small", "name must be a name of letters", "'very small'"),
+    "prefix with a blank": (
+        "name: small", 'name: small\nprefix: "arm 1_"', "prefix must be a text of letters, digits and", "'arm 1_'",
+    ),
     "unfinished list": ("range: [-1, 1]", "range: [-1, 1", "is not YAML", "line"),
     "empty file": (SMALL, "", "must hold a mapping", "motors, joints and cables"),
     "no cables": (SMALL, "name: a\nmotors: []\njoints: []\ncables: []\n", "cables needs at least 1 entries", "got 0"),
