@@ -8,7 +8,7 @@ Importing this module imports matplotlib, which is slow; import it where picture
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from math import degrees, pi
 from typing import Any, Final
 
@@ -86,13 +86,14 @@ def draw_robot(inspection: Inspection) -> Figure:
     scenes = [scene_of(model, pose) for pose in (reference, *_end_poses(robot))]
     views = PLANE if robot.planar else SPACE
     room = _room(model, scenes[0])
+    cut = _long_ends(robot, scenes, room)
     width, height = SIZE if len(views) > 1 else _fitting_size(scenes)
     figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0, layout="constrained")
     side = 2 if len(views) > 1 else 1
     for axes, view in zip(np.ravel(figure.subplots(side, side)), views, strict=True):
-        _draw_view(axes, robot, scenes, view, room)
+        _draw_view(axes, robot, scenes, view, room, cut)
     said = f"{robot.name}: reference pose{_ranges(robot)}"
-    if np.isfinite(room):
+    if cut:
         said += "; long spans at the ends are cut off"
     figure.suptitle(printable(said), fontsize=FONT_SIZE, color=INK, parse_math=False, wrap=True)
     legend = figure.legend(
@@ -144,8 +145,9 @@ def _fitting_size(scenes: Sequence[Scene]) -> tuple[float, float]:
 
 
 def _draw_view(
-    axes: Axes, robot: Robot, scenes: Sequence[Scene], view: tuple[Any, ...], room: float
-) -> None:
+    axes: Axes, robot: Robot, scenes: Sequence[Scene], view: tuple[Any, ...], room: float,
+    cut: Set[tuple[int, int]],
+) -> None:  # fmt: skip
     """Draw all poses, the reference pose last and on top."""
     across, up, *directions, title = view
     projection = np.array(directions).T
@@ -154,14 +156,13 @@ def _draw_view(
         alpha = 1.0 if bold else FADED
         _draw_shapes(axes, scene, projection, alpha)
         for c, (paths, bodies) in enumerate(by_cable(robot, scene)):
-            for body in bodies if bold else ():
-                for line in outlines(body):
-                    edge = INK if body.kind == "winch" else MUTED
-                    axes.plot(*(line @ projection).T, color=edge, linewidth=0.8, zorder=2)
-                if body.kind == "anchor" or body.shape == "point":
-                    mark = ANCHOR if body.kind == "anchor" else POINT
-                    axes.plot(*(body.centre @ projection), **mark, color=cable_colour(c), zorder=5)
-            for e, path in enumerate(_cut_off(paths, room)):
+            if bold:
+                shown = bodies[(c, 0) in cut : len(bodies) - ((c, -1) in cut)]
+                _draw_bodies(axes, shown, projection, cable_colour(c))
+            for end in (0, -1):
+                if (c, end) in cut:
+                    paths[end] = _cut_off(paths[end], end, room)
+            for e, path in enumerate(paths):
                 line = path @ projection
                 axes.plot(
                     *line.T, color=cable_colour(c), linewidth=1.9 if bold else 1.0, alpha=alpha,
@@ -173,10 +174,21 @@ def _draw_view(
     axes.spines[["right", "top"]].set_visible(False)
     axes.tick_params(labelsize=FONT_SIZE - 2, labelcolor=MUTED)
     for axis, name in ((axes.xaxis, across), (axes.yaxis, up)):
-        axis.set_major_formatter(lambda value, _: f"{1e3 * value:.0f}")
+        axis.set_major_formatter(lambda value, _: f"{round(1e3 * value, 6) + 0.0:g}")
         axis.set_label_text(f"{name} [mm]" if name else "", fontsize=FONT_SIZE - 1, color=MUTED)
         axis.set_visible(bool(name))
     axes.set_title(title, fontsize=FONT_SIZE - 1, color=MUTED)
+
+
+def _draw_bodies(axes: Axes, bodies: Sequence[Body], projection: Points, colour: str) -> None:
+    """Draw what a cable passes, and its ends."""
+    for body in bodies:
+        for line in outlines(body):
+            edge = INK if body.kind == "winch" else MUTED
+            axes.plot(*(line @ projection).T, color=edge, linewidth=0.8, zorder=2)
+        if body.kind == "anchor" or body.shape == "point":
+            mark = ANCHOR if body.kind == "anchor" else POINT
+            axes.plot(*(body.centre @ projection), **mark, color=colour, zorder=5)
 
 
 def _draw_shapes(axes: Axes, scene: Scene, projection: Points, alpha: float) -> None:
@@ -200,16 +212,25 @@ def _silhouette(points: Points) -> Points:
         return points[:0]
 
 
-def _cut_off(paths: Sequence[Points], room: float) -> list[Points]:
-    """The paths of a cable; a long first or last one is cut off at ``room`` [m]."""
-    shown = list(paths)
-    for end, order in ((0, -1), (-1, 1)):
-        path = shown[end][::order]  # away from the rest of the cable
-        away = np.linalg.norm(path - path[0], axis=1)
-        if away[-1] > LONG_SPAN * room:
-            path = np.vstack([path[:-1], path[-2] + (path[-1] - path[-2]) * (room / away[-1])])
-        shown[end] = path[::order]
-    return shown
+def _long_ends(robot: Robot, scenes: Sequence[Scene], room: float) -> frozenset[tuple[int, int]]:
+    """Cables, and 0 for their first span or -1 for the last, which is long in any pose."""
+    return frozenset(
+        (c, end)
+        for scene in scenes
+        for c, (paths, _) in enumerate(by_cable(robot, scene))
+        for end in (0, -1)
+        if np.linalg.norm(paths[end][0] - paths[end][-1]) > LONG_SPAN * room
+    )
+
+
+def _cut_off(path: Points, end: int, room: float) -> Points:
+    """The first path of a cable (``end`` 0) or the last (-1), no longer than ``room`` [m]."""
+    order = -1 if end == 0 else 1
+    path = path[::order]  # away from the rest of the cable
+    length = float(np.linalg.norm(path[-1] - path[0]))
+    if length > room:
+        path = np.vstack([path[:-1], path[-2] + (path[-1] - path[-2]) * (room / length)])
+    return path[::order]
 
 
 def _number(axes: Axes, line: Points, number: str, colour: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from support.places import ROBOTS
@@ -72,3 +73,22 @@ def test_a_robot_is_drawn_with_its_names_and_numbers(name: str, tmp_path: Path) 
 def test_a_robot_of_both_kinds_shows_both() -> None:
     figure = draw_robot(inspect_robot(prepare(parse_robot(MIXED))))
     assert {"by_spans", "by_positions"} <= set(texts(figure))
+
+
+def test_the_drums_at_ends_that_are_cut_off_do_not_widen_the_picture() -> None:
+    """Those of the wrist stand 0.4 m from an instrument of 20 mm."""
+    figure = draw_robot(inspect_robot(prepare(load_robot(ROBOTS / "wrist.yaml"))))
+    assert "cut off" in figure.get_suptitle()
+    for axes in figure.axes:
+        assert max(np.ptp(axes.dataLim.get_points(), axis=0)) < 0.05
+
+
+def test_ticks_between_whole_millimetres_are_not_rounded() -> None:
+    figure = draw_robot(inspect_robot(prepare(load_robot(ROBOTS / "wrist.yaml"))))
+    shown = figure.axes[0].yaxis.get_major_formatter()
+    assert [shown(value, 0) for value in (-0.0025, -0.0, 0.0075, 0.3)] == [
+        "-2.5",
+        "0",
+        "7.5",
+        "300",
+    ]
