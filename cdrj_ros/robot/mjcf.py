@@ -48,13 +48,14 @@ def load_mujoco() -> ModuleType:
     """The ``mujoco`` package.
 
     Raises:
-        UsageError: it is not installed.
+        UsageError: it is not installed, or not whole.
     """
     try:
         import mujoco
     except ImportError as error:
         raise UsageError(
-            "reading MJCF needs the package mujoco, which is not installed: pip install mujoco"
+            f"reading MJCF needs the package mujoco ({printable(str(error).splitlines()[0])}): "
+            "pip install mujoco"
         ) from error
     module: ModuleType = mujoco
     return module

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from cdrj_ros.commands import import_robot
-from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.mjcf import load_mujoco
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 STATE = '<state_interface name="position"/><state_interface name="velocity"/>'
@@ -154,3 +156,10 @@ def test_the_file_is_refused_until_it_has_a_cable(tmp_path: Path) -> None:
     text = begun(tmp_path)
     with pytest.raises(RobotFileError, match="cables needs at least 1 entries, got 0"):
         parse_robot(text, str(tmp_path / "arm.yaml"))
+
+
+def test_why_mujoco_cannot_be_imported_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be there, but without one of its parts."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(UsageError, match=r"needs the package mujoco \(import of mujoco halted"):
+        load_mujoco()
