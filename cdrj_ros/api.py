@@ -99,8 +99,11 @@ class Estimator(LiveEstimator):
             ``estimates`` has all of them.
 
         Raises:
-            UsageError: a name that the robot does not have, or not one value per motor or joint.
+            UsageError: a name that the robot does not have, not one value per motor or joint, or a
+                stamp that is no integer.
         """
+        if not isinstance(stamp_ns, (int, np.integer)):
+            raise UsageError(f"stamp_ns must be an integer [ns], got {stamp_ns!r}")
         layout = self.model.layout
         readings = _by_name("motors", motors, layout.motors)
         readings |= _by_name("joints", joints, self._joints)
@@ -134,7 +137,7 @@ def _by_name(
             if name not in names:
                 raise UsageError(f"{kind}: there is no {name!r}, only {', '.join(names)}")
         return dict(values)
-    if len(values) != len(names):
+    if isinstance(values, (int, float)) or len(values) != len(names):
         raise UsageError(f"{kind} must be {len(names)} values, of {', '.join(names)}; got {values}")
     return dict(zip(names, values, strict=True))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,17 @@ class Options:
     """Whether to correct the preloads with the motors' efforts."""
     tracking: float | None = None
     """Bandwidth of the tracking filters [Hz], 0 for none; None: the robot file's."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            UsageError: one is out of range.
+        """
+        if not self.unsure_share > 0.0:
+            raise UsageError(f"unsure_share must be greater than 0, got {self.unsure_share:g}")
+        if self.tracking is not None and not 0.0 <= self.tracking < inf:
+            raise UsageError(f"tracking must be at least 0 Hz, got {self.tracking:g}")
 
     @property
     def corrects(self) -> bool:

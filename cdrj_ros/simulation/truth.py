@@ -118,10 +118,12 @@ def simulate(
             geometry, no equilibrium or no balance, or a joint that leaves its range.
     """
     _require_one_rule(robot, joint_torque, load, motor_angle)
+    _require_course(time)
     rig, n = make_rig(robot, cells, faults), time.size
     reference = robot.reference_pose
     poses = np.tile(reference, (n, 1)) if joint_angle is None else joint_angle
     joints = _columns(poses, n, len(robot.joints), "joint_angle")
+    _require_range(robot, joints, None if load is None else joint)
     offset, happening = rig.wiring.offset(time), rig.wiring.during(time)
     stepper = _core.Stepper(rig.fine.core, joint)
     torque = np.zeros(n)
@@ -183,11 +185,30 @@ def _require_one_rule(
         raise UsageError("a free joint is needed, and the robot has none")
 
 
+def _require_course(time: Vector) -> None:
+    if time.ndim != 1 or not time.size or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
+        raise UsageError("time must be finite, increase, and have the shape (n,)")
+
+
+def _require_range(robot: Robot, joints: Table, free: int | None) -> None:
+    """Refuse angles of prescribed joints that their encoders could not read."""
+    for j, axis in enumerate(robot.joints):
+        slack = 1e-9 * max(abs(axis.lower), abs(axis.upper))
+        outside = (joints[:, j] < axis.lower - slack) | (joints[:, j] > axis.upper + slack)
+        if j != free and outside.any():
+            raise UsageError(
+                f"joint_angle: {axis.name} at {joints[outside, j][0]:.4g} is outside of its range "
+                f"[{axis.lower:.4g}, {axis.upper:.4g}]"
+            )
+
+
 def _columns(values: Table, n: int, columns: int, name: str) -> Table:
     """The values in shape (n, columns); a single column may have shape (n,)."""
     shaped = values[:, None] if values.ndim == 1 and columns == 1 else values
     if shaped.shape != (n, columns):
         raise UsageError(f"{name} must have the shape {(n, columns)}, got {values.shape}")
+    if not np.isfinite(shaped).all():
+        raise UsageError(f"{name} must be finite")
     return np.ascontiguousarray(shaped, dtype=np.float64)
 
 

@@ -194,6 +194,13 @@ def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_
     assert found.tension[0, 0] == pytest.approx(50.0, abs=0.5)
     with pytest.raises(cdrj.UsageError, match="must be 1 values, of winch"):
         cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0, 0.0])
+    with pytest.raises(cdrj.UsageError, match=r"must be 1 values, of elbow; got 0\.1"):
+        cdrj.Estimator("prototype").update(FIRST_NS, joints=0.1)  # type: ignore[arg-type]
+    with pytest.raises(cdrj.UsageError, match=r"stamp_ns must be an integer \[ns\], got 1\.5"):
+        cdrj.Estimator("prototype").update(1.5, motors=[0.0])  # type: ignore[arg-type]
+    for options in ({"unsure_share": 0.0}, {"unsure_share": np.nan}, {"tracking": -1.0}):
+        with pytest.raises(cdrj.UsageError, match=f"{next(iter(options))} must be"):
+            cdrj.Options(**options)  # type: ignore[arg-type]
     for wrong in ({"efforts": {"elbow": 1.0}}, {"tensions": {"upper/9": 1.0}}):
         with pytest.raises(cdrj.UsageError, match="there is no"):
             cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0], joints=[0.0], **wrong)

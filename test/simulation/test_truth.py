@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.simulation.assembly import Truth, divide_contacts
@@ -35,6 +38,28 @@ def test_contact_cells_of_a_stiffening_cable_give_the_lumped_tensions() -> None:
         found[name] = float((error / truth.tension).mean())
     assert found["its own law"] < 0.003
     assert found["linear"] > 0.02
+
+
+ONES = np.ones(4)
+
+
+@pytest.mark.parametrize(
+    ("time", "angle", "words"),
+    [
+        ([0.0, 0.1, 0.1, 0.2], 0.1 * ONES, "time must be finite, increase"),
+        ([0.3, 0.2, 0.1, 0.0], 0.1 * ONES, "time must be finite, increase"),
+        ([0.0, 0.1, np.nan, 0.2], 0.1 * ONES, "time must be finite, increase"),
+        ([], [], "time must be finite, increase"),
+        ([0.0, 0.1, 0.2, 0.3], [0.0, np.nan, 0.0, 0.0], "joint_angle must be finite"),
+        ([0.0, 0.1, 0.2, 0.3], 30.0 * ONES, r"elbow at 30 is outside of its range \[-0.6981"),
+        ([0.0, 0.1, 0.2, 0.3], ONES[:3], "joint_angle must have the shape"),
+    ],
+)
+def test_a_motion_that_is_none_is_refused_in_a_line(
+    time: list[float], angle: Any, words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        simulate(ROBOT, np.array(time), np.array(angle))
 
 
 def test_a_sample_takes_the_memory_of_its_truth_and_not_of_all_contact_cells() -> None:
