@@ -34,7 +34,8 @@ def slider_ranges(model: Model) -> list[SliderRange]:
     """Sliders for the preload of every cable and the common friction."""
     ranges = []
     for cable in model.robot.cables:
-        limit = min(cable.maximum_tension, max(4.0 * cable.preload, 20.0))
+        round_number = float(f"{max(4.0 * cable.preload, 20.0):.2g}")
+        limit = min(cable.maximum_tension, round_number)
         text = "Tension of the cable in the reference pose. A change restarts the estimate."
         ranges.append(
             SliderRange(f"{PRELOAD}/{cable.name}", f"preload {cable.name}", text, "N", 0.0, limit,

@@ -21,7 +21,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from support.browser import chromium
 
+import cdrj_ros as cdrj
 from cdrj_ros.model.packing import INVALID
+from cdrj_ros.nodes.view_link import slider_ranges
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
 
 PATIENCE_S = 60.0
@@ -264,3 +266,9 @@ def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:
     drawn = page.view.page.pictures
     sleep(0.2)
     assert page.view.page.pictures == drawn
+
+
+def test_sliders_of_preloads_end_at_a_round_number() -> None:
+    """It stands at the slider, where a fitted preload would have nine digits."""
+    model = cdrj.load("prototype", {"cables.upper.preload": 27.11322})
+    assert [one.high for one in slider_ranges(model)[:2]] == [110.0, 110.0]
