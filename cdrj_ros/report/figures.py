@@ -91,12 +91,15 @@ def channel_pictures(channel: Channel, key: str, origin_ns: int, label: str) -> 
     worst = around_largest_error(channel)
     time = _seconds(channel, origin_ns)
     span = f"{time[worst][0]:.1f} to {time[worst][-1]:.1f} s"
-    whole = over_time(channel, origin_ns, tinted=worst)
-    closer = over_time(channel, origin_ns, worst)
-    made = [
-        (whole, "over time", "Whole recording; the tinted part is enlarged."),
-        (closer, f"over time, {span}", "Around the largest error."),
-    ]
+    if worst == slice(0, len(channel.stamp_ns)):
+        made = [(over_time(channel, origin_ns), "over time", "Whole recording.")]
+    else:
+        whole = over_time(channel, origin_ns, tinted=worst)
+        closer = over_time(channel, origin_ns, worst)
+        made = [
+            (whole, "over time", "Whole recording; the tinted part is enlarged."),
+            (closer, f"over time, {span}", "Around the largest error."),
+        ]
     if not channel.is_vector and np.isfinite(channel.angle[worst]).any():
         moved = "position" if channel.angle_unit == "m" else "angle"
         over = f"over the {moved} of {channel.angle_name}"

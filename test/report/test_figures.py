@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import Channel
 from cdrj_ros.evaluation.metrics import envelope
-from cdrj_ros.report.figures import COLOURS, hysteresis, over_time
+from cdrj_ros.report.figures import COLOURS, channel_pictures, hysteresis, over_time
 
 TIME = 0.01 * np.arange(60)
 CHANNEL = Channel(
@@ -41,6 +41,17 @@ def test_estimate_recording_and_error_are_drawn_over_time_and_angle(part: slice)
     (axes,) = hysteresis(CHANNEL, part).axes
     assert_line(axes, "truth", np.degrees(CHANNEL.angle[part]), reference)
     assert_line(axes, "estimate", np.degrees(CHANNEL.angle[part]), estimate)
+
+
+def test_a_recording_of_few_reversals_is_not_drawn_twice() -> None:
+    """Its largest error is enlarged from reversal to reversal, which is the whole of it."""
+    slow = replace(CHANNEL, angle=0.1 * TIME)
+    fast = replace(CHANNEL, angle=0.2 * np.cos(50.0 * TIME))
+    captions = [[p.caption for p in channel_pictures(one, "k", 0, "")] for one in (slow, fast)]
+    assert captions[0] == ["Whole recording.", "Over the angle of elbow, 0.0 to 0.6 s."]
+    assert captions[1][:2] == [
+        "Whole recording; the tinted part is enlarged.", "Around the largest error."
+    ]  # fmt: skip
 
 
 def test_a_missing_stretch_breaks_the_line_and_a_missing_sample_does_not() -> None:
