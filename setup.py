@@ -98,8 +98,6 @@ class BuildExt(build_ext):
                 return made
             # nanobind asks for this; the rest of the core is a tenth slower with it.
             binds = ["-fno-strict-aliasing"] if Path(file).name.startswith("bind") else []
-            if file.endswith("bind_libraries.cpp"):  # as fast, in a quarter less time
-                binds.append("-O1")
             return self.compiler.compile(
                 [file],
                 output_dir=self.build_temp,
