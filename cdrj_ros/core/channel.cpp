@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace cdrj {
 namespace {
@@ -49,6 +50,7 @@ void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
     if (others_.size() <= axis) others_.resize(axis + 1);
     Other& other = others_[axis];
     other.newest_ns = stamp_ns;
+    other.is_new = true;
     if (last_ns_ < 0) return;
     other.least_ns = std::min(other.least_ns, std::max<Nanoseconds>(stamp_ns - last_ns_, 0));
 }
@@ -60,7 +62,7 @@ void Lag::take(Nanoseconds stamp_ns) {
     for (Other& other : others_) {
         if (other.newest_ns < 0) continue;  // this axis, or a silent one
         newest_ns = std::max(newest_ns, other.newest_ns);
-        if (other.newest_ns == stamp_ns) ++other.shared;
+        if (std::exchange(other.is_new, false) && other.newest_ns == stamp_ns) ++other.shared;
         const bool one_clock = 2 * other.shared >= count_;
         const bool met = other.least_ns != EVER_NS;
         most = std::max(most, one_clock ? 0 : met ? other.least_ns : most_ns);

@@ -89,9 +89,10 @@ private:
     /// Another axis.
     struct Other {
         Nanoseconds newest_ns = -1;       // its newest stamp
+        bool is_new = false;              // whether it has arrived since the last reading of this axis
         // In the window in progress:
         Nanoseconds least_ns = EVER_NS;  // from a stamp of this axis to its next one
-        int shared = 0;                  // readings of this axis that have its newest stamp
+        int shared = 0;                  // readings of this axis that have its newest stamp, just arrived
     };
 
     std::vector<Other> others_;

@@ -218,6 +218,15 @@ def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_s
     assert growth * 1e6 == pytest.approx(ppm, abs=1.0 if axis == "elbow" else 250.0)
 
 
+def test_clocks_that_differ_by_a_whole_interval_are_not_taken_for_one(model: Model) -> None:
+    """Half of the motor's readings have the stamp of one of the joint's, of another time."""
+    fast = course_of(model, 5.0, sine(1.9))
+    outputs = run(model, fast, Faults(clocks={"elbow": (2 * MS, 0.0)}))
+    verdict = judge(fast, outputs, 0, fast.duration_ns)
+    assert verdict.ratio.size > 0.4 * verdict.judged
+    assert verdict.beyond(5.0) <= BEYOND_FIVE
+
+
 @pytest.mark.parametrize(
     ("axis", "late"), [("winch", 5 * MS), ("elbow", 100 * MS), ("winch", SECOND)]
 )

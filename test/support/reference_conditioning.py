@@ -285,10 +285,12 @@ class Lag:
     last: int | None = None
     newest: dict[int, int] = field(default_factory=dict)
     """The newest stamp of every other axis."""
+    new: set[int] = field(default_factory=set)
+    """Axes whose newest reading has arrived since the last own one."""
     ahead: dict[int, list[int]] = field(default_factory=dict)
     """By how much the stamps of every other axis in this window are ahead of the last own one."""
     shared: Counter[int] = field(default_factory=Counter)
-    """Own readings in this window with the newest stamp of another axis."""
+    """Own readings in this window with the newest stamp of another axis, which has just arrived."""
     count: int = 0
     begin_ns: int = -1
     is_first: bool = True
@@ -296,6 +298,7 @@ class Lag:
 
     def meet(self, axis: int, stamp: int) -> None:
         ahead, self.newest[axis] = self.ahead.setdefault(axis, []), stamp
+        self.new.add(axis)
         if self.last is not None:
             ahead.append(max(stamp - self.last, 0))
 
@@ -303,7 +306,8 @@ class Lag:
         self.last, self.count = stamp, self.count + 1
         if not self.newest:
             return
-        self.shared.update(axis for axis, newest in self.newest.items() if newest == stamp)
+        self.shared.update(axis for axis in self.new if self.newest[axis] == stamp)
+        self.new.clear()
         if self.begin_ns < 0:
             self.begin_ns = stamp
         is_over = self.count >= 8 and stamp - self.begin_ns >= 500_000_000
