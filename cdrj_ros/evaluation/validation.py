@@ -273,7 +273,9 @@ def compare_bag(
     )
     motor_efforts = in_order(recording.motor_efforts, conditioned)
     (segment,) = conditioned.segments
-    estimated = pieces_of(model, segment, motor_efforts, uncertainty=task.uncertainty)
+    monitored = sensors is not None and any(sensors)  # needs standard deviations, as in the node
+    uncertainty = task.uncertainty or monitored
+    estimated = pieces_of(model, segment, motor_efforts, uncertainty=uncertainty)
     pieces = validation.compare(estimated, on)
     if log_ns is not None:
         write_estimates(task.written, task.path, log_ns, pieces, task.outputs)

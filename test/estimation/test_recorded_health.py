@@ -76,6 +76,16 @@ def test_references_are_compared_on_request_only(unheard: str, health: Health, r
         assert any("preload of" in one.message for one in found.health.alarms)
 
 
+def test_the_verdict_does_not_depend_on_whether_coverage_is_asked_for(loose: str) -> None:
+    """As for a file whose numbers are exact: readings have errors that are part of the verdict."""
+    found = [
+        compare_bag(BagTask(loose, Topics(), ROBOT, uncertainty=asked, health="auto")).health
+        for asked in (False, True)
+    ]
+    assert found[0] is not None
+    assert found[0] == found[1]
+
+
 def test_the_verdict_is_that_of_the_node_which_passes_on_every_sample(
     model: Model, loose: str
 ) -> None:
