@@ -289,7 +289,9 @@ class Player:
     def _refuse_intruders(self) -> None:
         """Refuse to play to an estimator that hears a robot as well; it may be discovered late."""
         for topic, names in self.node.intruders().items():
-            raise UsageError(f"{topic} is published by others, too: {', '.join(names)}; stop them")
+            named = ", ".join(name for name in names if "_UNKNOWN_" not in name)
+            who = f": {named}" if named else ""  # a name is discovered after its publisher
+            raise UsageError(f"{topic} is published by others, too{who}; stop them")
 
     def _refuse_silence(self, tally: Tally) -> None:
         raise NoEstimatorError(
