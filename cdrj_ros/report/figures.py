@@ -79,28 +79,31 @@ class Picture(NamedTuple):
     caption: str
 
 
-def channel_pictures(channel: Channel, key: str, origin_ns: int, label: str) -> list[Picture]:
-    """Pictures of one channel: over time, around its largest error, and over its angle.
+def channel_pictures(
+    channel: Channel, key: str, origin_ns: int, label: str, *, closer: bool
+) -> list[Picture]:
+    """Pictures of one channel.
 
     Args:
         channel: at least one sample.
         key: identifier that is unique on the page.
         origin_ns: stamp at 0 s of the time axes [ns].
         label: of the channel for screen readers.
+        closer: whether to draw it also around its largest error, and over its angle.
     """
     worst = around_largest_error(channel)
     time = _seconds(channel, origin_ns)
     span = f"{time[worst][0]:.1f} to {time[worst][-1]:.1f} s"
-    if worst == slice(0, len(channel.stamp_ns)):
+    if not closer or worst == slice(0, len(channel.stamp_ns)):
         made = [(over_time(channel, origin_ns), "over time", "Whole recording.")]
     else:
         whole = over_time(channel, origin_ns, tinted=worst)
-        closer = over_time(channel, origin_ns, worst)
+        near = over_time(channel, origin_ns, worst)
         made = [
             (whole, "over time", "Whole recording; the tinted part is enlarged."),
-            (closer, f"over time, {span}", "Around the largest error."),
+            (near, f"over time, {span}", "Around the largest error."),
         ]
-    if not channel.is_vector and np.isfinite(channel.angle[worst]).any():
+    if closer and not channel.is_vector and np.isfinite(channel.angle[worst]).any():
         moved = "position" if channel.angle_unit == "m" else "angle"
         over = f"over the {moved} of {channel.angle_name}"
         made.append((hysteresis(channel, worst), over, f"O{over[1:]}, {span}."))

@@ -258,7 +258,10 @@ def _health(bag: BagComparison) -> dict[str, Any] | None:
 
 
 def _sections(errors: Errors) -> dict[tuple[int, str], dict[str, Any]]:
-    """Sections of all channels; the key channels of all recordings use the budget first."""
+    """Sections of all channels; the key channels of all recordings use the budget first.
+
+    Only key channels are drawn in detail.
+    """
     from cdrj_ros.report.figures import channel_pictures
 
     budget = PICTURE_BUDGET
@@ -274,7 +277,8 @@ def _sections(errors: Errors) -> dict[tuple[int, str], dict[str, Any]]:
                 anchor, pictures = _anchor(number, index), []
                 if error.n and budget > 0:
                     label = f"{bag.path}, {channel.name}"
-                    pictures = channel_pictures(channel, anchor, min(stamps), label)
+                    origin_ns = min(stamps)
+                    pictures = channel_pictures(channel, anchor, origin_ns, label, closer=first)
                     budget -= sum(len(picture.svg) for picture in pictures)
                 sections[number, channel.name] = {
                     "name": channel.name,

@@ -47,7 +47,9 @@ def test_a_recording_of_few_reversals_is_not_drawn_twice() -> None:
     """Its largest error is enlarged from reversal to reversal, which is the whole of it."""
     slow = replace(CHANNEL, angle=0.1 * TIME)
     fast = replace(CHANNEL, angle=0.2 * np.cos(50.0 * TIME))
-    captions = [[p.caption for p in channel_pictures(one, "k", 0, "")] for one in (slow, fast)]
+    captions = [
+        [p.caption for p in channel_pictures(one, "k", 0, "", closer=True)] for one in (slow, fast)
+    ]
     assert captions[0] == ["Whole recording.", "Over the angle of elbow, 0.0 to 0.6 s."]
     assert captions[1][:2] == [
         "Whole recording; the tinted part is enlarged.", "Around the largest error."
