@@ -306,8 +306,8 @@ def write_recording(
         RobotFileError: the rig file is invalid.
         UsageError: its sensors do not fit the robot.
     """
+    from cdrj_ros.simulation.recorder import Recorder
     from cdrj_ros.simulation.rig_file import load_rig
-    from cdrj_ros.simulation.truth import Recorder
 
     model = _loaded(model)
     Recorder(model, load_rig(str(rig)).sensors, seed).write(path, truth)

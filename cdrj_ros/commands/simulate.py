@@ -30,8 +30,9 @@ from cdrj_ros.recordings.writer import require_new
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import MotionError, SlackError, Truth
+from cdrj_ros.simulation.recorder import Recorder
 from cdrj_ros.simulation.rig_file import RigDescription, load_rig
-from cdrj_ros.simulation.truth import Recorder, simulate
+from cdrj_ros.simulation.truth import simulate
 
 SMALLER_SHARES: Final = (0.5, 0.25, 0.125)
 """Shares of the default amplitude, tried in turn if the rig cannot perform the default motion."""
