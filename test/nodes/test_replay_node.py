@@ -141,7 +141,7 @@ def test_another_topic_is_played_under_another_name_and_the_clock_follows(
     node.create_subscription(Clock, "/clock", lambda m: clocks.append(seconds(m.clock)), 1000)
     one = replay(
         short_bag, "--topics", "/reference/tensions", "--remap", "/reference/tensions:=/recorded",
-        "--clock", "100", "--rate", "1", "--playback-duration", "2",
+        "--clock", "50", "--rate", "0.5", "--playback-duration", "2",
     )  # fmt: skip
     assert _spun_until(node, lambda: one.process.poll() is not None), one.output
     code, out = one.finish()
@@ -150,7 +150,8 @@ def test_another_topic_is_played_under_another_name_and_the_clock_follows(
     stamps = next(iter(recording.references.values())).stamp_ns
     expected = stamps[stamps <= recording.start_ns + 2_000_000_000] * 1e-9
     assert _spun_until(node, lambda: bool(heard) and heard[-1] > expected[-1] - 1e-4), heard
-    # The subscriber's side may be matched late: it misses the beginning then, and nothing after it.
+    # Fast DDS announces a participant again after 3 s where its first announcements are lost: the
+    # subscriber misses the beginning then, and nothing after it.
     assert heard == pytest.approx(expected[-len(heard) :].tolist())
     assert clocks == sorted(clocks)
     assert np.median(np.diff(clocks)) == pytest.approx(0.01, abs=0.003)
