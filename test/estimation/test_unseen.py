@@ -426,14 +426,18 @@ def test_a_tare_is_refused_until_the_axes_have_rested_long_enough(
 # -- damage -----------------------------------------------------------------------------------
 
 
+def begun(model: Model, readings: Samples) -> LiveEstimator:
+    live = LiveEstimator(model)
+    for k in range(10):
+        send(live, readings, k)
+    return live
+
+
 @pytest.mark.usefixtures("few_members")
 def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
-    path = tmp_path / "state"
-    live = LiveEstimator(model)
-    for k in range(10):
-        send(live, readings, k)
+    path, live = tmp_path / "state", begun(model, readings)
     write_state(live, path)
     content = path.read_bytes()
     again = LiveEstimator(model)
@@ -457,10 +461,7 @@ def test_a_file_that_is_no_state_file_is_not_replaced(
     model: Model, readings: Samples, tmp_path: Path
 ) -> None:
     """As the robot file, given by mistake; an empty file and one of an earlier version are."""
-    path = tmp_path / "state"
-    live = LiveEstimator(model)
-    for k in range(10):
-        send(live, readings, k)
+    path, live = tmp_path / "state", begun(model, readings)
     path.write_text("name: arm\n")
     with pytest.raises(StateFileError, match="state is not a state file, and is not replaced"):
         write_state(live, path)
