@@ -1,0 +1,162 @@
+"""Which cables of a robot depend on each other, and the part of a robot file about some of them.
+
+A cable depends on its motors, on the joints that move its nodes or enter its tables, and on the
+numbers of its path.  Cables that share a motor or a joint are connected, by a measured joint
+through its zero.  The branches beyond a measured joint that several of them pass, such as the
+fingers beyond a wrist, may count as groups of their own: its angle, which is known, couples them,
+and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, Winch
+from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.space import Frame
+
+Groups = tuple[tuple[int, ...], ...]
+"""Indices of cables, increasing; the groups in the order of their first cables."""
+
+
+def joints_of(robot: Robot, cable: Cable) -> frozenset[str]:
+    """Names of the joints on which the lengths and wraps of a cable depend."""
+    found = {profile.joint for profile in _profiles(cable)}
+    found |= {frame.joint for frame in _frames_of(robot, cable)}
+    return frozenset(name for name in found if name is not None)
+
+
+def motors_of(cable: Cable) -> frozenset[str]:
+    """Names of the motors that wind a cable."""
+    return frozenset(node.motor for node in cable.nodes if isinstance(node, Winch))
+
+
+def connected_cables(robot: Robot, *, branches: bool = False) -> Groups:
+    """The cables of a robot in groups that do not depend on each other.
+
+    Args:
+        robot: the robot.
+        branches: whether the branches beyond a measured joint are groups of their own.
+    """
+    joints = [joints_of(robot, cable) for cable in robot.cables]
+    motors = [motors_of(cable) for cable in robot.cables]
+    label = np.arange(len(robot.cables))
+
+    def passing(name: str, names: Sequence[frozenset[str]]) -> list[int]:
+        return [c for c, own in enumerate(names) if name in own]
+
+    def connect(members: Sequence[int]) -> None:
+        label[np.isin(label, label[members])] = label[members].min(initial=len(label))
+
+    for motor in robot.motors:
+        connect(passing(motor.name, motors))
+    for joint in robot.joints:
+        if not joint.measured:
+            connect(passing(joint.name, joints))
+    beyond: set[int] = set()  # cables that a joint nearer to their ends moves, too
+    for members in sorted((passing(one.name, joints) for one in robot.joints), key=len):
+        groups = {label[c] for c in beyond.intersection(members)}
+        whole = set(np.flatnonzero(np.isin(label, [*groups])).tolist()) <= set(members)
+        several = branches and len(groups) > 1 and whole
+        connect([c for c in members if not several or label[c] not in groups])
+        beyond |= set(members)
+    return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in np.unique(label))
+
+
+def part_of(robot: Robot, cables: Collection[int]) -> Document:
+    """The robot file of some cables alone, with their motors, joints and frames.
+
+    What the file states of the accuracy of other numbers is left out, as are errors of efforts at
+    joints that other cables move, too.  A part with all cables is the file itself.
+
+    Args:
+        robot: the robot.
+        cables: their indices.
+    """
+    document: Any = robot.document
+    if len(cables) == len(robot.cables):
+        return dict(document)
+    own = [robot.cables[c] for c in sorted(cables)]
+    joints = {name for one in own for name in joints_of(robot, one)}
+    kept = {
+        "motors": {name for one in own for name in motors_of(one)},
+        "joints": joints,
+        "frames": {frame.name for one in own for frame in _frames_of(robot, one)},
+        "cables": {one.name for one in own},
+    }
+    part = {
+        key: [one for one in value if one["name"] in kept[key]] if key in kept else value
+        for key, value in document.items()
+        if key not in ("uncertainty", "residual", "identified", "visuals")
+    }
+    if "uncertainty" in document:
+        part["uncertainty"] = _known_of(robot, part, channels_of(robot, cables))
+    return part
+
+
+def channels_of(robot: Robot, cables: Collection[int]) -> set[str]:
+    """Efforts and tensions on which only some cables act: ``effort/jaw``, ``tension/upper/8``.
+
+    Args:
+        robot: the robot.
+        cables: their indices.
+    """
+    own = [robot.cables[c] for c in cables]
+    others = [cable for c, cable in enumerate(robot.cables) if c not in cables]
+    axes, elsewhere = (
+        {name for one in some for name in (*motors_of(one), *joints_of(robot, one))}
+        for some in (own, others)
+    )
+    tensions = {f"tension/{name}" for one in own for name in one.element_names}
+    return tensions | {f"effort/{name}" for name in axes - elsewhere}
+
+
+def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Document:
+    """What the block ``uncertainty`` states of the numbers and channels of a part."""
+    stated: Any = robot.document["uncertainty"]
+    entry = {key: value for key, value in stated.items() if key in ("others", "drums")}
+    errors = stated.get("model_error", {})
+    entry["model_error"] = {name: errors[name] for name in errors if name in channels}
+    known = robot.uncertainty
+    names = known.parameters[: known.stated] if known is not None else ()
+    if known is None or not (at := [k for k, path in enumerate(names) if _has(part, path)]):
+        return entry
+    covariance = known.covariance[np.ix_(at, at)]
+    stddev = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(safe := np.where(stddev > 0.0, stddev, 1.0), safe)
+    np.fill_diagonal(correlation, 1.0)
+    numbers = [names[k] for k in at], stddev.tolist(), correlation.tolist()
+    return entry | dict(zip(("parameters", "stddev", "correlation"), numbers, strict=True))
+
+
+def _has(document: Document, path: str) -> bool:
+    """Whether a document has a number, if only by default."""
+    try:
+        find_number(document, path)
+    except UsageError:
+        return False
+    return True
+
+
+def _frames_of(robot: Robot, cable: Cable) -> Iterator[Frame]:
+    """The frames in which the nodes of a cable lie, and those that carry them; some repeatedly."""
+    frames = {frame.name: frame for frame in robot.frames}
+    for node in cable.nodes:
+        for name in (node.place.frame, node.place.exit_frame) if node.place else ():
+            frame = frames.get(name)
+            while frame is not None:
+                yield frame
+                frame = frames.get(frame.parent or "")
+
+
+def _profiles(cable: Cable) -> Iterator[Profile]:
+    for span in cable.spans:
+        yield from span
+    for node in cable.nodes:
+        if isinstance(node, Pulley):
+            yield from node.wrap
