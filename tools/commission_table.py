@@ -279,7 +279,7 @@ def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[st
     yield "tare, preloads", compared(steps.preloaded(now, readings[:1]).model, other)
     now = steps.preloaded(now, readings, print if verbose else None)
     if verbose:
-        print(f"    {now.found.drums}")
+        print(*(f"    {one.found.drums}" for one in now.fits), sep="\n")
     yield "in three poses", compared(now.model, other)
     drums = {
         node.motor: 2.0 * (node.radius + CALLIPER_NOISE * float(generator.standard_normal()))
@@ -294,7 +294,8 @@ def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[st
         begin = perf_counter()
         after = steps.fitted(now, [recorded], print if verbose else None)
         if verbose:
-            print(f"    {what}: {perf_counter() - begin:.0f} s; {after.found.drums}")
+            found = [one.found.drums for one in after.fits]
+            print(f"    {what}: {perf_counter() - begin:.0f} s; {found}")
         yield what, compared(after.model, other)
 
 

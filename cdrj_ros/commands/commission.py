@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -148,17 +148,24 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
         now = take(now, given)
         steps.append(Step(name, judged(now.model)))
-        if now.found and now.found.drums:
-            say(f"note: {now.found.drums.sentence}")
-        for sentence in lacking(now.found.unexplained) if now.found else ():
-            say(f"note: {sentence}{SUSPECTED if arguments.preload else ''}")
+        for note in _notes(now, suspected=bool(arguments.preload)):
+            say(f"note: {note}")
         _show(steps[-1])
-        _write(arguments, now, steps)
     _write(arguments, now, steps)
     for name, written in outputs.items():
         if written:
             say(f"{name[2:]}: {written}")
     return DONE
+
+
+def _notes(now: Commissioned, *, suspected: bool) -> Iterator[str]:
+    """What the last fits say of drums and references, of each part if there are several."""
+    for one in now.fits:
+        cables = f"{one.cables}: " if len(now.fits) > 1 else ""
+        if one.found.drums:
+            yield cables + one.found.drums.sentence
+        for sentence in lacking(one.found.unexplained):
+            yield f"{cables}{sentence}{SUSPECTED if suspected else ''}"
 
 
 SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the tare?"

@@ -105,7 +105,7 @@ def foretold(now: Commissioned, step: str) -> Judged:
     noise = {f"{EFFORT}/{motor.name}": motor.effort_noise for motor in robot.motors}
     if step == "cells":
         noise[f"{TENSION}/{robot.cables[0].element_names[-1]}"] = CELL_NOISE
-    right = replace(now, text=now.base, found=None, recordings=())
+    right = replace(now, text=now.base, fits=(), recordings=())
     if any(one.scales for one in now.recordings):
         right = preloaded(right, _scale_made_up(right))
     return judged(fitted(right, [_made_up(right.model, noise)]).model)

@@ -16,19 +16,14 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
-from itertools import chain
 from math import sqrt
 from typing import Any, Final
 
 import numpy as np
 
 from cdrj_ros import __version__
-from cdrj_ros.commands.identify_entries import (
-    COVARIANCE_LIMIT,
-    fit_errors,
-    stated_lines,
-    uncertainty_section,
-)
+from cdrj_ros.commands.commission_fits import PartFit, fit_parts, section_of
+from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.estimation.changes import (
     CALLIPER,
     REST_IN_POSE_NS,
@@ -42,28 +37,22 @@ from cdrj_ros.estimation.changes import (
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.identification.fit import Identification, identify
-from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.observations import Recorded, ScaleReading, samples_of
-from cdrj_ros.identification.priors import unknown_causes
-from cdrj_ros.identification.problem import Progress, Settings
-from cdrj_ros.identification.unknowns import Unknown, drum_radii
-from cdrj_ros.inspection.shares import tension_effects
-from cdrj_ros.model.packing import EFFORT, TENSION
+from cdrj_ros.identification.problem import Progress
+from cdrj_ros.identification.unknowns import drum_radii
+from cdrj_ros.model.packing import TENSION
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
-from cdrj_ros.robot.writer import number_of_urdf, with_numbers_in_text, with_section, yaml_number
+from cdrj_ros.robot.stated import stated_numbers, with_covariance
+from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
 
 READING: Final = 0.01
 """Error of a spring scale's reading beside that of its gain, as a fraction."""
 
 BACK: Final = (0.9999, 0.999, 0.99)
 """Shares of a change by a fit that are tried if the whole makes an impossible robot."""
-
-FIT_SAMPLES: Final = 6000
-"""Samples to which those of all recordings are thinned, if that leaves 100 per second."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +68,8 @@ class Commissioned:
     """Where numbers come from, by path."""
     recordings: tuple[Recorded, ...] = ()
     """All that were fitted."""
-    found: Identification | None = None
+    fits: tuple[PartFit, ...] = ()
+    """The last fit, of every part of the robot that has references."""
     rest: Recorded | None = None
     """That of the tare."""
     poses: tuple[Sample, ...] = ()
@@ -168,7 +158,7 @@ def _measured(
         known = _of_one_scale(known, values)
         text = with_section(text, "uncertainty", _stated(robot, known, paths))
     origins = {**now.origins, **dict.fromkeys(values, origin)}
-    after = replace(now, base=text, text=text, origins=origins, found=None)
+    after = replace(now, base=text, text=text, origins=origins, fits=())
     return fitted(after, [], say) if now.recordings else after
 
 
@@ -193,45 +183,12 @@ def _stated(robot: Robot, known: Uncertainty, paths: Sequence[str]) -> str:
     """The block ``uncertainty`` with what it stated before and some numbers more."""
     before: dict[str, Any] = dict(robot.document.get("uncertainty", {}))
     there = set(known.parameters)
-    names = [*before.get("parameters", ()), *(path for path in paths if path in there)]
+    names = [*stated_numbers(before).paths, *(path for path in paths if path in there)]
     names = list(dict.fromkeys(names))
     at = [known.parameters.index(name) for name in names]
-    covariance = known.covariance[np.ix_(at, at)]
-    stddev = np.sqrt(np.diag(covariance))
-    safe = np.where(stddev > 0.0, stddev, 1.0)
-    correlation = covariance / np.outer(safe, safe)
-    np.fill_diagonal(correlation, 1.0)
+    numbers = with_covariance(names, known.covariance[np.ix_(at, at)])
     head = [f"  {key}: {before[key]}" for key in ("others", "drums") if key in before]
-    return "\n".join(["uncertainty:", *head, *stated_lines(names, stddev.tolist(), correlation)])
-
-
-def unknowns_of(robot: Robot, text: str) -> tuple[Unknown, ...]:
-    """All causes of error, each with what is known of it, those that move the tensions most first.
-
-    A robot file can hold the covariance of ``COVARIANCE_LIMIT`` numbers; the rest has the least
-    effect, and is left as it is, as are the numbers of a URDF.
-
-    Args:
-        robot: the robot.
-        text: of its file.
-
-    Raises:
-        UsageError: all numbers are exact.
-    """
-    document: Any = robot.document
-    causes = [
-        cause
-        for cause in nuisance_causes(robot.uncertainty, ())
-        if not any(number_of_urdf(text, path) for path in cause)
-    ]
-    if not causes:
-        raise UsageError("the robot file says that all its numbers are exact")
-    effect = (tension_effects(prepare(robot), causes) ** 2).mean(axis=(1, 2))
-    chosen: list[Mapping[str, float]] = []
-    for k in np.argsort(-effect).tolist():
-        if len({*chain(*chosen), *causes[k]}) <= COVARIANCE_LIMIT:
-            chosen.append(causes[k])
-    return unknown_causes(document, chosen)
+    return "\n".join(["uncertainty:", *head, *stated_lines(numbers)])
 
 
 def fitted(
@@ -244,43 +201,21 @@ def fitted(
     """
     recordings = (*now.recordings, *recorded)
     robot = parse_robot(now.base, now.source)
-    unknowns = unknowns_of(robot, now.base)
-    if now.found is not None:  # where the last fit ended; the priors stay
-        starts = zip(unknowns, now.found.values.tolist(), strict=True)
-        unknowns = tuple(replace(unknown, start=value) for unknown, value in starts)
-    found, text = _fit(now, robot, unknowns, recordings, say)
+    fits = fit_parts(robot, now.base, recordings, now.fits, say)
+    values = {path: value for one in fits for path, value in one.values.items()}
+    text = with_section(_with_fitted(now, robot, values), "uncertainty", section_of(robot, fits))
     names = ", ".join(one.name for one in recordings)
-    origins = {**now.origins, **dict.fromkeys(found.by_path, f"fit to {names}")}
-    return replace(now, text=text, origins=origins, recordings=recordings, found=found)
+    origins = {**now.origins, **dict.fromkeys(values, f"fit to {names}")}
+    return replace(now, text=text, origins=origins, recordings=recordings, fits=fits)
 
 
-def _fit(
-    now: Commissioned,
-    robot: Robot,
-    unknowns: tuple[Unknown, ...],
-    recordings: Sequence[Recorded],
-    say: Progress | None,
-) -> tuple[Identification, str]:
-    """A fit from the file before the first one, and the text of the new file."""
-    there = {name for one in recordings for name in one.references}
-    wanted = tuple(name for name in sorted(there) if name.startswith((EFFORT, TENSION)))
-    settings = Settings(
-        wanted, weights="noise", coarse=True, samples=FIT_SAMPLES, compares_drums=True
-    )
-    document: Any = robot.document
-    found = identify(document, now.source, unknowns, recordings, settings, say)
-    text = _with_fitted(now, document, found.by_path)
-    before = dict(document.get("uncertainty", {}))
-    block = uncertainty_section(found, before, fit_errors(found))
-    return found, with_section(text, "uncertainty", block)
-
-
-def _with_fitted(now: Commissioned, document: Any, fitted: Mapping[str, float]) -> str:
+def _with_fitted(now: Commissioned, robot: Robot, fitted: Mapping[str, float]) -> str:
     """The text with fitted numbers.
 
     Of a robot at the edge of what is possible rounding may make an impossible one: its numbers go
     a little back towards those before the fit.
     """
+    document: Any = robot.document
     before = {path: find_number(document, path).value for path in fitted}
     for share in (1.0, *BACK):
         values = {

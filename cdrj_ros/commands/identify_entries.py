@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.output import say
+from cdrj_ros.identification.alternatives import DrumFinding
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded, chosen_channels
 from cdrj_ros.identification.residual import FEWEST_BAGS, Learned, learn
@@ -20,6 +21,12 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.description import Residual
 from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.robot.stated import (
+    StatedNumbers,
+    independent_groups,
+    stated_numbers,
+    with_covariance,
+)
 from cdrj_ros.robot.writer import with_section, yaml_number
 
 KINDS: Final = ("effort/", "tension/")
@@ -47,43 +54,59 @@ def uncertainty_section(
         errors: errors of the model by channel; if empty, those of ``before`` are kept.
         unseen: whether they are from recordings that were not fitted.
     """
+    numbers = fitted_numbers(found, before)
+    return section_with(numbers, before, errors, found.drums, unseen=unseen)
+
+
+def section_with(
+    numbers: StatedNumbers,
+    before: Mapping[str, Any],
+    errors: Mapping[str, float],
+    drums: DrumFinding | None,
+    *,
+    unseen: bool = False,
+) -> str:
+    """The entry ``uncertainty`` with some numbers; other arguments as ``uncertainty_section``."""
     lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
     if "others" in before:
         lines.append(f"  others: {before['others']}")
-    if found.drums is not None:
-        lines.append(f"  drums: {found.drums.drums}  # {found.drums.comment}")
+    if drums is not None:
+        lines.append(f"  drums: {drums.drums}  # {drums.comment}")
     elif "drums" in before:
         lines.append(f"  drums: {before['drums']}")
     origin = "runs that were not fitted" if unseen else "the residuals of the fit"
     if stated := dict(errors) or dict(before.get("model_error", {})):
         lines.append(f"  model_error:                  # from {origin if errors else 'before'}")
         lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in stated.items()]
+    lines += stated_lines(numbers)
+    return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
+
+
+def fitted_numbers(
+    found: Identification, before: Mapping[str, Any], elsewhere: Collection[str] = ()
+) -> StatedNumbers:
+    """What is known of numbers after a fit; of none if more than ``COVARIANCE_LIMIT`` were fitted.
+
+    Args:
+        found: the fit.
+        before: the entry ``uncertainty`` before it; what it states about other numbers is kept.
+        elsewhere: numbers that are left out, as another fit shows them.
+    """
     fitted = _of_the_fit(found)
-    kept = _kept(before, fitted.paths)
-    if not 0 < len(fitted.paths) + len(kept.paths) <= COVARIANCE_LIMIT:
-        return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
-    return "\n".join([*lines, *stated_lines(*_joined(found, fitted, kept))])
+    kept = stated_numbers(before)
+    gone = {*fitted.paths, *elsewhere}
+    kept = kept.part([k for k, path in enumerate(kept.paths) if path not in gone])
+    if not 0 < len(fitted.paths) <= COVARIANCE_LIMIT:
+        return kept
+    return _joined(found, fitted, kept, elsewhere)
 
 
-class _Numbers(NamedTuple):
-    """Some numbers of the robot file."""
-
-    paths: tuple[str, ...]
-    stddev: tuple[float, ...]
-    """[SI]"""
-    correlation: Table
-    """Shape (n, n)."""
-
-
-def _of_the_fit(found: Identification) -> _Numbers:
+def _of_the_fit(found: Identification) -> StatedNumbers:
     """All places of the numbers on which the data depend."""
     paths, deviations = _deviations(found)
     seen = found.seen
     covariance = deviations @ found.correlation[np.ix_(seen, seen)] @ deviations.T
-    stddev = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(stddev, stddev)
-    np.fill_diagonal(correlation, 1.0)
-    return _Numbers(paths, tuple(stddev.tolist()), correlation)
+    return with_covariance(paths, covariance)
 
 
 def _deviations(found: Identification) -> tuple[tuple[str, ...], Table]:
@@ -101,25 +124,17 @@ def _deviations(found: Identification) -> tuple[tuple[str, ...], Table]:
     return paths, deviations
 
 
-def _kept(before: Mapping[str, Any], fitted: Sequence[str]) -> _Numbers:
-    """What the file states about numbers that were not fitted."""
-    old = list(before.get("parameters", ()))
-    kept = [k for k, path in enumerate(old) if path not in fitted]
-    correlation = np.array(before.get("correlation", np.eye(len(old))), dtype=float)
-    correlation = correlation.reshape(len(old), len(old))[np.ix_(kept, kept)]
-    return _Numbers(
-        tuple(old[k] for k in kept), tuple(float(before["stddev"][k]) for k in kept), correlation
-    )
-
-
-def _joined(found: Identification, fitted: _Numbers, kept: _Numbers) -> _Numbers:
+def _joined(
+    found: Identification, fitted: StatedNumbers, kept: StatedNumbers, elsewhere: Collection[str]
+) -> StatedNumbers:
     """Both, with others that the fit left alone if its numbers depend on them."""
     size, stated = len(fitted.paths), len(kept.paths)
     others = found.others
     if others is None:
         chosen, index = [], {}
     else:
-        chosen = _noticeable(found, fitted, kept, COVARIANCE_LIMIT - size - stated)
+        named = {*fitted.paths, *kept.paths, *elsewhere}
+        chosen = _noticeable(found, named, COVARIANCE_LIMIT - size - stated)
         index = {path: k for k, path in enumerate(others.paths)}
     rest = (*kept.paths, *chosen)
     together = np.eye(size + len(rest))
@@ -135,10 +150,10 @@ def _joined(found: Identification, fitted: _Numbers, kept: _Numbers) -> _Numbers
         together[size + stated :, size + stated :] = others.correlation[np.ix_(new, new)]
         stddev += others.stddev[new].tolist()
     together[size : size + stated, size : size + stated] = kept.correlation
-    return _Numbers((*fitted.paths, *rest), tuple(stddev), together)
+    return StatedNumbers((*fitted.paths, *rest), tuple(stddev), together)
 
 
-def _noticeable(found: Identification, fitted: _Numbers, kept: _Numbers, most: int) -> list[str]:
+def _noticeable(found: Identification, named: Collection[str], most: int) -> list[str]:
     """Numbers with a default standard deviation with which errors of the fitted ones go.
 
     Groups of numbers that deviate together are taken whole, those with the largest effect first.
@@ -146,27 +161,43 @@ def _noticeable(found: Identification, fitted: _Numbers, kept: _Numbers, most: i
     others = found.others
     assert others is not None
     effect = np.abs(others.with_fitted[found.seen]).max(axis=0, initial=0.0)
-    named = {*fitted.paths, *kept.paths}
     chosen: list[str] = []
     for group in sorted(others.groups, key=lambda one: -effect[list(one)].max()):
         paths = [others.paths[k] for k in group]
         if effect[list(group)].max() < NOTICEABLE:
             break
-        if named.isdisjoint(paths) and len(chosen) + len(paths) <= most:
+        if not set(named).intersection(paths) and len(chosen) + len(paths) <= most:
             chosen += paths
     return chosen
 
 
-def stated_lines(paths: Sequence[str], stddev: Sequence[float], correlation: Table) -> list[str]:
-    """The lines of the parameters, their standard deviations and correlation."""
+def stated_lines(numbers: StatedNumbers) -> list[str]:
+    """The lines of the parameters, their standard deviations and correlation.
+
+    Many numbers are written in groups that are not correlated.
+    """
+    if len(numbers.paths) <= COVARIANCE_LIMIT:
+        return _lines(numbers, "  ")
+    lines = ["  groups:"]
+    for group in independent_groups(numbers):
+        first, *rest = _lines(group, "      ")
+        lines += [f"    - {first.lstrip()}", *rest]
+    return lines
+
+
+def _lines(numbers: StatedNumbers, indent: str) -> list[str]:
+    if not numbers.paths:
+        return []
     return [
-        "  parameters:",
-        *(f"    - {path}" for path in paths),
-        f"  stddev: [{', '.join(yaml_number(s, 3) for s in stddev)}]",
-        "  correlation:",
+        f"{indent}parameters:",
+        *(f"{indent}  - {path}" for path in numbers.paths),
+        f"{indent}stddev: [{', '.join(yaml_number(s, 3) for s in numbers.stddev)}]",
+        f"{indent}correlation:",
         *(
-            "    - [" + ", ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in row) + "]"
-            for row in correlation
+            f"{indent}  - ["
+            + ", ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in row)
+            + "]"
+            for row in numbers.correlation
         ),
     ]
 

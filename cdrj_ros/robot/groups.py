@@ -19,6 +19,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, Winch
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space import Frame
+from cdrj_ros.robot.stated import with_covariance
 
 Groups = tuple[tuple[int, ...], ...]
 """Indices of cables, increasing; the groups in the order of their first cables."""
@@ -126,12 +127,9 @@ def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Docume
     names = known.parameters[: known.stated] if known is not None else ()
     if known is None or not (at := [k for k, path in enumerate(names) if _has(part, path)]):
         return entry
-    covariance = known.covariance[np.ix_(at, at)]
-    stddev = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(safe := np.where(stddev > 0.0, stddev, 1.0), safe)
-    np.fill_diagonal(correlation, 1.0)
-    numbers = [names[k] for k in at], stddev.tolist(), correlation.tolist()
-    return entry | dict(zip(("parameters", "stddev", "correlation"), numbers, strict=True))
+    numbers = with_covariance([names[k] for k in at], known.covariance[np.ix_(at, at)])
+    entry |= {"parameters": [*numbers.paths], "stddev": [*numbers.stddev]}
+    return {**entry, "correlation": numbers.correlation.tolist()}
 
 
 def _has(document: Document, path: str) -> bool:

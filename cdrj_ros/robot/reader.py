@@ -21,6 +21,7 @@ from cdrj_ros.robot.description import Cable, Residual, Robot, Uncertainty, resi
 from cdrj_ros.robot.document import parse_document, read_text
 from cdrj_ros.robot.space import read_visuals
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
+from cdrj_ros.robot.stated import check_stated, stated_numbers
 from cdrj_ros.robot.tolerances import complete_uncertainty
 
 NARROWEST: Final = 1e-9
@@ -171,29 +172,8 @@ def _uncertainty(
 
 
 def _stated(entry: Document, refuse: Refusal) -> Uncertainty | None:
-    names, stddev = entry.get("parameters", []), np.array(entry.get("stddev", []), dtype=float)
-    if stddev.size != len(names):
-        raise refuse(
-            "uncertainty.stddev",
-            f"must have one entry for each of {len(names)} parameters, got {stddev.size}",
-        )
-    if len(set(names)) != len(names):
-        raise refuse("uncertainty.parameters", "must name every parameter once")
-    if not names:
+    check_stated(entry, refuse)
+    known = stated_numbers(entry)
+    if not known.paths:
         return None
-    rows = entry.get("correlation", np.eye(len(names)).tolist())
-    if [len(row) for row in rows] != [len(names)] * len(names):
-        raise refuse(
-            "uncertainty.correlation", f"must have {len(names)} rows of {len(names)} numbers"
-        )
-    correlation = np.array(rows, dtype=float)
-    if (
-        not np.allclose(correlation, correlation.T, atol=1e-6)
-        or not np.allclose(np.diag(correlation), 1.0, atol=1e-6)
-        or np.linalg.eigvalsh(correlation)[0] < -1e-3
-    ):
-        raise refuse(
-            "uncertainty.correlation",
-            "must be symmetric, with 1 on the diagonal and no negative eigenvalue",
-        )
-    return Uncertainty(tuple(names), correlation * np.outer(stddev, stddev), len(names))
+    return Uncertainty(known.paths, known.covariance, len(known.paths))

@@ -204,11 +204,11 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
     assert before.ok < 0.1
     assert after.ok > 0.8
     assert covered(now.model, stamps, motors, joints, truth.tension) > 0.95
-    assert now.found is not None
-    names = [unknown.name for unknown in now.found.unknowns]
+    found = now.fits[0].found
+    names = [unknown.name for unknown in found.unknowns]
     k = names.index(f"joints.{scene.joints[0]}.offset (+1)")
     default = np.radians(1.0)  # causes are in units of their standard deviations
-    assert now.found.values[k] == pytest.approx(off / default, abs=3.0 * now.found.stddev[k])
+    assert found.values[k] == pytest.approx(off / default, abs=3.0 * found.stddev[k])
 
 
 def test_a_measurement_that_is_none_is_refused_in_one_line(

@@ -16,6 +16,7 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
+from cdrj_ros.commands.commission_fits import unknowns_of
 from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.changes import rest_poses
@@ -147,9 +148,9 @@ def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable
     tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
     for tension, comment in ((None, "cable that slips makes"), (slipping(), "cable that holds")):
         after = steps.preloaded(tared, scale_readings(tension))
-        assert after.found is not None
-        assert after.found.drums is not None
-        assert after.found.drums.comment.startswith(comment)
+        (fit,) = after.fits
+        assert fit.found.drums is not None
+        assert fit.found.drums.comment.startswith(comment)
 
 
 def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readings() -> None:
@@ -163,9 +164,9 @@ def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readi
     effort = truth.motor_effort[:, 0] + 0.05 * np.sin(stamps * 1e-9) + noise
     references = {"effort/winch": Series(stamps, stamps, effort)}
     after = steps.fitted(before, [replace(other, references=references)])
-    assert after.found is not None
-    assert after.found.drums is not None
-    assert after.found.drums.drums == "hold"
+    (fit,) = after.fits
+    assert fit.found.drums is not None
+    assert fit.found.drums.drums == "hold"
     radii = []
     for one in (before, after):
         known = one.model.robot.uncertainty
@@ -193,7 +194,7 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
     robot = now.model.robot
     known = robot.uncertainty
     assert known is not None
-    unknowns = steps.unknowns_of(robot, now.base)
+    unknowns = unknowns_of(robot, now.base)
     size = len(unknowns)
     found = Identification(
         unknowns, np.zeros(size), np.ones(size), np.eye(size), (), (), 0, 0, 0.0, 0

@@ -3,60 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-import yaml
+from support.fingers import WRIST, cable, finger, hand
 from support.places import ROBOTS
 
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import channels_of, connected_cables, joints_of, part_of
-from cdrj_ros.robot.reader import build_robot, load_robot, parse_robot
-
-
-def finger(name: str, parent: str = "base", cables: int = 2) -> dict[str, list[Any]]:
-    """Two joints in a row; the first cable ends beyond both, the others beyond the first one."""
-    frames = [
-        {"name": f"{name}_near", "motion": "revolute", "joint": f"{name}_mcp"},
-        {"name": f"{name}_far", "motion": "revolute", "joint": f"{name}_pip",
-         "parent": f"{name}_near", "origin": [0.05, 0.0]},
-    ]  # fmt: skip
-    if parent != "base":
-        frames[0]["parent"] = parent
-    found: dict[str, list[Any]] = {"motors": [], "frames": frames, "cables": []}
-    found["joints"] = [{"name": f"{name}_{one}", "range": [-0.5, 0.5]} for one in ("mcp", "pip")]
-    for k in range(cables):
-        found["motors"].append({"name": f"{name}_motor{k}"})
-        end = f"{name}_far" if k == 0 else f"{name}_near"
-        found["cables"].append(cable(f"{name}_{k}", f"{name}_motor{k}", end, k))
-    return found
-
-
-def cable(name: str, motor: str, frame: str, k: int) -> dict[str, Any]:
-    return {
-        "name": name, "axial_stiffness": 9000.0, "preload": 12.0,
-        "nodes": [
-            {"type": "winch", "motor": motor, "winding": 1, "radius": 0.006,
-             "position": [-0.09, -0.02 - 0.02 * k], "turn": "cw"},
-            {"type": "pulley", "radius": 0.004, "position": [-0.02, -0.01], "turn": "ccw"},
-            {"type": "anchor", "frame": frame, "position": [0.02, -0.01]},
-        ],
-    }  # fmt: skip
-
-
-def hand(*fingers: dict[str, list[Any]], **more: list[Any]) -> Robot:
-    whole: dict[str, Any] = {"name": "hand", "friction": {"mu_c": 0.1}}
-    for part in (more, *fingers):
-        for key, entries in part.items():
-            whole[key] = whole.get(key, []) + entries
-    return parse_robot(yaml.safe_dump(whole, sort_keys=False))
-
-
-WRIST: dict[str, list[Any]] = {
-    "joints": [{"name": "wrist", "range": [-0.5, 0.5]}],
-    "frames": [{"name": "palm", "motion": "revolute", "joint": "wrist"}],
-}
+from cdrj_ros.robot.reader import build_robot, load_robot
 
 
 def test_fingers_that_share_nothing_are_groups_and_their_own_cables_are_one() -> None:

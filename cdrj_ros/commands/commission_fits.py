@@ -1,0 +1,273 @@
+"""The fits of ``commission``: all causes of error of a robot, group by group.
+
+Cables depend on the axes and numbers of their paths alone, so the fingers of a hand are fitted one
+after the other, each as if its cables were the whole robot: it gets the numbers that it would get
+alone.  What the groups share keeps what is known of it, but for a number of a joint whose own
+cables are one of the groups, and for friction that the file states for all cables, of which each
+cable of a group gets its own.  docs/commission.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any, Final
+
+import numpy as np
+
+from cdrj_ros.commands.identify_entries import (
+    COVARIANCE_LIMIT,
+    fit_errors,
+    fitted_numbers,
+    section_with,
+)
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.identification.alternatives import DrumFinding
+from cdrj_ros.identification.fit import Identification, identify
+from cdrj_ros.identification.nuisance import nuisance_causes
+from cdrj_ros.identification.observations import Recorded, chosen_channels
+from cdrj_ros.identification.priors import unknown_causes
+from cdrj_ros.identification.problem import Progress, Settings
+from cdrj_ros.identification.unknowns import Unknown
+from cdrj_ros.inspection.shares import tension_effects
+from cdrj_ros.model.packing import EFFORT, TENSION
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.groups import channels_of, connected_cables, joints_of, part_of
+from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
+from cdrj_ros.robot.writer import number_of_urdf
+
+FIT_SAMPLES: Final = 6000
+"""Samples to which those of all recordings are thinned, if that leaves 100 per second."""
+
+FRICTION: Final = "friction."
+"""Beginning of the paths of numbers of friction that apply to all cables without their own."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Cables that are fitted together."""
+
+    cables: tuple[int, ...]
+    """Their indices."""
+    robot: Robot
+    """They alone."""
+    channels: frozenset[str]
+    """References on which they alone act."""
+    elsewhere: frozenset[str] = frozenset()
+    """Uncertain numbers of the part that are not fitted with it."""
+    alone: bool = True
+    """Whether it is the whole robot."""
+
+    @property
+    def document(self) -> Document:
+        """Its robot file."""
+        return dict(self.robot.document)
+
+    def recorded(self, one: Recorded) -> Recorded:
+        """A recording with its own axes and references alone."""
+        motors = {motor.name for motor in self.robot.motors}
+        joints = {joint.name for joint in self.robot.joints if joint.measured}
+        return replace(
+            one,
+            motors={name: series for name, series in one.motors.items() if name in motors},
+            joints={name: series for name, series in one.joints.items() if name in joints},
+            references={
+                name: series for name, series in one.references.items() if name in self.channels
+            },
+        )
+
+    def places(self, path: str) -> tuple[str, ...]:
+        """Where the robot's file has a number of the part: friction of all, at every cable."""
+        if self.alone or not path.startswith(FRICTION):
+            return (path,)
+        key = path.removeprefix(FRICTION)
+        entries: Any = self.robot.document["cables"]
+        own = [one["name"] for one in entries if key not in one.get("friction", {})]
+        return tuple(f"cables.{name}.friction.{key}" for name in own)
+
+
+def parts_of(robot: Robot) -> tuple[Part, ...]:
+    """The groups in which a robot is fitted: connected cables, or the branches of large groups."""
+    groups: list[tuple[int, ...]] = []
+    branches = connected_cables(robot, branches=True)
+    for group in connected_cables(robot):
+        known = build_robot(part_of(robot, group), robot.source).uncertainty
+        many = known is not None and len(known.parameters) > COVARIANCE_LIMIT
+        groups += [one for one in branches if set(one) <= set(group)] if many else [group]
+    alone = len(groups) == 1
+    parts = [
+        Part(
+            group,
+            robot if alone else build_robot(part_of(robot, group), robot.source),
+            frozenset(channels_of(robot, group)),
+            alone=alone,
+        )
+        for group in groups
+    ]
+    return tuple(replace(part, elsewhere=_elsewhere(part, parts)) for part in parts)
+
+
+def _elsewhere(part: Part, parts: Sequence[Part]) -> frozenset[str]:
+    """Numbers that other parts have, too, unless all joints of this one move those parts.
+
+    Friction of all cables is fitted in every part.
+    """
+    sharing = Counter(chain(*(_uncertain(one.robot) for one in parts)))
+    shared = {path for path, count in sharing.items() if count > 1}
+    mine = _joints(part.robot)
+    return frozenset(
+        path
+        for path in shared.intersection(_uncertain(part.robot))
+        if not path.startswith(FRICTION)
+        and not all(
+            mine < _joints(one.robot)
+            for one in parts
+            if one is not part and path in _uncertain(one.robot)
+        )
+    )
+
+
+def _uncertain(robot: Robot) -> tuple[str, ...]:
+    return robot.uncertainty.parameters if robot.uncertainty is not None else ()
+
+
+def _joints(robot: Robot) -> frozenset[str]:
+    return frozenset().union(*(joints_of(robot, cable) for cable in robot.cables))
+
+
+@dataclass(frozen=True)
+class PartFit:
+    """A fit of the numbers of one part."""
+
+    part: Part
+    found: Identification
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Fitted numbers of the robot's file by path [SI]."""
+        own = self.found.by_path
+        return {place: value for path, value in own.items() for place in self.part.places(path)}
+
+    @property
+    def numbers(self) -> StatedNumbers:
+        """What is known of the part's numbers after the fit, by paths of the robot's file."""
+        before = self.part.robot.document.get("uncertainty", {})
+        known = fitted_numbers(self.found, before, self.part.elsewhere)
+        places = [
+            (place, k) for k, path in enumerate(known.paths) for place in self.part.places(path)
+        ]
+        spread = known.part([k for _, k in places])
+        return spread._replace(paths=tuple(place for place, _ in places))
+
+    @property
+    def cables(self) -> str:
+        """Names of its cables."""
+        return ", ".join(cable.name for cable in self.part.robot.cables)
+
+
+def fit_parts(
+    robot: Robot,
+    text: str,
+    recordings: Sequence[Recorded],
+    before: Sequence[PartFit],
+    say: Progress | None,
+) -> tuple[PartFit, ...]:
+    """Fit every part of a robot to its references, if it has any.
+
+    Args:
+        robot: the robot before the first fit.
+        text: of its file.
+        recordings: all are fitted together.
+        before: the last fits, where these start; the priors stay.
+        say: called with each progress line.
+
+    Raises:
+        UsageError: no part has a reference, or all numbers are exact.
+    """
+    chosen_channels(prepare(robot).layout, recordings, ())
+    starts = {one.part.cables: one.found.values.tolist() for one in before}
+    found = []
+    for part in parts_of(robot):
+        own = [part.recorded(one) for one in recordings]
+        own = [one for one in own if one.references]
+        if not own:
+            continue
+        unknowns = unknowns_of(part.robot, text, part.elsewhere)
+        values = starts.get(part.cables, [one.start for one in unknowns])
+        pairs = zip(unknowns, values, strict=True)
+        unknowns = tuple(replace(unknown, start=value) for unknown, value in pairs)
+        found.append(PartFit(part, _fitted(part, unknowns, own, say)))
+    return tuple(found)
+
+
+def _fitted(
+    part: Part, unknowns: Sequence[Unknown], recordings: Sequence[Recorded], say: Progress | None
+) -> Identification:
+    there = {name for one in recordings for name in one.references}
+    wanted = tuple(name for name in sorted(there) if name.startswith((EFFORT, TENSION)))
+    settings = Settings(
+        wanted, weights="noise", coarse=True, samples=FIT_SAMPLES, compares_drums=True
+    )
+    return identify(part.document, part.robot.source, unknowns, recordings, settings, say)
+
+
+def unknowns_of(
+    robot: Robot, text: str, elsewhere: frozenset[str] = frozenset()
+) -> tuple[Unknown, ...]:
+    """All causes of error, each with what is known of it, those that move the tensions most first.
+
+    A fit has at most ``COVARIANCE_LIMIT`` numbers; the rest has the least effect, and is left as it
+    is, as are the numbers of a URDF.
+
+    Args:
+        robot: the robot.
+        text: of its file.
+        elsewhere: numbers that are not fitted.
+
+    Raises:
+        UsageError: all numbers are exact.
+    """
+    document: Any = robot.document
+    causes = [
+        cause
+        for cause in nuisance_causes(robot.uncertainty, ())
+        if elsewhere.isdisjoint(cause) and not any(number_of_urdf(text, path) for path in cause)
+    ]
+    if not causes:
+        raise UsageError("the robot file says that all its numbers are exact")
+    effect = (tension_effects(prepare(robot), causes) ** 2).mean(axis=(1, 2))
+    chosen: list[Mapping[str, float]] = []
+    for k in np.argsort(-effect).tolist():
+        if len({*chain(*chosen), *causes[k]}) <= COVARIANCE_LIMIT:
+            chosen.append(causes[k])
+    return unknown_causes(document, chosen)
+
+
+def section_of(robot: Robot, fits: Sequence[PartFit]) -> str:
+    """The entry ``uncertainty`` of the robot file after the fits of its parts.
+
+    Args:
+        robot: the robot before the fits; what its file states about other numbers is kept.
+        fits: of some or all parts.
+    """
+    document: Any = robot.document
+    before = document.get("uncertainty", {})
+    errors = {name: size for one in fits for name, size in fit_errors(one.found).items()}
+    known = [one.numbers for one in fits]
+    written = {path for one in known for path in one.paths}
+    stated = stated_numbers(before)
+    rest = stated.part([k for k, path in enumerate(stated.paths) if path not in written])
+    return section_with(joined([*known, rest]), before, errors, drums_of(robot, fits))
+
+
+def drums_of(robot: Robot, fits: Sequence[PartFit]) -> DrumFinding | None:
+    """What the fits together show of the drums: that they hold if every part says so."""
+    judged = [one.found.drums for one in fits if one.found.drums is not None]
+    if judged and {c for one in fits for c in one.part.cables} < {*range(len(robot.cables))}:
+        return DrumFinding("may_slip", "not every cable has references", "")
+    return min(judged, key=lambda one: one.drums == "hold", default=None)

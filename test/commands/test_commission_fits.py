@@ -1,0 +1,123 @@
+"""Fits of ``commission``: the fingers of a hand get what each of them gets alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from support.fingers import WRIST, cable, finger, hand
+
+from cdrj_ros.commands import commission_steps as steps
+from cdrj_ros.commands.commission_fits import fit_parts, parts_of
+from cdrj_ros.commands.identify_entries import stated_lines
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.inspection.ranges import following_motors
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
+
+EPOCH_NS = 1_700_000_000_000_000_000
+STAMPS = EPOCH_NS + 20_000_000 * np.arange(200)
+
+
+def recorded(robot: Robot) -> Recorded:
+    """Four seconds of joints to and fro, with efforts that fit the file but for noise."""
+    time = (STAMPS - STAMPS[0]) * 1e-9
+    angles = np.outer(0.3 - 0.3 * np.cos(3.0 * time), np.ones(len(robot.joints)))
+    model = prepare(robot)
+    samples = Samples(STAMPS, following_motors(model, angles), angles)
+    values = run(model, initial_state(model), samples)[1].values
+    efforts = {}
+    for motor, column in zip(robot.motors, values[:, model.layout.motor_effort].T, strict=True):
+        noise = np.random.default_rng(sum(map(ord, motor.name))).normal(0.0, 0.005, time.size)
+        efforts[f"effort/{motor.name}"] = Series(STAMPS, STAMPS, column + noise)
+    motors, joints = (
+        {axis.name: Series(STAMPS, STAMPS, np.ascontiguousarray(column))
+         for axis, column in zip(axes, table.T, strict=True)}
+        for axes, table in ((robot.motors, samples.motor_angle), (robot.joints, angles))
+    )  # fmt: skip
+    return Recorded("motion", motors, joints, efforts)
+
+
+def text_of(robot: Robot) -> str:
+    return yaml.safe_dump(dict(robot.document), sort_keys=False)
+
+
+@pytest.fixture(scope="module")
+def two() -> Robot:
+    return hand(finger("a"), finger("b"))
+
+
+def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> None:
+    alone = hand(finger("b"))
+    (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)], (), None)
+    _, part = fit_parts(two, text_of(two), [recorded(two)], (), None)
+    np.testing.assert_array_equal(part.found.values, whole.found.values)
+    np.testing.assert_array_equal(part.found.correlation, whole.found.correlation)
+    own = {path: value for path, value in whole.values.items() if path in part.values}
+    assert {path: part.values[path] for path in own} == own
+
+
+def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two: Robot) -> None:
+    now = steps.fitted(steps.begin(text_of(two), "hand"), [recorded(two)])
+    robot = now.model.robot
+    friction = [cable.pulleys[0].friction.mu_c for cable in robot.cables]
+    assert friction[0] == friction[1] != friction[2] == friction[3]
+    known = robot.uncertainty
+    assert known is not None
+    at = [known.parameters.index(f"cables.a_{k}.friction.mu_c") for k in range(2)]
+    variance = known.covariance[np.ix_(at, at)]
+    np.testing.assert_allclose(variance, variance[0, 0], err_msg="one cause")
+
+
+def test_a_part_without_references_keeps_what_its_file_says(two: Robot) -> None:
+    motion = recorded(two)
+    only = {name: one for name, one in motion.references.items() if "/a_" in name}
+    now = steps.fitted(steps.begin(text_of(two), "hand"), [replace(motion, references=only)])
+    robot = now.model.robot
+    assert [one.preload for one in robot.cables[2:]] == [one.preload for one in two.cables[2:]]
+    entry = robot.document["uncertainty"]
+    assert entry["drums"] == "may_slip"
+    assert not [path for path in stated_numbers(entry).paths if path.startswith("cables.b_")]
+    with pytest.raises(UsageError, match="they have none at all"):
+        steps.fitted(steps.begin(text_of(two), "hand"), [replace(motion, references={})])
+
+
+def test_a_small_hand_on_a_wrist_is_fitted_as_one_and_a_large_one_by_fingers() -> None:
+    small = parts_of(hand(finger("a", "palm"), finger("b", "palm"), **WRIST))
+    assert [part.cables for part in small] == [(0, 1, 2, 3)]
+    fingers = [finger(name, "palm", cables=4) for name in "abc"]
+    large = parts_of(hand(*fingers, **WRIST))
+    assert [part.cables for part in large] == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9, 10, 11)]
+    shared = {"joints.wrist.reference_angle", "joints.wrist.offset"}
+    assert all(shared <= part.elsewhere for part in large)
+
+
+def test_the_zero_of_a_wrist_is_fitted_with_the_cables_of_the_wrist() -> None:
+    own = {"motors": [{"name": "m"}], "cables": [cable("w", "m", "palm", 0)]}
+    fingers = [finger(name, "palm", cables=4) for name in "abc"]
+    wrist, *others = parts_of(hand({**WRIST, **own}, *fingers))
+    assert wrist.cables == (0,)
+    assert "joints.wrist.offset" not in wrist.elsewhere
+    assert all("joints.wrist.offset" in part.elsewhere for part in others)
+
+
+def test_more_numbers_than_a_fit_has_are_written_in_groups_and_read_again() -> None:
+    known = [
+        StatedNumbers(tuple(f"cables.c{k}_{j}.preload" for j in range(2)), (0.5, 0.25),
+                      np.array([[1.0, 0.125 * (k % 8)], [0.125 * (k % 8), 1.0]]))
+        for k in range(80)
+    ]  # fmt: skip
+    block = yaml.safe_load("\n".join(["uncertainty:", *stated_lines(joined(known))]))
+    again = stated_numbers(block["uncertainty"])
+    assert set(again.paths) == {path for one in known for path in one.paths}
+    order = [again.paths.index(path) for one in known for path in one.paths]
+    np.testing.assert_array_equal(again.part(order).covariance, joined(known).covariance)
+    assert "parameters" not in block["uncertainty"]
+    few = yaml.safe_load("\n".join(["uncertainty:", *stated_lines(known[1])]))["uncertainty"]
+    assert few["parameters"] == [*known[1].paths]

@@ -1,0 +1,68 @@
+"""Robots of some fingers, with as many cables as wanted, beside each other or on a wrist."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
+
+
+def finger(name: str, parent: str = "base", cables: int = 2) -> dict[str, list[Any]]:
+    """Two joints in a row; the first cable ends beyond both, the others beyond the first one."""
+    frames = [
+        {"name": f"{name}_near", "motion": "revolute", "joint": f"{name}_mcp"},
+        {"name": f"{name}_far", "motion": "revolute", "joint": f"{name}_pip",
+         "parent": f"{name}_near", "origin": [0.045, 0.0]},
+    ]  # fmt: skip
+    if parent != "base":
+        frames[0]["parent"] = parent
+    found: dict[str, list[Any]] = {"motors": [], "frames": frames, "cables": []}
+    found["joints"] = [{"name": f"{name}_{one}", "range": [0.0, 1.0]} for one in ("mcp", "pip")]
+    for k in range(cables):
+        found["motors"].append({"name": f"{name}_motor{k}"})
+        end = f"{name}_far" if k == 0 else f"{name}_near"
+        found["cables"].append(cable(f"{name}_{k}", f"{name}_motor{k}", end, k))
+    return found
+
+
+def cable(name: str, motor: str, frame: str, k: int) -> dict[str, Any]:
+    """A cable from a drum of its own to a frame, over a pulley of 8 mm at the axis of a joint."""
+
+    def pulley(radius: float, position: list[float], turn: str, at: str = "base") -> dict[str, Any]:
+        bearing = {"bearing_diameter": 0.003, "frame": at}
+        return {"type": "pulley", "radius": radius, "position": position, "turn": turn, **bearing}
+
+    nodes = [
+        {"type": "winch", "motor": motor, "winding": 1, "radius": 0.006,
+         "position": [-0.09, -0.02 - 0.01 * k], "turn": "cw"},
+        pulley(0.004, [-0.022, -0.01], "ccw"),
+        pulley(0.008, [0.0, 0.0], "cw"),
+    ]  # fmt: skip
+    if frame.endswith("_far"):
+        near = frame.replace("_far", "_near")
+        nodes += [
+            pulley(0.004, [0.022, -0.01], "ccw", near),
+            pulley(0.006, [0.045, 0.0], "cw", near),
+        ]
+    nodes.append({"type": "anchor", "frame": frame, "position": [0.022, -0.012]})
+    return {"name": name, "axial_stiffness": 15000.0, "preload": 12.0, "nodes": nodes}
+
+
+def hand(*fingers: dict[str, list[Any]], **more: list[Any]) -> Robot:
+    whole: dict[str, Any] = {
+        "name": "hand",
+        "friction": {"mu_c": 0.1, "rho": 0.3, "bearing_friction": 0.005},
+    }
+    for part in (more, *fingers):
+        for key, entries in part.items():
+            whole[key] = whole.get(key, []) + entries
+    return parse_robot(yaml.safe_dump(whole, sort_keys=False))
+
+
+WRIST: dict[str, list[Any]] = {
+    "joints": [{"name": "wrist", "range": [-0.5, 0.5]}],
+    "frames": [{"name": "palm", "motion": "revolute", "joint": "wrist"}],
+}
