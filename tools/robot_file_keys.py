@@ -25,6 +25,7 @@ END = "<!-- end of keys -->"
 PLACES = {
     "motor": "`motors[]`",
     "joint": "`joints[]`",
+    "coupled_joint": "`joints[]` with `coupled`",
     "frame": "`frames[]`",
     "visual": "`visuals[]`",
     "correction": "`motors[].correction`, `joints[].correction`",
@@ -42,7 +43,18 @@ PLACES = {
 }
 """Places of the schema's definitions in a file; unlisted definitions keep their own names."""
 
-SKIPPED = {"name", "ros_name", "sign", "point", "place", "vector", "profile", "node"}
+SKIPPED = {
+    "name",
+    "ros_name",
+    "sign",
+    "point",
+    "place",
+    "vector",
+    "profile",
+    "node",
+    "any_joint",
+    "shares",
+}
 """Definitions of single values or of a choice between other definitions."""
 
 NUMBERS = {"point": "2 numbers", "place": "2 or 3 numbers", "vector": "3 numbers"}

@@ -26,6 +26,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.unknowns import LOG_REACH, Unknown, parse_unknowns, without_priors
 from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.couplings import own_joints
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import allowed_range
 from cdrj_ros.robot.parameters import find_number, with_numbers
@@ -228,7 +229,7 @@ def pose_unknowns(document: Document, robot: Robot) -> tuple[PoseUnknown, ...]:
 
 def _zeros(document: Document) -> Iterator[PoseUnknown]:
     """Zeros of the joints, and of springs at motors and joints."""
-    for joint in document.get("joints", ()):
+    for joint in own_joints(document):
         path = f"joints.{joint['name']}.reference_angle"
         yield PoseUnknown(parse_unknowns(document, path)[0], "the joint is zeroed anew")
     for kind in ("motors", "joints"):

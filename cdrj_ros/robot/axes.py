@@ -10,6 +10,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import Refusal, RobotFileError, listed
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.couplings import Coupling, is_coupled
 from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Motor, PassiveTorque, Profile, Sensor
 from cdrj_ros.robot.document import term_complaints
 
@@ -34,12 +35,14 @@ def read_motors(document: Document, refuse: Refusal) -> Iterator[Motor]:
 
 
 def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
-    """The joints, in the file's order.
+    """The joints that are not coupled to others, in the file's order.
 
     Raises:
         RobotFileError: an error that the schema cannot express.
     """
     for k, entry in enumerate(document["joints"]):
+        if is_coupled(entry):
+            continue
         lower, upper = map(float, entry["range"])
         if not lower < upper:
             raise refuse(f"joints[{k}].range", f"must increase, got [{lower}, {upper}]")
@@ -125,25 +128,28 @@ def _passive(entry: Document) -> PassiveTorque:
 MOST_KNOWN: Final = 256
 """Terms that are kept; some 6 kB each."""
 
-_KNOWN: dict[Hashable, Profile] = {}
+_KNOWN: dict[Hashable, tuple[Profile, ...]] = {}
 
 
 class ProfileReader:
     """Reads the functions of one robot file."""
 
-    def __init__(self, joints: Mapping[str, Joint], refuse: Refusal) -> None:
+    def __init__(
+        self, joints: Mapping[str, Joint], couplings: Mapping[str, Coupling], refuse: Refusal
+    ) -> None:
         self._joints = joints
+        self._couplings = couplings
         self._refuse = refuse
 
-    def known_joint(self, path: str, name: str | None) -> Joint:
-        """The joint of that name.
+    def coupling(self, path: str, name: str | None) -> Coupling:
+        """The function of joint angles that is the angle of the joint of that name.
 
         Raises:
             RobotFileError: there is none.
         """
-        if name is None or name not in self._joints:
-            raise self._refuse(path, f"must be one of {listed(self._joints)}, got {name!r}")
-        return self._joints[name]
+        if name is None or name not in self._couplings:
+            raise self._refuse(path, f"must be one of {listed(self._couplings)}, got {name!r}")
+        return self._couplings[name]
 
     def read(self, path: str, entry: Any, unit: str) -> tuple[Profile, ...]:
         """Read a number, a function of a joint, or a list of such terms to be summed.
@@ -153,18 +159,21 @@ class ProfileReader:
         """
         if not isinstance(entry, list):
             if isinstance(entry, dict):
-                return (self._function(path, entry),)
+                return self._function(path, entry)
             if not entry > 0.0:
                 raise self._refuse(path, f"must be greater than 0 {unit}, got {entry:g}")
             return (_constant(float(entry)),)
         return tuple(
-            self._function(f"{path}[{k}]", term)
-            if isinstance(term, dict)
-            else _constant(float(term))
+            profile
             for k, term in enumerate(entry)
+            for profile in (
+                self._function(f"{path}[{k}]", term)
+                if isinstance(term, dict)
+                else (_constant(float(term)),)
+            )
         )
 
-    def _function(self, path: str, entry: Document) -> Profile:
+    def _function(self, path: str, entry: Document) -> tuple[Profile, ...]:
         """A term, from memory if the same one has been read before.
 
         An ensemble's members share their spans and wraps: reading each table anew took two fifths
@@ -172,39 +181,58 @@ class ProfileReader:
         """
         key = (
             repr(entry),
+            self._couplings.get(entry["joint"]) if isinstance(entry.get("joint"), str) else None,
             *((joint.name, joint.lower, joint.upper) for joint in self._joints.values()),
         )
         if key not in _KNOWN:
-            profile = self._read_function(path, entry)
-            for array in (profile.angle, profile.value, profile.slope):
-                array.flags.writeable = False
+            profiles = self._read_function(path, entry)
+            for profile in profiles:
+                for array in (profile.angle, profile.value, profile.slope):
+                    array.flags.writeable = False
             if len(_KNOWN) >= MOST_KNOWN:
                 _KNOWN.clear()
-            _KNOWN[key] = profile
+            _KNOWN[key] = profiles
         return _KNOWN[key]
 
-    def _read_function(self, path: str, entry: Document) -> Profile:
+    def _read_function(self, path: str, entry: Document) -> tuple[Profile, ...]:
         if not _is_plain_term(entry):
             for complaint in term_complaints(entry, path):
                 raise RobotFileError(f"{complaint} ({self._refuse.source})")
-        joint = self.known_joint(f"{path}.joint", entry["joint"])
+        coupling = self.coupling(f"{path}.joint", entry["joint"])
+        if len(coupling.shares) > 1:
+            return self._sum(path, entry, coupling)
+        ((leader, share),) = coupling.shares
+        joint = self._joints[leader]
         grid = np.linspace(joint.lower, joint.upper, TABLE_INTERVALS + 1)
+        angle = coupling.offset + share * grid
         offset = float(entry.get("offset", 0.0))
         slope, sine = float(entry.get("slope", 0.0)), float(entry.get("sine", 0.0))
-        values = offset + slope * grid + sine * np.sin(grid)
-        slopes = slope + sine * np.cos(grid)
+        values = offset + slope * angle + sine * np.sin(angle)
+        slopes = slope + sine * np.cos(angle)
         if ("angle" in entry) != ("value" in entry):
             raise self._refuse(path, "needs both angle and value for a table")
         if "angle" in entry:
-            of_table, its_slopes = self._table(path, entry, joint, grid)
+            of_table, its_slopes = self._table(path, entry, angle)
             values = values + of_table
-            slopes = slopes + _monotone(of_table, its_slopes, grid[1] - grid[0])
-        return Profile(joint.name, grid, values, slopes)
+            slopes = slopes + _monotone(of_table, its_slopes, angle[1] - angle[0])
+        return (Profile(joint.name, grid, values, share * slopes),)
 
-    def _table(
-        self, path: str, entry: Document, joint: Joint, grid: Vector
-    ) -> tuple[Vector, Vector]:
-        """Values of a table, and their slopes."""
+    def _sum(self, path: str, entry: Document, coupling: Coupling) -> tuple[Profile, ...]:
+        """A linear term of a joint that follows several: one for each of them."""
+        if not entry.keys() <= {"joint", "offset", "slope"}:
+            raise self._refuse(
+                path,
+                f"must have offset and slope alone, for {entry['joint']} follows several joints; "
+                "describe the cable by positions",
+            )
+        slope = float(entry.get("slope", 0.0))
+        constant = float(entry.get("offset", 0.0)) + slope * coupling.offset
+        terms = [{"joint": name, "slope": slope * share} for name, share in coupling.shares]
+        terms[0]["offset"] = constant
+        return tuple(profile for term in terms for profile in self._function(path, term))
+
+    def _table(self, path: str, entry: Document, grid: Vector) -> tuple[Vector, Vector]:
+        """Values of a table at the angles of a grid, and their slopes."""
         angle = np.array(entry["angle"], dtype=float)
         value = np.array(entry["value"], dtype=float)
         if angle.size != value.size:
@@ -213,11 +241,12 @@ class ProfileReader:
             )
         if not np.all(np.diff(angle) > 0.0):
             raise self._refuse(f"{path}.angle", "must increase")
-        slack = 1e-9 + 1e-6 * (joint.upper - joint.lower)
-        if angle[0] > joint.lower + slack or angle[-1] < joint.upper - slack:
+        lower, upper = sorted((grid[0], grid[-1]))
+        slack = 1e-9 + 1e-6 * (upper - lower)
+        if angle[0] > lower + slack or angle[-1] < upper - slack:
             raise self._refuse(
                 f"{path}.angle",
-                f"must cover the range [{joint.lower:g}, {joint.upper:g}] rad of {joint.name}, "
+                f"must cover the range [{lower:g}, {upper:g}] rad of {entry['joint']}, "
                 f"got [{angle[0]:g}, {angle[-1]:g}]",
             )
         if angle.size == 2:

@@ -388,7 +388,9 @@ class Robot:
     def prismatic_joints(self) -> frozenset[str]:
         """Names of the joints whose readings are positions [m] instead of angles."""
         return frozenset(
-            frame.joint for frame in self.frames if frame.motion == "prismatic" and frame.joint
+            frame.joint
+            for frame in self.frames
+            if frame.motion == "prismatic" and frame.joint and not frame.coupled
         )
 
     @property

@@ -16,6 +16,7 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, Winch
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space import Frame
@@ -84,9 +85,14 @@ def part_of(robot: Robot, cables: Collection[int]) -> Document:
         return dict(document)
     own = [robot.cables[c] for c in sorted(cables)]
     joints = {name for one in own for name in joints_of(robot, one)}
+    coupled = {
+        one["name"]
+        for one in document["joints"]
+        if is_coupled(one) and joints.issuperset(one["coupled"])
+    }
     kept = {
         "motors": {name for one in own for name in motors_of(one)},
-        "joints": joints,
+        "joints": joints | coupled,
         "frames": {frame.name for one in own for frame in _frames_of(robot, one)},
         "cables": {one.name for one in own},
     }

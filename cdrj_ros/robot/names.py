@@ -50,7 +50,7 @@ def with_prefix(document: Document) -> Document:
 
     changes: dict[str, tuple[tuple[str, ...], Callable[[str], str]]] = {
         "motors": (("name",), named),
-        "joints": (("name",), named),
+        "joints": (("name", "coupled"), named),
         "frames": (("joint", "joints"), named),
         "cables": (("motor", "joint"), named),
         "uncertainty": (("parameters", "model_error"), at),

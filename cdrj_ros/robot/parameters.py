@@ -5,6 +5,8 @@ Entries without a name are numbered from 1, like elements and pulleys in message
 ``cables.b.nodes.3.bearing_torque`` is pulley ``b/3``, ``cables.b.spans.3.slope`` element ``b/3``.
 Names of motors and joints may contain points, and stand as they are.
 
+``joints.dip.coupled.pip`` is the share of the joint ``pip`` in the angle of ``dip``.
+
 A path may name a number that the file leaves out.  Such a number has its default, and setting it
 adds an entry at that path.  ``cables.upper.friction.mu_c`` is the value that applies to the pulleys
 of the cable, whether it is given for the cable or for the whole robot; a pulley may override it.
@@ -24,6 +26,7 @@ from typing import Any, Final
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
+from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.description import Anchor, Friction, PassiveTorque, Pulley, Sensor
 from cdrj_ros.robot.document import schema
 
@@ -52,6 +55,7 @@ _AXIS: Final = {
 DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
     "motor": _AXIS,
     "joint": _AXIS,
+    "coupled_joint": {"offset": 0.0},
     "friction": _defaults_of(Friction),
     "pulley": _defaults_of(Pulley),
     "swivel": _defaults_of(Pulley),
@@ -124,7 +128,7 @@ def _find(document: Document, path: str) -> Number:
 
 def _first(spot: _Spot, segments: list[str]) -> tuple[str, list[str]]:
     """The next segment and the rest; a name with points is one segment, the longest that exists."""
-    if isinstance(spot.value, list):
+    if isinstance(spot.value, list) or spot.kind == "shares":
         names = _names(spot)
         for count in range(len(segments), 1, -1):
             if (name := ".".join(segments[:count])) in names:
@@ -267,6 +271,8 @@ def _names(spot: _Spot) -> list[str]:
         if spot.value and all(isinstance(one, dict) and "name" in one for one in spot.value):
             return [one["name"] for one in spot.value]
         return [str(k + 1) for k in range(len(spot.value))]
+    if spot.kind == "shares":
+        return [*spot.value]
     return [key for key, rules in spot.rules.get("properties", {}).items() if _leads_on(rules)]
 
 
@@ -280,6 +286,8 @@ def _leads_on(rules: Mapping[str, Any]) -> bool:
 def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
     """The place reached by the next segment."""
     rules = spot.rules.get("properties", {}).get(segment)
+    if spot.kind == "shares" and segment in spot.value:
+        rules = spot.rules["additionalProperties"]
     if isinstance(spot.value, list):
         names = _names(spot)
         if segment in names:
@@ -300,6 +308,9 @@ def _spot(keys: Keys, value: Any, rules: Mapping[str, Any], outer: str) -> _Spot
         rules = definitions[kind]
     if kind == "node" and isinstance(value, dict):
         kind = value["type"]
+        rules = definitions[kind]
+    if kind == "any_joint" and isinstance(value, dict):
+        kind = "coupled_joint" if is_coupled(value) else "joint"
         rules = definitions[kind]
     if kind == "profile" or outer == "profile":
         kind = "profile"

@@ -17,6 +17,7 @@ from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import ProfileReader, read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
+from cdrj_ros.robot.couplings import own_joints, read_couplings
 from cdrj_ros.robot.description import Cable, Residual, Robot, Uncertainty, residual_shape
 from cdrj_ros.robot.document import parse_document, read_text
 from cdrj_ros.robot.space import read_visuals
@@ -66,13 +67,14 @@ def build_robot(document: Document, source: str) -> Robot:
     for kind in ("joints", "motors", "frames", "cables"):
         _check_unique(document, kind, refuse)
     joints = {joint.name: joint for joint in read_joints(document, refuse)}
+    couplings = dict(read_couplings(document, joints, refuse))
     motors = tuple(read_motors(document, refuse))
     for k, motor in enumerate(motors):
-        if motor.name in joints:  # both may be read from one topic
+        if motor.name in couplings:  # both may be read from one topic
             raise refuse(f"motors[{k}].name", f"{motor.name!r} is the name of a joint")
-    profiles = ProfileReader(joints, refuse)
+    profiles = ProfileReader(joints, couplings, refuse)
     planar = not is_spatial(document)
-    frames = tuple(read_frames(document, planar, profiles.known_joint, refuse))
+    frames = tuple(read_frames(document, planar, profiles.coupling, refuse))
     names = [frame.name for frame in frames]
     places = PlaceReader(names, planar, refuse)
     reader = CableReader(document.get("friction", {}), motors, places, profiles, refuse)
@@ -109,7 +111,7 @@ def _check_unique(document: Document, kind: str, refuse: Refusal) -> None:
 
 def _channels(document: Document, cables: tuple[Cable, ...]) -> set[str]:
     """Channels of efforts and tensions."""
-    axes = [axis["name"] for kind in ("motors", "joints") for axis in document.get(kind, ())]
+    axes = [axis["name"] for axis in (*document["motors"], *own_joints(document))]
     channels = {f"effort/{name}" for name in axes}
     return channels | {f"tension/{name}" for cable in cables for name in cable.element_names}
 

@@ -78,6 +78,8 @@ class Frame:
     """Motion of the frame per motion of its joint [-]."""
     offset: float = 0.0
     """Motion of the frame at joint angle 0 [rad] or [m]."""
+    coupled: bool = False
+    """Whether it belongs to a coupled joint, and moves with ``joint`` by a share."""
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import cos, hypot, sin, sqrt
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.couplings import Coupling, coupled_frames
 from cdrj_ros.robot.space import (
     GUIDES,
     IDENTITY,
@@ -79,7 +80,7 @@ def is_spatial(document: Document) -> bool:
 def read_frames(
     document: Document,
     planar: bool,
-    known_joint: Callable[[str, str | None], Any],
+    coupling: Callable[[str, str | None], Coupling],
     refuse: Refusal,
 ) -> Iterator[Frame]:
     """The base and the frames of the file, parents first.
@@ -87,7 +88,7 @@ def read_frames(
     Args:
         document: content of the robot file.
         planar: whether it describes the robot in the plane.
-        known_joint: refuses a joint that the file does not have.
+        coupling: gives the function of joint angles that is a joint's angle.
         refuse: makes the errors.
 
     Raises:
@@ -105,10 +106,10 @@ def read_frames(
                 f"{path}.parent", f"must name an earlier frame ({listed(known)}), got {parent!r}"
             )
         motion, joint = _MOTIONS[entry["motion"]], entry.get("joint")
-        if motion != "fixed":
-            known_joint(f"{path}.joint", joint)
-        elif joint is not None:
+        if motion == "fixed" and joint is not None:
             raise refuse(f"{path}.joint", "has no meaning for a fixed frame")
+        if motion == "rolling" and len(coupling(f"{path}.joint", joint).shares) > 1:
+            raise refuse(f"{path}.motion", f"must not be rolling: {joint} follows several joints")
         if (motion == "rolling") != ("radius" in entry):
             raise refuse(
                 f"{path}.radius", "is required for a rolling frame, and allowed only there"
@@ -116,7 +117,7 @@ def read_frames(
         known.add(entry["name"])
         place = _in_plane if planar else _in_space
         origin, rotation, axis = place(path, entry, motion, refuse)
-        yield Frame(
+        frame = Frame(
             entry["name"],
             parent,
             motion,
@@ -128,6 +129,10 @@ def read_frames(
             float(entry.get("multiplier", 1.0)),
             float(entry.get("offset", 0.0)),
         )
+        if motion == "fixed":
+            yield frame
+        else:
+            yield from coupled_frames(frame, coupling(f"{path}.joint", joint))
 
 
 def _in_plane(

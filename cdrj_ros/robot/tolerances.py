@@ -18,6 +18,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.description import Uncertainty, friction_law
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
@@ -40,6 +41,9 @@ DRAWN_RADIUS: Final = 2.5e-4
 
 LARGEST_RADIUS_SHARE: Final = 0.03
 """Largest standard deviation of a drawn dimension as a fraction of it."""
+
+COUPLING_RATIO: Final = 0.03
+"""Error of the ratio of a coupling, of two drawn radii or levers, as a fraction."""
 
 TABLE_SHARE: Final = 0.01
 """Error of the changes of a tabulated length over the joint's range, as a fraction."""
@@ -183,6 +187,17 @@ def _joints(document: Document) -> Iterator[Tolerance]:
     for joint in document.get("joints", ()):
         name = joint["name"]
         stddev = POSITION_BY_EYE if name in prismatic else ZERO_BY_EYE
+        if is_coupled(joint):
+            yield Tolerance(
+                f"zero of the coupling of joint {name}", "measure its angle in the reference pose",
+                {f"joints.{name}.offset": stddev},
+            )  # fmt: skip
+            for leader, share in joint["coupled"].items():
+                yield Tolerance(
+                    f"share of {leader} in joint {name}", "measure both angles in two poses",
+                    {f"joints.{name}.coupled.{leader}": COUPLING_RATIO * abs(share)},
+                )  # fmt: skip
+            continue
         yield Tolerance(
             f"zero of joint {name}", "call ~/tare in the reference pose",
             {f"joints.{name}.reference_angle": stddev},

@@ -14,6 +14,7 @@ from xml.etree import ElementTree as Xml
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.names import prefixed, renamed
 from cdrj_ros.robot.space import UrdfJoint, urdf_visuals
 
@@ -76,20 +77,26 @@ def with_urdf_frames(document: Document, source: str) -> Document:
     root = joints[0].child if joints and not joints[0].name else ROOT
     document, joints = _with_prefix(document, joints)
     entry = document["frames"]
-    measured = entry.get("joints", [j.name for j in joints if j.motion != "fixed" and not j.mimic])
+    given = document.get("joints")
+    coupled = {str(one.get("name")): one["coupled"] for one in given or () if is_coupled(one)}
+    measured = entry.get(
+        "joints",
+        [j.name for j in joints if j.motion != "fixed" and not j.mimic and j.name not in coupled],
+    )
     _check_measured(measured, joints, path, source)
     kept = _needed(document, joints)
-    frames = _frames(joints, kept, set(measured), path)
-    moving = {frame.get("joint") for frame in frames}
+    frames = _frames(joints, kept, {*measured, *coupled}, path)
+    moving = {str(frame.get("joint")) for frame in frames}
+    moving |= {leader for name in moving & coupled.keys() for leader in coupled[name]}
     if "joints" not in entry:
         measured = [name for name in measured if name in moving]
-    carrying = set(measured) if isinstance(measured, list) else set()
+    carrying = {*measured, *coupled}
     return {
         "base_link": root,
         "visuals": urdf_visuals(element, joints, kept, carrying, lambda name: _mesh(name, path)),
         **document,
         "frames": frames,
-        "joints": _joints(document.get("joints"), measured, joints, source),
+        "joints": _joints(given, measured, joints, source),
     }
 
 
@@ -363,7 +370,7 @@ def _joints(given: Any, measured: list[str], joints: list[UrdfJoint], source: st
     limits = {joint.name: joint.limits for joint in joints}
     for entry in entries:
         name = entry.get("name") if isinstance(entry, dict) else None
-        if not isinstance(name, str) or "range" in entry:
+        if not isinstance(name, str) or "range" in entry or "coupled" in entry:
             continue
         if name not in limits:
             moving = sorted(joint.name for joint in joints if joint.motion != "fixed")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 from support.page_lines import ROOT, loaded_tool
 
@@ -14,7 +15,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
-FIRST, SPANS, ENDS, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+FIRST, SPANS, ENDS, COUPLED, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
 
 
 def test_the_key_reference_is_that_of_the_schema() -> None:
@@ -31,6 +32,16 @@ def test_the_first_example_is_a_robot_without_suspicious_values() -> None:
     # a cable that bends the joint has a positive arm
     assert flexor.moment_arm[0].low == pytest.approx(0.040)
     assert extensor.moment_arm[0].high == pytest.approx(-0.040)
+
+
+def test_the_example_of_coupled_joints_is_read_as_the_page_says() -> None:
+    head, _, rest = FIRST.partition("joints:\n")
+    moved = rest.replace("joint: shoulder", "joint: dip").partition("\n")[2]
+    robot = parse_robot(f"{head}{COUPLED}{moved}")
+    assert [joint.name for joint in robot.joints] == ["pip", "left", "right"]
+    (arm,) = [frame for frame in robot.frames if frame.name == "arm"]
+    assert (arm.joint, arm.multiplier) == ("pip", 0.7)
+    assert arm.offset == pytest.approx(np.radians(5.0))
 
 
 def test_the_example_in_space_is_a_valid_robot() -> None:

@@ -1,0 +1,80 @@
+"""Coupled joints of a robot file: linear functions of the angles of other joints.
+
+A tendon, a belt, a four-bar linkage or a differential couples a joint to others: its angle is
+q = offset + sum of share * q_i over joints with angles of their own.  Frames that move with it move
+with those joints, (G14) in docs/model.md, so that lengths, arms and efforts are theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.description import Joint
+from cdrj_ros.robot.space import IDENTITY, Frame
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The angle of a joint as a linear function of measured ones; of such a joint, itself."""
+
+    shares: tuple[tuple[str, float], ...]
+    """Joints with angles of their own, and the change of the angle per change of theirs [-]."""
+    offset: float = 0.0
+    """Its angle where all of theirs are 0 [rad] or [m]."""
+
+
+def is_coupled(entry: Any) -> bool:
+    """Whether an entry of ``joints`` is a coupled joint."""
+    return isinstance(entry, dict) and "coupled" in entry
+
+
+def own_joints(document: Document) -> list[Document]:
+    """Entries of the joints that are not coupled to others."""
+    return [entry for entry in document.get("joints", ()) if not is_coupled(entry)]
+
+
+def read_couplings(
+    document: Document, joints: Mapping[str, Joint], refuse: Refusal
+) -> Iterator[tuple[str, Coupling]]:
+    """Name and function of every joint.
+
+    Args:
+        document: satisfies the schema.
+        joints: those with angles of their own, by name.
+        refuse: makes the errors.
+
+    Raises:
+        RobotFileError: one follows no joint, or one that is coupled itself.
+    """
+    for k, entry in enumerate(document["joints"]):
+        if not is_coupled(entry):
+            yield entry["name"], Coupling(((entry["name"], 1.0),))
+            continue
+        for name in entry["coupled"]:
+            if name not in joints:
+                raise refuse(
+                    f"joints[{k}].coupled",
+                    f"must name joints that are not coupled ({listed(joints)}), got {name!r}",
+                )
+            if entry["coupled"][name] == 0.0:
+                raise refuse(f"joints[{k}].coupled.{name}", "must not be 0: leave the joint out")
+        shares = tuple((name, float(share)) for name, share in entry["coupled"].items())
+        yield entry["name"], Coupling(shares, float(entry.get("offset", 0.0)))
+
+
+def coupled_frames(frame: Frame, coupling: Coupling) -> Iterator[Frame]:
+    """Frames that together move as one frame of a joint, each with one of the joints that move it.
+
+    Turns about one axis add up, and so do slides along it: the frame is the last one of a row of
+    frames that turn about, or slide along, the same axis (G14).
+    """
+    names = [f"{frame.name}#{k + 1}" for k in range(len(coupling.shares) - 1)] + [frame.name]
+    coupled = coupling.shares != ((frame.joint, 1.0),)
+    own = replace(frame, offset=frame.offset + frame.multiplier * coupling.offset, coupled=coupled)
+    for name, (joint, share) in zip(names, coupling.shares, strict=True):
+        yield replace(own, name=name, joint=joint, multiplier=frame.multiplier * share)
+        own = replace(own, parent=name, origin=(0.0, 0.0, 0.0), rotation=IDENTITY, offset=0.0)
