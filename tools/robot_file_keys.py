@@ -28,6 +28,8 @@ PLACES = {
     "coupled_joint": "`joints[]` with `coupled`",
     "frame": "`frames[]`",
     "visual": "`visuals[]`",
+    "part": "`parts[]`",
+    "use": "`parts[].used[]`",
     "correction": "`motors[].correction`, `joints[].correction`",
     "friction": "`friction`, `cables[].friction`, `cables[].nodes[].friction`",
     "cable": "`cables[]`",

@@ -16,6 +16,7 @@ from cdrj_ros.estimation.conditioner import slips
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import Json, counted, fixed, json_text, plain, printable
+from cdrj_ros.foundation.yaml import yaml_text
 from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, inspect_robot, pose_text
 from cdrj_ros.inspection.shares import MOST_CAUSES, Cause, Shares, uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
@@ -24,6 +25,7 @@ from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, load_model, robot_path
 from cdrj_ros.report.table import UNLIMITED, new_table
 from cdrj_ros.robot.description import Cable, Robot
+from cdrj_ros.robot.reader import load_robot
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -42,6 +44,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--json", metavar="FILE", help="write the results as JSON; -: to standard output"
     )
+    parser.add_argument(
+        "--expanded", action="store_true", help="print the file with its parts written out, in SI"
+    )
     return parser
 
 
@@ -50,6 +55,9 @@ def _body(argv: Sequence[str]) -> int:
     to_terminal = arguments.json == "-"
     if not to_terminal:
         check_outputs({"--json": arguments.json}, [robot_path(arguments.robot)])
+    if arguments.expanded:
+        print(yaml_text(load_robot(robot_path(arguments.robot)).document), end="")
+        return DONE
     model = load_model(arguments.robot)
     inspection = inspect_robot(model)
     suspicions = find_suspicions(inspection)

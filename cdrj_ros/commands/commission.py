@@ -35,7 +35,7 @@ from cdrj_ros.identification.problem import Progress
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
-from cdrj_ros.robot.writer import moved, with_section
+from cdrj_ros.robot.writer import moved, refuse_aliases, with_section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -131,7 +131,9 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     outputs = {"--out": arguments.out, "--png": arguments.png}
     check_outputs(outputs, [*bags, path])
     check_new({"--out": arguments.out}, force=arguments.force)
-    now = begin(path.read_text(encoding="utf-8"), str(path))
+    text = path.read_text(encoding="utf-8")
+    refuse_aliases(text, str(path))
+    now = begin(text, str(path))
     steps = [Step("new file", judged(now.model))]
     _show(steps[-1])
     topics = topics_of(arguments)

@@ -42,6 +42,7 @@ from cdrj_ros.robot.document import (
 )
 from cdrj_ros.robot.parameters import split_outside, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.writer import refuse_aliases
 
 
 def parser() -> argparse.ArgumentParser:
@@ -150,6 +151,8 @@ def task_of(arguments: argparse.Namespace) -> Task:
     path = robot_path(_chosen_file(arguments))
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
     _check_files(arguments, held_out)
+    if arguments.out:
+        refuse_aliases(read_text(path, "robot file"), str(path))
     chosen = load_settings(arguments.settings)
     document, source = load_document(path)
     if document.pop("residual", None) and not arguments.residual:

@@ -108,6 +108,14 @@ def yaml_nodes(text: str) -> Any:
     return yaml.compose(text, Loader=_Loader)
 
 
+def first_alias(text: str) -> int | None:
+    """Number of the line of the first alias or merge key of a text; None without one."""
+    for event in yaml.parse(text, Loader=_BASE):
+        if isinstance(event, yaml.AliasEvent):
+            return int(event.start_mark.line) + 1
+    return None
+
+
 class _Loader(_BASE):  # type: ignore[misc]
     """PyYAML's loader of plain containers with the types of YAML 1.2 and no other tags."""
 

@@ -28,7 +28,7 @@ from cdrj_ros.model.packing import (
     topology_views,
 )
 from cdrj_ros.robot.description import Robot, Winch
-from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.reader import build_robot, load_robot
 
 RANGE_CHECKS: Final = 41
 """Number of poses per joint in which the geometry is checked."""
@@ -290,22 +290,22 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     Raises:
         CdrjError: the file or the preloads are invalid; the message is one line.
     """
-    document, source = load_document(robot_path(path))
+    robot = load_robot(robot_path(path))
     if not preload:
-        return prepare(build_robot(document, source))
+        return prepare(robot)
     try:
         values = [float(v) for v in (preload.split(",") if isinstance(preload, str) else preload)]
     except ValueError as error:
         raise UsageError(f"preload must be numbers separated by commas, got {preload!r}") from error
+    document: Any = robot.document
     cables = document["cables"]
     if len(values) != len(cables) or not all(0.0 <= value < 1e6 for value in values):
         raise UsageError(
             f"preload needs {len(cables)} tensions in [0, 1e6) N, one for each of "
             f"{', '.join(cable['name'] for cable in cables)}; got {preload!r}"
         )
-    for cable, value in zip(cables, values, strict=True):
-        cable["preload"] = value
-    return prepare(build_robot(document, source))
+    changed = [cable | {"preload": value} for cable, value in zip(cables, values, strict=True)]
+    return prepare(build_robot({**document, "cables": changed}, robot.source))
 
 
 def robot_path(path: str) -> Path:

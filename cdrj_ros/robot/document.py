@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -15,8 +16,9 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, read_regular
-from cdrj_ros.foundation.yaml import Document, YamlError, load_yaml
+from cdrj_ros.foundation.yaml import Document, YamlError, load_yaml, yaml_nodes
 from cdrj_ros.robot.names import with_prefix
+from cdrj_ros.robot.parts import errors_in_parts, expanded
 from cdrj_ros.robot.urdf import with_urdf_frames
 
 UNIT_SUFFIXES: Final[Mapping[str, float]] = MappingProxyType(
@@ -57,10 +59,55 @@ def parse_document(text: str, source: str) -> Document:
     Raises:
         RobotFileError: with one line that names the key, what was given and what is allowed.
     """
-    raw = si_document(text, source, "motors, joints and cables")
-    document = with_urdf_frames(with_prefix(raw), source)
-    _check(document, _validator(), source)
+    with explained(text, source):
+        document = file_document(text, source)
+        if "parts" in document:
+            for complaint in _complaints(_validator("parts"), document["parts"], "parts"):
+                raise RobotFileError(f"{complaint} ({source})")
+            document = expanded(document, source)
+        document = with_urdf_frames(with_prefix(document), source)
+        _check(document, _validator(), source)
     return document
+
+
+def file_document(text: str, source: str) -> Document:
+    """A robot file as it stands, in SI: with its parts, and not validated.
+
+    Raises:
+        RobotFileError: as ``si_document``.
+    """
+    return si_document(text, source, "motors, joints and cables")
+
+
+@contextmanager
+def explained(text: str, source: str) -> Iterator[None]:
+    """Let errors about entries that come from parts of a robot file say where in its text."""
+
+    def line(keys: Sequence[str | int]) -> int:
+        node = yaml_nodes(text)
+        for key in keys:
+            if isinstance(key, int):
+                node = node.value[key] if key < len(node.value) else node
+            elif found := entry_node(node, key):
+                node = found[1]
+        return int(node.start_mark.line) + 1
+
+    with errors_in_parts(lambda: file_document(text, source), line):
+        yield
+
+
+def entry_node(mapping: Any, key: str) -> tuple[str, Any] | None:
+    """Key as written, including its unit suffix, and the node of its value.
+
+    Args:
+        mapping: a node of ``yaml_nodes``.
+        key: the key without suffix.
+    """
+    if mapping.id == "mapping":
+        for name, value in mapping.value:
+            if name.value == key or any(name.value == key + suffix for suffix in UNIT_SUFFIXES):
+                return str(name.value), value
+    return None
 
 
 def si_document(text: str, source: str, content: str) -> Document:
@@ -127,14 +174,15 @@ def schema() -> Mapping[str, Any]:
     return load_schema("cdrj_ros.robot", "robot.schema.json")
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _validator(definition: str = "") -> Any:
-    """The validator of the schema, or of one of its definitions."""
+    """The validator of the schema, of one key of the file, or of one definition."""
     import jsonschema  # as in check_document
 
     rules = schema()
     if definition:
-        rules = {"$ref": f"#/$defs/{definition}", "$defs": rules["$defs"]}
+        part = rules["properties"].get(definition, {"$ref": f"#/$defs/{definition}"})
+        rules = {**part, "$defs": rules["$defs"]}
     return jsonschema.Draft202012Validator(rules)
 
 
@@ -188,7 +236,7 @@ class _Reading:
         result: Document = {}
         for key, entry in value.items():
             here = f"{path}.{key}" if path else str(key)
-            name, factor = _split_unit(str(key))
+            name, factor = split_unit(str(key))
             converted = self.to_si(entry, here, depth + 1)
             if factor != 1.0:
                 for term in entry if isinstance(entry, list) else [entry]:
@@ -202,7 +250,7 @@ class _Reading:
 
     def _refuse_second_unit(self, entry: dict[Any, Any], path: str) -> None:
         for key in entry:
-            name, factor = _split_unit(str(key))
+            name, factor = split_unit(str(key))
             if factor != 1.0 and name in IN_THE_UNIT:
                 raise self.error(f"{path}.{key}", "has a unit already: that of the enclosing key")
 
@@ -222,7 +270,8 @@ class _Reading:
             raise self.error(path, f"must be at most {LARGEST:g} in SI") from None
 
 
-def _split_unit(key: str) -> tuple[str, float]:
+def split_unit(key: str) -> tuple[str, float]:
+    """A key without its unit suffix, and the factor to SI."""
     for suffix, factor in UNIT_SUFFIXES.items():
         if key.endswith(suffix):
             return key[: -len(suffix)], factor

@@ -19,7 +19,7 @@ from cdrj_ros.robot.axes import ProfileReader, read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
 from cdrj_ros.robot.couplings import own_joints, read_couplings
 from cdrj_ros.robot.description import Cable, Residual, Robot, Uncertainty, residual_shape
-from cdrj_ros.robot.document import parse_document, read_text
+from cdrj_ros.robot.document import explained, parse_document, read_text
 from cdrj_ros.robot.space import read_visuals
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
 from cdrj_ros.robot.stated import check_stated, stated_numbers
@@ -35,7 +35,8 @@ def load_robot(path: str | Path) -> Robot:
     Raises:
         RobotFileError: with one line that names the key, what was given and what is allowed.
     """
-    return build_robot(*load_document(path))
+    source = str(Path(path))
+    return parse_robot(read_text(source, "robot file"), source)
 
 
 def load_document(path: str | Path) -> tuple[Document, str]:
@@ -54,7 +55,8 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
     Raises:
         RobotFileError: see ``load_robot``.
     """
-    return build_robot(parse_document(text, source), source)
+    with explained(text, source):
+        return build_robot(parse_document(text, source), source)
 
 
 def build_robot(document: Document, source: str) -> Robot:

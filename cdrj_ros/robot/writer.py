@@ -17,10 +17,17 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.yaml import Document, yaml_nodes
-from cdrj_ros.robot.document import IN_THE_UNIT, UNIT_SUFFIXES, parse_document
+from cdrj_ros.foundation.yaml import Document, first_alias, yaml_nodes
+from cdrj_ros.robot.document import (
+    IN_THE_UNIT,
+    entry_node,
+    file_document,
+    parse_document,
+    split_unit,
+)
 from cdrj_ros.robot.names import prefixed
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
+from cdrj_ros.robot.parts import KINDS, Origin, origin_of
 from cdrj_ros.robot.reader import load_document
 from cdrj_ros.robot.urdf import DESCRIPTION
 
@@ -48,16 +55,35 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
         RobotFileError: the text is not a robot file, or a number cannot be changed separately
             because an alias repeats it, or is in another file, a URDF.
     """
-    document = parse_document(text, source)
+    document, whole = parse_document(text, source), file_document(text, source)
     for path, value in values.items():
         # a number that the file leaves out is found only in the changed document
         document = with_numbers(document, {path: value})
-        text = _with_number(text, find_number(document, path), document)
+        number = find_number(document, path)
+        kind, *keys = number.keys
+        origin = origin_of(whole, str(kind), int(keys[0])) if kind in KINDS else None
+        if origin is None:
+            text = _with_number(text, number, document)
+        else:
+            text = _with_own_number(text, origin, whole, number)
     if not _alike(parse_document(text, source), document):
         raise RobotFileError(
             f"{source} repeats one of {', '.join(values)} by an alias or a merge; write it out"
         )
     return text
+
+
+def refuse_aliases(text: str, source: str) -> None:
+    """Refuse a robot file whose numbers cannot be changed one by one, before work is done on it.
+
+    Raises:
+        RobotFileError: an alias repeats a part of the file.
+    """
+    if line := first_alias(text):
+        raise RobotFileError(
+            f"{source} has an alias in line {line}, and repeats what would be written once: write "
+            "it out, or describe what repeats as one of parts (docs/robot_file.md)"
+        )
 
 
 def with_section(text: str, key: str, section: str | None) -> str:
@@ -87,7 +113,7 @@ def number_of_urdf(text: str, path: str) -> bool:
     """
     if not path.startswith("frames."):
         return False
-    frames = _entry(yaml_nodes(text), "frames")
+    frames = entry_node(yaml_nodes(text), "frames")
     return frames is not None and frames[1].id == "mapping"
 
 
@@ -100,10 +126,10 @@ def moved(text: str, source: str, target: str) -> str:
         target: path of the file that it will be written to.
     """
     before, after = (Path(path).parent.resolve() for path in (source, target))
-    frames = _entry(yaml_nodes(text), "frames")
+    frames = entry_node(yaml_nodes(text), "frames")
     if before == after or frames is None or frames[1].id != "mapping":
         return text
-    found = _entry(frames[1], "urdf")
+    found = entry_node(frames[1], "urdf")
     if found is None or found[1].value == DESCRIPTION or Path(found[1].value).is_absolute():
         return text
     if found[1].value.startswith("package://"):
@@ -154,24 +180,44 @@ def _with_number(text: str, number: Number, document: Document) -> str:
                 return _appended(text, node, names, keys[1:], value)
             node = node.value[place]
         else:
-            found = _entry(node, key)
+            found = entry_node(node, key)
             if found is None:
                 return _inserted(text, node, keys, number.value / number.factor / factor)
             name, node = found
-            own = next((f for s, f in UNIT_SUFFIXES.items() if name == key + s), 1.0)
-            factor = own * (factor if key in IN_THE_UNIT else 1.0)
+            factor = split_unit(name)[1] * (factor if key in IN_THE_UNIT else 1.0)
         keys.pop(0)
     begin, end = int(node.start_mark.index), int(node.end_mark.index)
     begin = end - len(_PROPERTIES.sub("", text[begin:end]))  # an anchor or a tag stays
     return _replaced(text, begin, end, yaml_number(number.value / number.factor / factor))
 
 
-def _entry(mapping: Any, key: str) -> tuple[str, Any] | None:
-    """Key as written, including its unit suffix, and the node of its value."""
-    for name, value in mapping.value:
-        if name.value == key or any(name.value == key + suffix for suffix in UNIT_SUFFIXES):
-            return str(name.value), value
-    return None
+def _with_own_number(text: str, origin: Origin, whole: Document, number: Number) -> str:
+    """The text with a number of one use of a part, below the key ``with`` of the use."""
+    kind, _, *keys = number.keys
+    value = number.value / number.factor
+    use = yaml_nodes(text)
+    for key, index in (("parts", origin.part), ("used", origin.use)):
+        found = entry_node(use, key)
+        use = found[1].value[index] if found else use
+    if origin.index < 0:  # of the frame that places the use
+        mapping, path, rest = use, str(keys[0]), keys[1:]
+    else:
+        path, rest = origin.with_key(whole, str(kind), keys), []
+        given = entry_node(use, "with")
+        if given is None:
+            return _inserted(text, use, ["with", path], value)
+        mapping = given[1]
+        whole_list = path.rpartition(".")[0]
+        if entry_node(mapping, path) is None and entry_node(mapping, whole_list):
+            path, rest = whole_list, keys[-1:]
+    found = entry_node(mapping, path)
+    if found is None:
+        return _inserted(text, mapping, [path, *rest], value)
+    name, node = found
+    for place in rest:
+        node = node.value[place]
+    begin, end = int(node.start_mark.index), int(node.end_mark.index)
+    return _replaced(text, begin, end, yaml_number(value / split_unit(name)[1]))
 
 
 def _place(sequence: Any, index: int, entry: Any, prefix: str) -> int | None:
@@ -183,7 +229,7 @@ def _place(sequence: Any, index: int, entry: Any, prefix: str) -> int | None:
     if name is None:
         return index
     for k, node in enumerate(sequence.value):
-        found = _entry(node, "name")
+        found = entry_node(node, "name")
         if found is not None and name in (found[1].value, prefixed(found[1].value, prefix)):
             return k
     return None

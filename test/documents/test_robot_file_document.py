@@ -15,7 +15,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
-FIRST, SPANS, ENDS, COUPLED, SPACE = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+FIRST, SPANS, ENDS, COUPLED, SPACE, PARTS = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
 
 
 def test_the_key_reference_is_that_of_the_schema() -> None:
@@ -49,6 +49,20 @@ def test_the_example_in_space_is_a_valid_robot() -> None:
     model = prepare(parse_robot(head + SPACE))
     assert not model.robot.planar
     assert [pulley.kind for pulley in model.robot.cables[0].pulleys] == ["sphere", "eyelet"]
+
+
+def test_the_example_of_parts_is_a_robot_with_the_cables_that_the_page_names() -> None:
+    model = prepare(parse_robot(f"name: hand\n{PARTS}"))
+    assert [cable.name for cable in model.robot.cables] == ["index_flexor", "thumb_flexor"]
+    assert "index_finger" in [frame.name for frame in model.robot.frames]
+    flexors = inspect_robot(model).cables
+    assert all(cable.moment_arm[c].low > 0.0 for c, cable in enumerate(flexors))
+    wrong = PARTS.replace("preload: 7.5", "preload: -7")
+    line = f"name: hand\n{wrong}".partition("with:")[0].count("\n") + 1
+    with pytest.raises(RobotFileError) as error:
+        parse_robot(f"name: hand\n{wrong}")
+    said = " ".join(TEXT.partition("line: `")[2].partition("`")[0].split())
+    assert str(error.value).startswith(re.sub("line [0-9]+", f"line {line}", said))
 
 
 MISTAKES = re.findall(
