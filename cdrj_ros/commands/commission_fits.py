@@ -44,6 +44,10 @@ from cdrj_ros.robot.writer import number_of_urdf
 FIT_SAMPLES: Final = 6000
 """Samples to which those of all recordings are thinned, if that leaves 100 per second."""
 
+MEAN_S: Final = 0.2
+"""Time over which estimates and references are averaged before they are compared [s]: longer than
+errors of readings last, shorter than a stroke."""
+
 FRICTION: Final = "friction."
 """Beginning of the paths of numbers of friction that apply to all cables without their own."""
 
@@ -211,8 +215,9 @@ def _fitted(
     there = {name for one in recordings for name in one.references}
     wanted = tuple(name for name in sorted(there) if name.startswith((EFFORT, TENSION)))
     settings = Settings(
-        wanted, weights="noise", coarse=True, samples=FIT_SAMPLES, compares_drums=True
-    )
+        wanted, weights="noise", mean_s=MEAN_S, coarse=True, samples=FIT_SAMPLES,
+        compares_drums=True,
+    )  # fmt: skip
     return identify(part.document, part.robot.source, unknowns, recordings, settings, say)
 
 

@@ -159,9 +159,14 @@ def sought(problem: Problem, paths: Collection[str]) -> Vector:
 
 
 def many_starts(
-    problem: Problem, count: int, seed: int, say: Progress, first: Vector
+    problem: Problem,
+    count: int,
+    seed: int,
+    say: Progress,
+    first: Vector,
+    variance: float | None = 1.0,
 ) -> tuple[Minimum, int]:
-    """Minimise from a first start and from random ones.
+    """Minimise from a first start and from random ones, with ``variance`` as of ``minimise``.
 
     Returns:
         The best minimum by (I9), and the number of starts that reached it.
@@ -171,7 +176,7 @@ def many_starts(
     for k, begin in enumerate(begins):
         if len(begins) > 1:
             say(f"start {k + 1} of {len(begins)}")
-        found.append(minimise(problem, begin, "linear", say, variance=1.0, settled=np.inf))
+        found.append(minimise(problem, begin, "linear", say, variance=variance, settled=np.inf))
     if len(found) == 1:
         return found[0], 1
     before = _before(problem)
@@ -224,6 +229,7 @@ def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progre
         problem.document, problem.source, problem.unknowns,
         [replace(one, drums_slip=True) for one in problem.observations], problem.pool,
     )  # fmt: skip
+    slipping.least_variance = problem.least_variance
     weights = robust_weights(problem, loss, problem.residuals(coordinates))
     # numbers fitted with the wrong drums can be far off: those of the file are another start
     slips = _fitted(slipping, (coordinates, np.zeros_like(coordinates)), weights, loss, say)
@@ -257,8 +263,9 @@ def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> Misfit:
     residuals = problem.residuals(coordinates)
     priors = prior_residuals(problem, coordinates)
     residuals = residuals * np.sqrt(weights)
+    trusted = independent_states(problem) * problem.least_variance
     return Misfit(
-        lasting_squares(problem, residuals), residuals[noise_stated(problem)],
+        max(lasting_squares(problem, residuals), trusted), residuals[noise_stated(problem)],
         float(priors @ priors), coordinates,
     )  # fmt: skip
 
@@ -282,14 +289,14 @@ def finding(slips: Misfit, holds: Misfit, independent: int) -> DrumFinding:
     """
     certainty = _log_likelihood(holds, independent) - _log_likelihood(slips, independent)
     ratio = slips.all_squares / holds.all_squares
-    if certainty > CERTAIN:
+    if certainty > CERTAIN and ratio > 1.0:
         times = f"{sqrt(ratio):.2g} times"
         return DrumFinding(
             "hold", f"cable that slips makes the residuals {times} as large",
             "The cable holds on its drums: if it slipped there, the residuals would be "
             f"{times} as large. The new file says drums: hold.",
         )  # fmt: skip
-    if certainty < -CERTAIN:
+    if certainty < -CERTAIN and ratio < 1.0:
         times = f"{sqrt(1.0 / ratio):.2g} times"
         return DrumFinding(
             "may_slip", f"cable that holds makes the residuals {times} as large",

@@ -37,6 +37,7 @@ from cdrj_ros.identification.observations import (
     samples_of,
 )
 from cdrj_ros.identification.problem import Problem, Progress, Rounds, Settings, check, sample_count
+from cdrj_ros.identification.reading_errors import reading_variance
 from cdrj_ros.identification.residual_statistics import Unexplained, unexplained
 from cdrj_ros.identification.solver import Minimum, minimise
 from cdrj_ros.identification.standard_errors import accuracy
@@ -144,17 +145,22 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         f"{sample_count(rough)} samples"
     )
     scout = rounds.problem(coarse=True, scout=SCOUT)
-    begin, starts = _search(scout, settings, say)
     last = rough
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
+    if settings.mean_s > 0.0:
+        least = reading_variance(rough, np.zeros(len(rounds.unknowns)))
+        for problem in (scout, rough, last):
+            problem.least_variance = least
+    begin, starts = _search(scout, settings, say)
+    if last is not rough:
         say(f"last round: all {sample_count(last)} samples")
     found = minimise(last, begin, loss, say, rough=rough)
     known = accuracy(rough, found)
     if known.variance > DISTRUST * found.variance and any(one.prior for one in rounds.unknowns):
         # what is known before would otherwise be given up for residuals that tell less
         say("fitting once more, with residuals that tell less")
-        last.least_variance = known.variance
+        rough.least_variance = last.least_variance = known.variance
         found = minimise(last, found.coordinates, loss, say, rough=rough)
         known = accuracy(rough, found)
     unsettled = _unsettled(last, found)
@@ -218,7 +224,9 @@ def _search(scout: Problem, settings: Settings, say: Progress) -> tuple[Vector, 
         Coordinates of the best fit, and a message about the starts if there were several.
     """
     first = sought(scout, settings.sought)
-    best, same = many_starts(scout, settings.starts, settings.seed, say, first)
+    # residuals in units of their noise do not leave the priors their weight
+    variance = 1.0 if settings.weights == "spread" else None
+    best, same = many_starts(scout, settings.starts, settings.seed, say, first, variance)
     # outliers bias the first fit, and a prior has its weight only if the residuals have theirs
     found = minimise(scout, best.coordinates, settings.loss, say)
     message = (_of_starts(settings.starts, same),) if settings.starts > 1 else ()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.foundation.arrays import Series, Stamps, Vector
+from cdrj_ros.foundation.arrays import Series, Stamps, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import EFFORT, Layout, channel_columns
 from cdrj_ros.model.prepared import Model
@@ -45,6 +45,22 @@ class Recorded:
     """Accuracy of the references that were read on a spring scale, by channel."""
 
 
+class Read(NamedTuple):
+    """Stamps at which estimates are compared with references, by single readings or by means."""
+
+    stamp_ns: Stamps
+    """[ns], shape (m,)."""
+    begin: NDArray[np.intp]
+    """Index of the first one of every mean, shape (n,); empty: each is compared by itself."""
+
+    def means(self, values: Table) -> Table:
+        """Of rows of values at all stamps, shape (m, columns) to (n, columns)."""
+        if not self.begin.size:
+            return values
+        count = np.diff(np.append(self.begin, len(values)))
+        return np.add.reduceat(values, self.begin, axis=0) / count[:, None]
+
+
 @dataclass(frozen=True)
 class Channel:
     """One fitted reference of one recording."""
@@ -58,10 +74,17 @@ class Channel:
     """[N] or [N m], shape (n,)."""
     sigma: float
     """Divisor of its residuals [N] or [N m]."""
+    read: Read
+    """Where the estimates are compared."""
     effort_scale: float = 1.0
     """The scale of published efforts that ``reference`` contains, of an axis' effort."""
     scale: ScaleReading | None = None
     """Accuracy of a spring scale that read them."""
+
+    @property
+    def averaged(self) -> bool:
+        """Whether each reference is a mean; ``sigma`` is then the noise of a mean."""
+        return self.read.begin.size > 0
 
     def reference_by(self, robot: Robot) -> Vector:
         """The reference as a robot reads it, whose preload or scale of efforts may be another."""
@@ -86,6 +109,8 @@ class Group:
     """Index of the sample at or after every reference, at least 1, shape (n,)."""
     share: Vector
     """Position between the sample before and that sample, from 0 to 1, shape (n,)."""
+    read: Read
+    """The stamps, which some means of them may stand for."""
 
 
 @dataclass(frozen=True)
@@ -111,14 +136,25 @@ class Observations:
         return sum(channel.reference.size for channel in self.channels)
 
 
+class Extent(NamedTuple):
+    """How much of a recording is compared."""
+
+    stride: int = 1
+    """Only every n-th sample is estimated."""
+    most_residuals: int = 10**12
+    """Largest number of residuals; successive readings are averaged to stay near or below it."""
+    settle_s: float = 0.0
+    """Time at the beginning that is excluded [s]."""
+    mean_s: float = 0.0
+    """Time over which estimates and references are averaged before they are compared [s]."""
+
+
 def observe(
     model: Model,
     recorded: Recorded,
     whole: Samples,
     sigmas: Mapping[str, float],
-    stride: int,
-    most_residuals: int,
-    settle_s: float,
+    extent: Extent,
     moving: bool,
 ) -> Observations:
     """A recording prepared for the fit.
@@ -128,16 +164,13 @@ def observe(
         recorded: the recording.
         whole: its conditioned samples.
         sigmas: divisor of the residuals of every fitted channel.
-        stride: only every n-th sample is estimated.
-        most_residuals: largest number of residuals; successive readings are averaged to stay near
-            or below it.
-        settle_s: time at the beginning that is excluded from the comparison [s].
+        extent: how much of it is compared.
         moving: whether the unknowns change the samples by more than a constant.
 
     Raises:
         UsageError: no reference lies within the samples.
     """
-    begin = int(whole.stamp_ns[0]) + round(settle_s * 1e9)
+    begin = int(whole.stamp_ns[0]) + round(extent.settle_s * 1e9)
     until = int(whole.stamp_ns[-1])
     columns = channel_columns(model.layout)
     inside: dict[int, _Chosen] = {}
@@ -150,44 +183,53 @@ def observe(
         finite = bool(np.isfinite(values).all())
         if not finite or key not in inside:
             ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
-            chosen = _Chosen(stamps, ok, most_residuals // len(names))
+            chosen = _Chosen(stamps, ok, extent.most_residuals // len(names), extent.mean_s)
             if finite:
                 inside[key] = chosen
         else:
             chosen = inside[key]
         effort_scale = model.robot.effort_scale.get(name.removeprefix(f"{EFFORT}/"), 1.0)
         scale = recorded.scales.get(name)
-        sigma = scale.noise if scale else sigmas[name]
-        mean = chosen.mean(values)
+        sigma = scale.noise if scale else sigmas[name] / chosen.root
         found.append(
-            Channel(name, columns[name], chosen.stamp_ns, mean, sigma, effort_scale, scale)
-        )
+            Channel(
+                name, columns[name], chosen.stamp_ns, chosen.mean(values), sigma, chosen.read,
+                effort_scale, scale,
+            )
+        )  # fmt: skip
     channels = tuple(channel for channel in found if channel.reference.size)
     if not channels:
         raise UsageError(f"{recorded.name}: no fitted reference lies within its samples")
     offsets = model.robot.offsets
     if moving:
-        return Observations(recorded, stride, None, offsets, channels)
-    samples = thinned(whole, stride)
+        return Observations(recorded, extent.stride, None, offsets, channels)
+    samples = thinned(whole, extent.stride)
     groups = groups_of(channels, samples.stamp_ns)
-    return Observations(recorded, stride, samples, offsets, channels, groups)
+    return Observations(recorded, extent.stride, samples, offsets, channels, groups)
 
 
 class _Chosen:
     """Readings that are fitted; where they are too many, means over equal steps of time."""
 
-    def __init__(self, stamps: Stamps, usable: NDArray[np.bool_], most: int) -> None:
+    def __init__(self, stamps: Stamps, usable: NDArray[np.bool_], most: int, mean_s: float) -> None:
         _, first = np.unique(stamps, return_index=True)
         self._at = first[usable[first]]
         own = stamps[self._at]
         self._label = np.arange(own.size)
-        if own.size > most:
+        width = round(1e9 * mean_s)
+        if own.size > most and not width:
             width = max(1, int(own[-1] - own[0]) // max(1, most))
-            self._label = np.unique((own - own[0]) // width, return_inverse=True)[1]
+        if width:
+            self._label = np.unique((own - own[:1]) // width, return_inverse=True)[1]
         self._count = np.bincount(self._label)
         since = (own - own[:1]).astype(np.float64)
         mean = np.bincount(self._label, since) / self._count
         self.stamp_ns: Stamps = own[:1] + np.round(mean).astype(np.int64)
+        begin = np.flatnonzero(np.diff(self._label, prepend=-1))
+        together = mean_s > 0.0 and begin.size < own.size
+        self.read = Read(own, begin) if together else Read(self.stamp_ns, begin[:0])
+        self.root = sqrt(float(np.median(self._count))) if together else 1.0
+        """Factor by which the white noise of a mean is smaller than that of a reading."""
 
     def mean(self, values: Vector) -> Vector:
         """Of the readings at every stamp."""
@@ -246,16 +288,17 @@ def groups_of(channels: Sequence[Channel], stamp_ns: Stamps) -> tuple[Group, ...
     """The channels by their stamps, placed between the samples at ``stamp_ns``."""
     members: dict[int, list[int]] = {}
     for k, channel in enumerate(channels):
-        members.setdefault(id(channel.stamp_ns), []).append(k)
+        members.setdefault(id(channel.read.stamp_ns), []).append(k)
     since = int(stamp_ns[0])
     own = (stamp_ns - since).astype(np.float64)
     groups = []
     for listed in members.values():
-        wanted = np.clip((channels[listed[0]].stamp_ns - since).astype(np.float64), own[0], own[-1])
+        read = channels[listed[0]].read
+        wanted = np.clip((read.stamp_ns - since).astype(np.float64), own[0], own[-1])
         right = np.clip(np.searchsorted(own, wanted), 1, own.size - 1)
         share = (wanted - own[right - 1]) / (own[right] - own[right - 1])
         columns = np.array([channels[k].column for k in listed])
-        groups.append(Group(tuple(listed), columns, right, share))
+        groups.append(Group(tuple(listed), columns, right, share, read))
     return tuple(groups)
 
 

@@ -18,6 +18,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import (
+    Extent,
     Observations,
     Recorded,
     Weights,
@@ -55,6 +56,9 @@ class Settings:
     """Seed of the random starts."""
     settle_s: float = 0.0
     """Time at the beginning of each recording that is excluded from the comparison [s]."""
+    mean_s: float = 0.0
+    """Time over which estimates and references are averaged before they are compared [s]; 0: each
+    reference is compared by itself."""
     coarse: bool = False
     """Whether to skip the last round, which uses all samples."""
     samples: int = 20_000
@@ -111,7 +115,7 @@ class Problem:
         """Model of the numbers in the document."""
         self.least_variance = 0.0
         """Variance of a residual below which the fit does not trust it, if all residuals were
-        independent."""
+        independent: by reading errors, (I11), or by what (I6) found."""
         self.evaluations = 0
         """Number of runs over all recordings so far."""
         self.pool = pool
@@ -223,9 +227,10 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
             share = group.share[first:end, None]
             estimates[first:end] = before + share * (after - before)
         block[0] = block[count]
+    means = [group.read.means(estimates) for group, estimates in zip(groups, found, strict=True)]
     columns = {
         k: estimates[:, at]
-        for group, estimates in zip(groups, found, strict=True)
+        for group, estimates in zip(groups, means, strict=True)
         for at, k in enumerate(group.members)
     }
     parts = [
@@ -269,16 +274,16 @@ class Rounds:
         """
         moving = changes_conditioning(path for one in self.unknowns for path in one.paths)
         total = sum(samples.stamp_ns.size for samples in self.samples)
-        wanted = self.settings.samples
+        most = MOST_RESIDUALS // (scout**3 * len(self.recordings))
+
+        def extent(one: Recorded) -> Extent:
+            stride = scout * _stride(one, total, self.settings.samples) if coarse else 1
+            return Extent(stride, most, self.settings.settle_s, self.settings.mean_s)
+
         observations = [
-            observe(
-                self.model, one, samples, self.sigmas,
-                scout * _stride(one, total, wanted) if coarse else 1,
-                MOST_RESIDUALS // (scout**3 * len(self.recordings)), self.settings.settle_s,
-                moving,
-            )
+            observe(self.model, one, samples, self.sigmas, extent(one), moving)
             for one, samples in zip(self.recordings, self.samples, strict=True)
-        ]  # fmt: skip
+        ]
         return Problem(self.document, self.source, self.unknowns, observations, self.pool)
 
 

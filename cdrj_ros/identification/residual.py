@@ -18,7 +18,7 @@ from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.identification.observations import Recorded, observe, samples_of
+from cdrj_ros.identification.observations import Extent, Recorded, observe, samples_of
 from cdrj_ros.identification.residual_statistics import ENOUGH, model_error
 from cdrj_ros.model.packing import TENSION
 from cdrj_ros.model.prepared import Model, prepare, shape_at
@@ -130,9 +130,8 @@ def _bags_of(
     estimates = ensemble.follow(samples, run(model, initial_state(model), samples)[1])
     assert estimates.stddev is not None
     observed = observe(
-        model, recorded, samples, dict.fromkeys(axes, 1.0), 1, samples.stamp_ns.size * 10**6,
-        settle_s, moving=False,
-    )  # fmt: skip
+        model, recorded, samples, dict.fromkeys(axes, 1.0), Extent(settle_s=settle_s), moving=False
+    )
     angles = np.hstack([samples.motor_angle, samples.joint_angle])
     dt = np.diff(samples.stamp_ns, prepend=samples.stamp_ns[:1]) * 1e-9
     columns = stddev_columns(model.layout).tolist()

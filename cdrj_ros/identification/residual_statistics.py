@@ -167,9 +167,14 @@ def white_variance(problem: Problem, residuals: Vector) -> float:
         problem: problem with the observations of the residuals.
         residuals: residuals with robust weights applied, shape (n,).
     """
-    recordings = _measured(problem, residuals)
-    size, whole = _size_and_squares(recordings)
-    noise = sum(white_power(part) for parts in recordings for part in parts)
+    size, whole = _size_and_squares(_measured(problem, residuals))
+    noise = 0.0
+    for observed, parts in zip(
+        problem.observations, _by_recording(problem, residuals), strict=True
+    ):
+        for channel, part in zip(observed.channels, parts, strict=True):
+            if channel.scale is None:  # that of means is known, and too few show it
+                noise += part.size if channel.averaged else white_power(part)
     return min(noise, whole) / size if size else 1.0
 
 
@@ -377,6 +382,7 @@ def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
     """
     parts: dict[str, list[Vector]] = {}
     noises: dict[str, list[Vector]] = {}
+    single: dict[str, list[Vector]] = {}
     for observed, split in zip(
         problem.observations, _by_recording(problem, residuals), strict=True
     ):
@@ -384,10 +390,12 @@ def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
             values = observed.recorded.references[channel.name].value
             finite = values[np.isfinite(values)]
             noise = channel.scale.noise if channel.scale else noise_of(finite)
+            own = channel.sigma if channel.averaged else noise
             parts.setdefault(channel.name, []).append(part * channel.sigma)
-            noises.setdefault(channel.name, []).append(np.full(part.size, noise))
+            single.setdefault(channel.name, []).append(np.full(part.size, noise))
+            noises.setdefault(channel.name, []).append(np.full(part.size, own))
     return {
-        name: Unexplained(_rms(own), _rms(noises[name]), model_error(own, noises[name]))
+        name: Unexplained(_rms(own), _rms(single[name]), model_error(own, noises[name]))
         for name, own in parts.items()
     }
 

@@ -116,7 +116,7 @@ def _covariance(
     places = Places(
         states_of_residuals(problem), cells_of_residuals(problem), visited_states(problem)
     )
-    noise = white_variance(problem, residuals)
+    noise = max(white_variance(problem, residuals), problem.least_variance)
     left = residual_variance(everything, places, variance, noise)
     square = slopes.T @ slopes
     fitted = np.linalg.inv(square / variance + np.diag(known))

@@ -13,6 +13,7 @@ from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import (
+    Extent,
     Observations,
     Recorded,
     noise_of,
@@ -62,10 +63,11 @@ def recorded() -> Recorded:
     )
 
 
-def observed(model: Model, recorded: Recorded, *, moving: bool = False) -> Observations:
-    return observe(
-        model, recorded, samples_of(model, recorded), SIGMAS, 1, 100_000, 0.0, moving=moving
-    )
+def observed(
+    model: Model, recorded: Recorded, mean_s: float = 0.0, *, moving: bool = False
+) -> Observations:
+    extent = Extent(mean_s=mean_s)
+    return observe(model, recorded, samples_of(model, recorded), SIGMAS, extent, moving=moving)
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 599, 600, 10_000])
@@ -144,3 +146,23 @@ def test_readings_that_rarely_leave_a_count_have_the_noise_of_their_quantisation
     slow = np.round(np.sin(np.linspace(0.0, 6.0, 3000)) / count) * count
     assert noise_of(slow) == pytest.approx(count / np.sqrt(12.0))
     assert noise_of(np.full(3000, 7.0)) < 1e-6
+
+
+def test_means_of_estimates_are_compared_with_means_of_references(
+    model: Model, recorded: Recorded
+) -> None:
+    single, means = (observed(model, recorded, seconds) for seconds in (0.0, 0.1))
+    parts = np.split(residuals_of_one(model, single), np.cumsum(_sizes(single))[:-1])
+    averaged = np.split(residuals_of_one(model, means), np.cumsum(_sizes(means))[:-1])
+    for channel, short, part, found in zip(
+        single.channels, means.channels, parts, averaged, strict=True
+    ):
+        label = (channel.stamp_ns - channel.stamp_ns[0]) // 100_000_000
+        wanted = np.bincount(label, part * channel.sigma) / np.bincount(label)
+        np.testing.assert_allclose(found * short.sigma, wanted, rtol=1e-9, atol=1e-9)
+        count = np.median(np.bincount(label))
+        assert short.sigma == pytest.approx(channel.sigma / np.sqrt(count))
+
+
+def _sizes(one: Observations) -> list[int]:
+    return [channel.reference.size for channel in one.channels]

@@ -1,0 +1,80 @@
+"""Counts of encoders in a fit: they make estimates noisy, which no fit may lower by soft cables."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import yaml
+from support.fingers import finger, hand
+
+from cdrj_ros.commands.commission_fits import PartFit, fit_parts
+from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.reading_errors import count_of, reading_error
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Sensor
+from cdrj_ros.simulation.drives import follow_joints
+from cdrj_ros.simulation.motion import random
+from cdrj_ros.simulation.truth import simulate
+
+RATE, SECONDS = 200.0, 30.0
+COUNT = 2.0 * np.pi / 4096
+
+
+def test_the_count_of_readings_is_found_where_there_is_one() -> None:
+    smooth = np.cumsum(np.random.default_rng(0).normal(0.0, 3e-3, 500))
+    assert count_of(np.round(smooth / COUNT) * COUNT) == pytest.approx(COUNT)
+    assert count_of(smooth) == 0.0
+    assert count_of(np.zeros(100)) == 0.0
+
+
+def test_a_reading_errs_by_its_count_and_its_noise_in_the_unit_of_the_axis() -> None:
+    sensor = Sensor(scale=-0.5, resolution=0.012, noise=0.003)
+    wanted = 0.5 * np.hypot(0.012 / np.sqrt(12.0), 0.003)
+    assert reading_error(sensor, np.zeros(3)) == pytest.approx(wanted)
+    assert reading_error(Sensor(), np.arange(9.0)) == pytest.approx(1.0 / np.sqrt(12.0))
+
+
+@cache
+def fitted_with(count: float) -> PartFit:
+    """A finger that is as its file says, moved at random, with joints read in counts [rad]."""
+    robot = hand(finger("a"))
+    time = np.arange(0.0, SECONDS, 1.0 / RATE)
+    angles = np.stack([random(0.4, 0.5, seed, 0.5)(time) for seed in (3, 4)], axis=1) + 0.5
+    motors = follow_joints(prepare(robot), angles).motor_angle
+    truth = simulate(robot, time, angles, motor_angle=motors, allow_slack=True)
+    stamps = 1_700_000_000_000_000_000 + np.round(time * 1e9).astype(np.int64)
+    noise = np.random.default_rng(5).normal(0.0, 0.008, truth.motor_effort.shape)
+
+    def series(names: list[str], table: np.ndarray) -> dict[str, Series]:
+        columns = np.ascontiguousarray(table.T)
+        return {name: Series(stamps, stamps, one) for name, one in zip(names, columns, strict=True)}
+
+    read = np.round(truth.joint_angle / count) * count
+    recorded = Recorded(
+        "motion",
+        series([one.name for one in robot.motors], truth.motor_angle),
+        series([one.name for one in robot.joints], read),
+        series([f"effort/{one.name}" for one in robot.motors], truth.motor_effort + noise),
+    )
+    text = yaml.safe_dump(dict(robot.document))
+    (fit,) = fit_parts(robot, text, [recorded], (), None)
+    return fit
+
+
+def test_counts_of_the_joints_make_no_cable_soft_and_no_drum_slip() -> None:
+    fit = fitted_with(COUNT)
+    off = dict(zip((one.name for one in fit.found.unknowns), fit.found.values, strict=True))
+    stiffness = [off[f"cables.a_{k}.axial_stiffness"] for k in range(2)]
+    assert np.abs(stiffness).max() < 1.5, off
+    assert sum(value**2 for value in off.values()) < 10.0
+    assert fit.found.drums is not None
+    assert "The cable slips" not in fit.found.drums.sentence
+
+
+def test_readings_in_counts_never_make_a_fit_surer_than_fine_ones() -> None:
+    coarse, fine = fitted_with(COUNT).found, fitted_with(1e-7).found
+    assert np.all(coarse.stddev > 0.9 * fine.stddev)
+    assert coarse.stddev.mean() > fine.stddev.mean()
