@@ -37,11 +37,20 @@ class JointStateDecoder:
             efforts: whether messages with efforts for only some of their names are malformed.
         """
 
-    def decode(self, payload: bytes) -> bool:
-        """Decode a message in plain CDR; False if it is malformed, which changes nothing."""
+    def decode(self, payload: bytes, arrival_ns: int = -1) -> bool:
+        """Decode a message in plain CDR; False if it is malformed, which changes nothing.
+
+        Args:
+            payload: the message.
+            arrival_ns: when it arrived [ns], which replaces a stamp of zero.
+        """
 
     @property
     def stamp_ns(self) -> int: ...
+    @property
+    def by_arrival(self) -> bool:
+        """Whether the stamp is the time of arrival, because the header's is zero."""
+
     @property
     def has_efforts(self) -> bool: ...
     @property
@@ -182,6 +191,8 @@ class Conditioner:
         stamp_ns: int,
         names: Sequence[str],
         positions: Sequence[float] | NDArray[np.float64],
+        arrival_ns: int = -1,
+        by_arrival: bool = False,
     ) -> list[tuple[Any, ...]]:
         """Take a message; returns the fields of every ``Sample`` that is now complete."""
 
@@ -190,6 +201,13 @@ class Conditioner:
 
     def refuse(self, cause: str) -> None:
         """Count a message that is refused whole, by a cause of ``refused``."""
+
+    def take_refused(self) -> dict[str, dict[str, float]]:
+        """Largest reading refused since the last call, by axis and cause.
+
+        It is the time by which it is late (negative) or ahead of the last accepted one [s], the
+        angle where it is out of range [rad], the speed that an implausible one needs [rad/s], or 0.
+        """
 
     def reset(self, keep_turns: bool = False) -> None:
         """Forget all readings; the counters stay.
@@ -233,6 +251,10 @@ class Conditioner:
     @property
     def unheard(self) -> list[str]: ...
     @property
+    def ahead(self) -> dict[str, int]:
+        """Stamp of the last reading, less its time of arrival if that is known [ns], by name."""
+
+    @property
     def displaced(self) -> dict[str, float]: ...
     @property
     def alternating(self) -> list[str]: ...
@@ -257,7 +279,7 @@ class Recording:
         self,
         conditioner: Conditioner,
         series: Sequence[
-            tuple[Topic, str, NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+            tuple[Topic, str, NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], bool]
         ],
     ) -> None:
         """Prepare.

@@ -57,6 +57,8 @@ def body(argv: Sequence[str]) -> int:
 
     model = load_model(arguments.robot, arguments.preload)
     recording = read_inputs(arguments.bag, topics_of(arguments), model)
+    for note in recording.notes:
+        say(f"note: {arguments.bag}: {note}")
     conditioned = condition_recording(model, recording)
     with ProgressBar("estimating", 1.0) as report:
         estimates = recorded_estimates(model, recording, conditioned, report)

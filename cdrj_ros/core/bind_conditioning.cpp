@@ -7,6 +7,7 @@
 
 #include "bind.hpp"
 #include "conditioner.hpp"
+#include "recording.hpp"
 
 namespace cdrj {
 namespace {
@@ -62,13 +63,27 @@ nb::list list_of(const std::vector<Sample>& samples, std::size_t motors) {
 
 nb::list feed(
     Conditioner& conditioner, Topic topic, Nanoseconds stamp_ns, const nb::sequence& names,
-    const std::vector<double>& positions) {
-    const auto samples = conditioner.take(stamp_ns, targets_of(conditioner, topic, names), positions);
+    const std::vector<double>& positions, Nanoseconds arrival_ns, bool by_arrival) {
+    const auto samples = conditioner.take(
+        stamp_ns, targets_of(conditioner, topic, names), positions, {arrival_ns, by_arrival});
     return list_of(samples, conditioner.motors());
 }
 
 nb::list feed_message(Conditioner& conditioner, Topic topic, const JointStateDecoder& decoder) {
     return list_of(conditioner.take(topic, decoder.last()), conditioner.motors());
+}
+
+nb::dict take_refused(Conditioner& conditioner) {
+    nb::dict found;
+    const std::vector<Conditioner::Sizes> sizes = conditioner.take_refused();
+    for (std::size_t k = 0; k < sizes.size(); ++k) {
+        nb::dict of_axis;
+        for (std::size_t c = 0; c < CAUSES; ++c) {
+            if (!std::isnan(sizes[k][c])) of_axis[nb::str(CAUSE_NAMES[c].data())] = sizes[k][c];
+        }
+        if (of_axis.size() > 0) found[conditioner.axes()[k].name.c_str()] = of_axis;
+    }
+    return found;
 }
 
 nb::dict refused(const Conditioner& conditioner) {
@@ -145,7 +160,8 @@ nb::tuple tuple_of(const Samples& samples, Index motors, Index joints) {
 /// A recording, with the arrays that it reads.
 class HeldRecording {
 public:
-    using GivenSeries = std::tuple<Topic, std::string, GivenIntegers, GivenIntegers, Given>;
+    using GivenSeries =
+        std::tuple<Topic, std::string, GivenIntegers, GivenIntegers, Given, bool>;
 
     HeldRecording(Conditioner& conditioner, std::vector<GivenSeries> given)
         : given_(std::move(given)), conditioner_(conditioner), recording_(conditioner, series()) {}
@@ -171,13 +187,13 @@ public:
 private:
     std::vector<Series> series() const {
         std::vector<Series> found;
-        for (const auto& [topic, name, stamp_ns, arrival_ns, value] : given_) {
+        for (const auto& [topic, name, stamp_ns, arrival_ns, value, by_arrival] : given_) {
             require(
                 stamp_ns.size() == value.size() && arrival_ns.size() == value.size(),
                 "a series needs as many stamps and arrivals as values");
             found.push_back(
                 {conditioner_.find(topic, name), span_of(stamp_ns),
-                 span_of(arrival_ns), span_of(value)});
+                 span_of(arrival_ns), span_of(value), by_arrival});
         }
         return found;
     }
@@ -230,9 +246,11 @@ void bind_conditioner(nb::module_& core) {
         .def(
             nb::init<std::vector<Axis>, std::size_t, bool, Nanoseconds>(),
             "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a)
-        .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a)
+        .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a,
+             "arrival_ns"_a = NEVER_NS, "by_arrival"_a = false)
         .def("feed_message", &feed_message, "topic"_a.noconvert(), "message"_a)
         .def("refuse", &refuse, "cause"_a)
+        .def("take_refused", &take_refused)
         .def("reset", &Conditioner::reset, "keep_turns"_a = false)
         .def("remembered", &memory)
         .def("remember", &recall, "rows"_a, "stepped"_a)
@@ -248,6 +266,12 @@ void bind_conditioner(nb::module_& core) {
         .def_prop_ro("lag_ns", [](const Conditioner& c) { return c.time_line().lag_ns; })
         .def_prop_ro("unheard", [](const Conditioner& c) {
             return names_where(c, [](const Channel& channel) { return channel.last_ns < 0; });
+        })
+        .def_prop_ro("ahead", [](const Conditioner& c) {
+            return by_name(c, [](const Channel& channel) -> nb::object {
+                if (!channel.ahead_ns) return nb::none();
+                return nb::int_(*channel.ahead_ns);
+            });
         })
         .def_prop_ro("displaced", [](const Conditioner& c) {
             return by_name(c, [](const Channel& channel) -> nb::object {

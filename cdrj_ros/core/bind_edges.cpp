@@ -161,12 +161,14 @@ void bind_messages(nb::module_& core) {
         .def(nb::init<bool>(), "efforts"_a = false)
         .def(
             "decode",
-            [](JointStateDecoder& decoder, const nb::bytes& payload) {
-                return decoder.decode({payload.c_str(), payload.size()});
+            [](JointStateDecoder& decoder, const nb::bytes& payload, Nanoseconds arrival_ns) {
+                return decoder.decode({payload.c_str(), payload.size()}, arrival_ns);
             },
-            "payload"_a)
+            "payload"_a, "arrival_ns"_a = NEVER_NS)
         .def_prop_ro(
             "stamp_ns", [](const JointStateDecoder& d) { return d.last().stamp_ns; })
+        .def_prop_ro(
+            "by_arrival", [](const JointStateDecoder& d) { return d.last().arrival.is_stamp; })
         .def_prop_ro(
             "has_efforts", [](const JointStateDecoder& d) { return !d.last().efforts.empty(); })
         .def_prop_ro(

@@ -15,6 +15,8 @@ constexpr std::size_t RECENT = 1000;       // readings kept for it at most
 constexpr int STRAGGLERS = 100;            // that a channel may deliver after a jump back
 constexpr Nanoseconds LAG_WINDOW_NS = 500'000'000;     // shortest window over which a lag is taken
 constexpr int LAG_READINGS = 8;            // fewest readings in one
+constexpr double ARRIVAL = 1e-3;           // standard deviation of even times of arrival [s]
+constexpr double UNEVEN_FADES = 10.0;      // time constant [s], that of (C2)
 constexpr double FINER = 0.22;             // logarithm of 1.25
 
 /// The next of few values, each a quarter above the one before, so that changes are few.
@@ -52,6 +54,7 @@ void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
     other.newest_ns = stamp_ns;
     other.is_new = true;
     if (last_ns_ < 0) return;
+    if (stamp_ns == last_ns_) ++other.shared;
     other.least_ns = std::min(other.least_ns, std::max<Nanoseconds>(stamp_ns - last_ns_, 0));
 }
 
@@ -59,12 +62,14 @@ void Lag::take(Nanoseconds stamp_ns) {
     last_ns_ = stamp_ns;
     ++count_;
     Nanoseconds newest_ns = -1, most = 0;
+    bool differs = false;
     for (Other& other : others_) {
         if (other.newest_ns < 0) continue;  // this axis, or a silent one
         newest_ns = std::max(newest_ns, other.newest_ns);
         if (std::exchange(other.is_new, false) && other.newest_ns == stamp_ns) ++other.shared;
         const bool one_clock = 2 * other.shared >= count_;
         const bool met = other.least_ns != EVER_NS;
+        differs = differs || !one_clock;
         most = std::max(most, one_clock ? 0 : met ? other.least_ns : most_ns);
     }
     if (newest_ns < 0) return;
@@ -72,10 +77,14 @@ void Lag::take(Nanoseconds stamp_ns) {
     if (begin_ns_ < 0) begin_ns_ = stamp_ns;
     least_ns_ = std::min(least_ns_, behind_ns);
     lag_ns = first_ns_ < 0 ? least_ns_ : std::min(lag_ns, behind_ns);
-    if (first_ns_ < 0) most_ns = most;
+    if (first_ns_ < 0) {
+        most_ns = most;
+        apart = differs;
+    }
     if (count_ < LAG_READINGS || stamp_ns - begin_ns_ < LAG_WINDOW_NS) return;
     lag_ns = least_ns_;
     most_ns = most;
+    apart = differs;
     if (first_ns_ < 0) {
         first_ns_ = stamp_ns;
         first_lag_ns_ = lag_ns;
@@ -87,6 +96,20 @@ void Lag::take(Nanoseconds stamp_ns) {
     least_ns_ = EVER_NS;
     for (Other& other : others_) other = {other.newest_ns};
     count_ = 0;
+}
+
+void Arrivals::take(Nanoseconds arrival_ns) {
+    const Nanoseconds interval_ns = last_ns_ < 0 ? -1 : arrival_ns - last_ns_;
+    last_ns_ = arrival_ns;
+    if (interval_ns < 0 || interval_ns > MAX_GAP_NS) return;
+    const Nanoseconds before_ns = std::exchange(interval_ns_, interval_ns);
+    if (before_ns < 0) return;
+    const double difference = std::abs(interval_ns - before_ns) * 1e-9;
+    uneven_ = std::max(difference, uneven_ * std::exp(-interval_ns * 1e-9 / UNEVEN_FADES));
+}
+
+double Arrivals::stddev() const {
+    return last_ns_ < 0 ? 0.0 : std::hypot(ARRIVAL, DEVIATION * uneven_);
 }
 
 Channel::Channel(const Axis& axis) {
@@ -243,7 +266,8 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
 }
 
 Offset Channel::offset(const Axis& axis) {
-    const double clock = std::hypot(DEVIATION * lag.most_ns * 1e-9, axis.clock_stddev);
+    const double stamps = std::hypot(DEVIATION * lag.most_ns * 1e-9, axis.clock_stddev);
+    const double clock = lag.apart ? std::hypot(stamps, arrivals.stddev()) : stamps;
     const Offset now{steps.offset(motion), clock * motion.fastest, clock * motion.range()};
     if (now != exact_) {
         exact_ = now;

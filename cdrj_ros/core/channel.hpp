@@ -78,6 +78,7 @@ struct Lag {
     Nanoseconds lag_ns = 0;  // in the last complete window, or less since; in the first one so far
     double growth = 0.0;     // of the lag since the first window, per time
     Nanoseconds most_ns = 0;  // by how much the axis's clock may be behind others, D of (C10)
+    bool apart = false;       // whether another axis is in other messages
 
     /// Takes the stamp of a reading of another axis.
     void meet(std::size_t axis, Nanoseconds stamp_ns);
@@ -102,6 +103,21 @@ private:
     int count_ = 0;                   // readings of this axis in it
     Nanoseconds first_ns_ = -1;       // end of the first window; -1 before it
     Nanoseconds first_lag_ns_ = 0;    // in that window
+};
+
+/// How uneven the times of arrival are that replace stamps of zero, (C14) of docs/conditioning.md.
+class Arrivals {
+public:
+    /// Takes the time of arrival of a reading without stamp.
+    void take(Nanoseconds arrival_ns);
+
+    /// Standard deviation of these times as stamps [s]; 0 where every reading had a stamp.
+    double stddev() const;
+
+private:
+    Nanoseconds last_ns_ = -1;      // the last one
+    Nanoseconds interval_ns_ = -1;  // before it
+    double uneven_ = 0.0;           // greatest difference of two intervals, which fades [s]
 };
 
 /// Gate of one channel, with the readings that wait for other channels.
@@ -184,6 +200,8 @@ public:
     std::vector<Raw> held;        // readings after a possible jump of the clock
     double resumed = 0.0;         // curvature since the last sample of an earlier run [rad/ns^2]
     Lag lag;
+    Arrivals arrivals;
+    std::optional<Nanoseconds> ahead_ns;  // stamp of the last reading, less its time of arrival
     StepDetector steps;
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace cdrj {
@@ -10,6 +11,7 @@ Conditioner::Conditioner(
     std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns)
     : axes_(std::move(axes)), motors_(motors), time_line_(predict, horizon_ns) {
     for (std::size_t k = 0; k < axes_.size(); ++k) index_.emplace(axes_[k].name, k);
+    take_refused();
     begin();
 }
 
@@ -27,7 +29,8 @@ Conditioner::Target Conditioner::find(Topic topic, std::string_view name) const 
 }
 
 std::vector<Sample> Conditioner::take(
-    Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions) {
+    Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions,
+    Arrival arrival) {
     if (targets.size() != positions.size()) {
         refuse(Cause::malformed);
         return {};
@@ -47,7 +50,7 @@ std::vector<Sample> Conditioner::take(
             ++elsewhere;
         } else if (targets[i] == UNKNOWN) {
             refuse(Cause::unknown_name);
-        } else if (admit(static_cast<std::size_t>(targets[i]), stamp_ns, positions[i])) {
+        } else if (admit(static_cast<std::size_t>(targets[i]), stamp_ns, positions[i], arrival)) {
             news = true;
         }
     }
@@ -56,16 +59,18 @@ std::vector<Sample> Conditioner::take(
 }
 
 std::vector<Sample> Conditioner::take(Topic topic, const JointState& message) {
+    if (message.positions.empty() && !message.names.empty()) return {};
     targets_.clear();
     for (const std::string& name : message.names) targets_.push_back(find(topic, name));
-    return take(message.stamp_ns, targets_, message.positions);
+    return take(message.stamp_ns, targets_, message.positions, message.arrival);
 }
 
 /// Applies the gate; true if the reading, or a held one before it, joined the channel.
-bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
+bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arrival arrival) {
     const Axis& axis = axes_[k];
     Channel& channel = channels_[k];
     const Raw raw{stamp_ns + axis.clock_offset_ns, reading};
+    if (arrival.at_ns >= 0) channel.ahead_ns = raw.stamp_ns - arrival.at_ns;
     Cause cause = Cause::none;
     if (!std::isfinite(reading)) {
         cause = Cause::not_finite;
@@ -86,15 +91,16 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading) {
         }
     }
     if (cause != Cause::none) {
-        refuse(cause);
+        refuse(k, cause, raw);
         if (cause == Cause::implausible) channel.note_implausible(axis, raw);
         return false;
     }
-    drop_held(channel);
+    drop_held(k);
     for (Channel& other : channels_) {
         if (&other != &channel) other.lag.meet(k, raw.stamp_ns);
     }
     channel.lag.take(raw.stamp_ns);
+    if (arrival.is_stamp) channel.arrivals.take(raw.stamp_ns);
     return judge(k, raw);
 }
 
@@ -187,10 +193,34 @@ void Conditioner::drop_off(Channel& channel) {
     channel.off.reset();
 }
 
+/// Refuses a reading and notes its size.
+void Conditioner::refuse(std::size_t k, Cause cause, Raw raw) {
+    refuse(cause);
+    const Channel& channel = channels_[k];
+    const double ahead = (raw.stamp_ns - channel.last_ns) * 1e-9;
+    double size = 0.0;
+    if (cause == Cause::late || cause == Cause::future) {
+        size = channel.last_ns >= 0 ? ahead : 0.0;
+    } else if (cause == Cause::out_of_range || cause == Cause::implausible) {
+        const bool countable = std::abs(raw.reading) <= LARGEST;
+        size = countable ? channel.unwrap(axes_[k], raw.reading).angle : raw.reading;
+        if (cause == Cause::implausible) size = ahead > 0.0 ? (size - channel.last) / ahead : 0.0;
+    }
+    double& most = sizes_[k][static_cast<std::size_t>(cause)];
+    if (!(std::abs(size) <= std::abs(most))) most = size;
+}
+
+std::vector<Conditioner::Sizes> Conditioner::take_refused() {
+    Sizes none;
+    none.fill(std::numeric_limits<double>::quiet_NaN());
+    return std::exchange(sizes_, std::vector<Sizes>(axes_.size(), none));
+}
+
 /// Refuses the held readings: the clock did not jump.
-void Conditioner::drop_held(Channel& channel) {
+void Conditioner::drop_held(std::size_t k) {
+    Channel& channel = channels_[k];
     for (const Raw& raw : channel.held) {
-        refuse(raw.stamp_ns > channel.last_ns ? Cause::future : Cause::late);
+        refuse(k, raw.stamp_ns > channel.last_ns ? Cause::future : Cause::late, raw);
     }
     channel.held.clear();
 }
@@ -198,7 +228,7 @@ void Conditioner::drop_held(Channel& channel) {
 /// Holds a reading with a distant stamp; uses all held ones once enough have followed.
 bool Conditioner::hold(std::size_t k, Raw raw) {
     Channel& channel = channels_[k];
-    if (!channel.held.empty() && !channel.follows(raw.stamp_ns)) drop_held(channel);
+    if (!channel.held.empty() && !channel.follows(raw.stamp_ns)) drop_held(k);
     channel.held.push_back(raw);
     const bool regular = channel.is_regular();
     if (channel.held.size() < CONFIRMATIONS && !regular) return false;
@@ -227,7 +257,7 @@ bool Conditioner::append_held(std::size_t k, std::span<const Raw> confirmed) {
             append(k, raw, channels_[k].last_ns, false);
             continue;
         }
-        refuse(complaint);
+        refuse(k, complaint, raw);
         if (complaint == Cause::implausible) channels_[k].note_implausible(axes_[k], raw);
     }
     return accepted > before;
@@ -238,11 +268,12 @@ bool Conditioner::append_held(std::size_t k, std::span<const Raw> confirmed) {
 /// Returns whether a reading of `k` is accepted.
 bool Conditioner::jump_back(std::size_t k) {
     ++clock_jumps;
-    for (Channel& channel : channels_) {
+    for (std::size_t i = 0; i < channels_.size(); ++i) {
+        Channel& channel = channels_[i];
         drop_off(channel);
         const bool of_the_new_time =
             !channel.held.empty() && channel.held.front().stamp_ns < channel.last_ns;
-        if (!of_the_new_time) drop_held(channel);
+        if (!of_the_new_time) drop_held(i);
     }
     const std::vector<Raw> confirmed = std::exchange(channels_[k].held, {});
     const std::vector<Channel> before = std::exchange(channels_, {});
@@ -255,9 +286,9 @@ bool Conditioner::jump_back(std::size_t k) {
 }
 
 void Conditioner::reset(bool keep_turns) {
-    for (Channel& channel : channels_) {
-        drop_held(channel);
-        drop_off(channel);
+    for (std::size_t k = 0; k < channels_.size(); ++k) {
+        drop_held(k);
+        drop_off(channels_[k]);
     }
     const std::vector<Channel> before = std::exchange(channels_, {});
     begin();
@@ -300,70 +331,6 @@ void Conditioner::expect(std::span<const double> angles, Nanoseconds stamp_ns) {
 void Conditioner::set_tracking(std::vector<Axis> axes) {
     axes_ = std::move(axes);
     for (Channel& channel : channels_) channel.filter = {};
-}
-
-// -------------------------------------------------------------------------------------------------
-// Recordings
-
-namespace {
-
-void append(Samples& samples, const Sample& sample, std::size_t motors) {
-    const std::size_t row = samples.stamp_ns.size();
-    const auto joints = sample.angle.begin() + static_cast<std::ptrdiff_t>(motors);
-    samples.stamp_ns.push_back(sample.stamp_ns);
-    samples.motor.insert(samples.motor.end(), sample.angle.begin(), joints);
-    samples.joint.insert(samples.joint.end(), joints, sample.angle.end());
-    if (!sample.unseen.empty()) {
-        samples.unseen_rows.push_back(row);
-        samples.unseen.insert(samples.unseen.end(), sample.unseen.begin(), sample.unseen.end());
-    }
-    if (!sample.offset.empty()) {
-        samples.offset_rows.push_back(row);
-        samples.offset.insert(samples.offset.end(), sample.offset.begin(), sample.offset.end());
-    }
-    if (sample.doubtful) samples.doubtful.push_back(row);
-}
-
-}  // namespace
-
-Recording::Recording(Conditioner& conditioner, std::vector<Series> series)
-    : conditioner_(conditioner), series_(std::move(series)), taken_(series_.size(), 0) {}
-
-/// The series whose next reading arrived first; their number where there is none.
-std::size_t Recording::next() const {
-    std::size_t first = series_.size();
-    Nanoseconds earliest_ns = 0;
-    for (std::size_t s = 0; s < series_.size(); ++s) {
-        if (taken_[s] == series_[s].arrival_ns.size()) continue;
-        const Nanoseconds arrival_ns = series_[s].arrival_ns[taken_[s]];
-        if (first == series_.size() || arrival_ns < earliest_ns) {
-            first = s;
-            earliest_ns = arrival_ns;
-        }
-    }
-    return first;
-}
-
-bool Recording::is_over() const {
-    return next() == series_.size();
-}
-
-std::vector<Samples> Recording::advance(std::size_t most) {
-    std::vector<Samples> pieces(1);
-    for (; most > 0; --most) {
-        const std::size_t s = next();
-        if (s == series_.size()) break;
-        const Series& one = series_[s];
-        const std::size_t i = taken_[s]++;
-        const std::int64_t jumps = conditioner_.clock_jumps;
-        const std::vector<Sample> samples = conditioner_.take(
-            one.stamp_ns[i], std::span(&one.target, 1), one.value.subspan(i, 1));
-        if (conditioner_.clock_jumps != jumps) pieces.push_back({.after_jump = true});
-        for (const Sample& sample : samples) {
-            append(pieces.back(), sample, conditioner_.motors());
-        }
-    }
-    return pieces;
 }
 
 // -------------------------------------------------------------------------------------------------

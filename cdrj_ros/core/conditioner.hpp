@@ -1,8 +1,8 @@
 // Conditioning of one robot's messages: gates that check the readings, then the common time line.
 //
 // Every motor and joint is a channel with a gate of its own. Messages of the robot are taken here;
-// readings that pass their gates go on to the time line, which makes samples of them. A recording
-// takes the same way, reading by reading. See docs/conditioning.md.
+// readings that pass their gates go on to the time line, which makes samples of them. See
+// docs/conditioning.md.
 #pragma once
 
 #include <array>
@@ -48,9 +48,11 @@ public:
 
     /// Takes a message, one target per position; returns the samples that are now complete.
     std::vector<Sample> take(
-        Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions);
+        Nanoseconds stamp_ns, std::span<const Target> targets, std::span<const double> positions,
+        Arrival arrival = {});
 
-    /// Takes a message of a topic; returns the samples that are now complete.
+    /// Takes a message of a topic; returns the samples that are now complete. A message without
+    /// positions has no readings.
     std::vector<Sample> take(Topic topic, const JointState& message);
 
     /// Counts a message that is refused whole, or a reading.
@@ -79,6 +81,13 @@ public:
     const TimeLine& time_line() const { return time_line_; }
     const std::array<std::int64_t, CAUSES>& refused() const { return refused_; }
 
+    /// The largest reading refused for each cause since the last call, axis by axis.
+    ///
+    /// Its size is by how much it is late or ahead of the last one accepted [s], its angle where it is
+    /// out of range [rad], or the speed that it would need [rad/s]; NaN where the axis had none.
+    using Sizes = std::array<double, CAUSES>;
+    std::vector<Sizes> take_refused();
+
     std::int64_t accepted = 0;     // readings
     std::int64_t elsewhere = 0;    // readings ignored
     std::int64_t clock_jumps = 0;  // times that the clock went back and conditioning restarted
@@ -87,12 +96,13 @@ public:
 
 private:
     void begin();
-    bool admit(std::size_t k, Nanoseconds stamp_ns, double reading);
+    bool admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arrival arrival);
     bool judge(std::size_t k, Raw raw);
     void note_stuck(Channel& channel);
     LeastMotion shown_by_others(std::size_t k, Nanoseconds stamp_ns) const;
     void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
-    void drop_held(Channel& channel);
+    void refuse(std::size_t k, Cause cause, Raw raw);
+    void drop_held(std::size_t k);
     void drop_off(Channel& channel);
     bool hold(std::size_t k, Raw raw);
     bool append_held(std::size_t k, std::span<const Raw> confirmed);
@@ -104,49 +114,8 @@ private:
     std::vector<Channel> channels_;
     TimeLine time_line_;
     std::array<std::int64_t, CAUSES> refused_{};
+    std::vector<Sizes> sizes_;     // see `take_refused`
     std::vector<Target> targets_;  // of the message that is being taken
-};
-
-/// Readings of one name on one topic; all three have one entry per reading.
-struct Series {
-    Conditioner::Target target;                // where the name belongs
-    std::span<const Nanoseconds> stamp_ns;
-    std::span<const Nanoseconds> arrival_ns;   // never decreasing
-    std::span<const double> value;
-};
-
-/// Consecutive samples, as columns; n is their number.
-struct Samples {
-    bool after_jump = false;            // whether the clock went back before them
-    std::vector<Nanoseconds> stamp_ns{};
-    std::vector<double> motor{};        // angles, (n, motors)
-    std::vector<double> joint{};        // angles, (n, joints)
-    std::vector<std::size_t> unseen_rows{};  // the samples whose `unseen` is not empty
-    std::vector<double> unseen{};            // these, (len(unseen_rows), 2, axes)
-    std::vector<std::size_t> offset_rows{};  // the samples whose `offset` is not empty
-    std::vector<double> offset{};            // these, (len(offset_rows), 3, axes)
-    std::vector<std::size_t> doubtful{};     // the doubtful samples
-};
-
-/// Feeds the readings of a recording to a conditioner, one by one in their order of arrival.
-class Recording {
-public:
-    Recording(Conditioner& conditioner, std::vector<Series> series);
-
-    /// Whether all readings have been taken.
-    bool is_over() const;
-
-    /// Takes the next readings, `most` at most; at equal times those of the first series first.
-    ///
-    /// Returns the samples that they complete: one piece, and a further one after every jump back.
-    std::vector<Samples> advance(std::size_t most);
-
-private:
-    std::size_t next() const;
-
-    Conditioner& conditioner_;
-    std::vector<Series> series_;
-    std::vector<std::size_t> taken_;  // readings of every series
 };
 
 /// The angles that readings of an axis mean, whether or not they are acceptable.

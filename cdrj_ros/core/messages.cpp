@@ -125,16 +125,20 @@ void require_inside(const std::string& message, std::size_t offset, std::size_t 
 
 }  // namespace
 
-bool JointStateDecoder::decode(std::string_view payload) {
+bool JointStateDecoder::decode(std::string_view payload, Nanoseconds arrival_ns) {
     Reader reader(payload);
     const Nanoseconds seconds = reader.number<std::int32_t>();
     next_.stamp_ns = seconds * 1'000'000'000 + reader.number<std::uint32_t>();
+    next_.arrival = {arrival_ns, next_.stamp_ns == 0};
+    if (next_.arrival.is_stamp) next_.stamp_ns = arrival_ns;
     reader.text();  // the frame
     reader.texts(next_.names);
     reader.numbers(next_.positions);
     reader.numbers(next_.efforts);  // the velocities, which are not used
     reader.numbers(next_.efforts);
-    if (!reader.fits() || next_.names.size() != next_.positions.size()) return false;
+    const bool per_name =
+        next_.positions.empty() || next_.positions.size() == next_.names.size();
+    if (!reader.fits() || !per_name) return false;
     const bool some = !next_.efforts.empty() && next_.efforts.size() != next_.names.size();
     if (efforts_ && some) return false;
     std::swap(last_, next_);

@@ -15,8 +15,9 @@ namespace cdrj {
 /// What a JointState says, apart from its frame and velocities.
 struct JointState {
     Nanoseconds stamp_ns = 0;
+    Arrival arrival{};
     std::vector<std::string> names{};
-    std::vector<double> positions{};  // one per name
+    std::vector<double> positions{};  // one per name, or none
     std::vector<double> efforts{};
 };
 
@@ -26,8 +27,10 @@ public:
     /// efforts: whether messages with efforts for only some of their names are malformed.
     explicit JointStateDecoder(bool efforts) : efforts_(efforts) {}
 
-    /// Decodes a message; false if it is malformed, which leaves `last` as it is.
-    bool decode(std::string_view payload);
+    /// Decodes a message that arrived at `arrival_ns`, which replaces a stamp of zero.
+    ///
+    /// Returns false if it is malformed, which leaves `last` as it is.
+    bool decode(std::string_view payload, Nanoseconds arrival_ns);
 
     /// The last message that was not malformed.
     const JointState& last() const { return last_; }

@@ -76,6 +76,12 @@ struct Axis {
     double start = 0.0;                 // an ambiguous first reading means the angle nearest to it
 };
 
+/// When a message arrived.
+struct Arrival {
+    Nanoseconds at_ns = NEVER_NS;  // NEVER_NS where nobody knows
+    bool is_stamp = false;         // whether it replaces the stamp, because the header's is zero
+};
+
 /// Angles of all motors, then all joints, at one time.
 struct Sample {
     Nanoseconds stamp_ns = 0;

@@ -8,7 +8,7 @@ of a whole recording take the way of single messages.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot, isfinite, sqrt
 from typing import Any, Final, Literal, NamedTuple, get_args
 
@@ -20,6 +20,7 @@ from cdrj_ros._core import Axis
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
 from cdrj_ros.estimation.model_error import stiffness
+from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
@@ -116,24 +117,6 @@ def axis_of(
     )
 
 
-REFUSALS: Final[Mapping[str, str]] = {
-    "malformed": "message refused whole: not as many positions as names, or not decodable",
-    "empty": "message without a name",
-    "unstamped": "message with a stamp that is not after zero",
-    "unknown_name": "name that the robot file does not have",
-    "not_finite": "NaN or infinite position",
-    "repeated": "stamp equal to the last one accepted",
-    "late": "stamp before the last one accepted, or before the clock's zero",
-    "future": "stamp too far ahead and not confirmed by later readings, or never valid",
-    "out_of_range": "joint angle outside its range",
-    "implausible": "further from the last reading than max_speed allows, or than any angle",
-}
-"""Causes for which a reading is refused, and their meaning."""
-
-WHOLE: Final = ("malformed", "empty", "unstamped")
-"""Causes for which a message is refused whole and counted once, however many names it has."""
-
-
 LEAST_STEP: Final = 4.0
 """Smallest step that is found at any rate, by the greatest error of a reading, (C7)."""
 
@@ -213,13 +196,14 @@ HORIZON_NS: Final = 20_000_000
 class Conditioner(_core.Conditioner):
     """Gates and time line of one robot: takes messages, returns samples.
 
-    Its counters are ``refused`` (readings by a cause of ``REFUSALS``; for those of ``WHOLE``,
-    messages), ``accepted`` and ``elsewhere`` (joints in a message of motors, for example),
-    ``clock_jumps`` (the clock went back and conditioning restarted), ``gaps`` (a channel was silent
-    for too long), ``steps`` (of sensors: the readings moved further than the axis can, and stayed)
-    and ``crowded`` (accepted readings that waited too long for another channel).  ``held`` readings
-    wait until it is known whether the clock has jumped, ``unheard`` are the names without an
-    accepted reading since the last reset, ``displaced`` has the sum of the steps [rad] of every
+    Its counters are ``refused`` (readings by a cause of ``refusals.REFUSALS``; for those of
+    ``WHOLE``, messages), ``accepted`` and ``elsewhere`` (joints in a message of motors, for
+    example), ``clock_jumps`` (the clock went back and conditioning restarted), ``gaps`` (a channel
+    was silent for too long), ``steps`` (of sensors: the readings moved further than the axis can,
+    and stayed) and ``crowded`` (accepted readings that waited too long for another channel).
+    ``held`` readings wait until it is known whether the clock has jumped, ``unheard`` are the names
+    without an accepted reading since the last reset, ``ahead`` has the stamp of the last reading of
+    every axis less its time of arrival [ns], ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
     between two motions, ``stuck`` those whose readings repeat while others move on, ``lagging``
     has the lag of axes whose topic is always late, or whose clock differs, and ``lag_ns`` is the
@@ -272,9 +256,20 @@ class Conditioner(_core.Conditioner):
         stamp_ns: int,
         names: Sequence[str],
         positions: Sequence[float] | Vector,
+        by_arrival: bool = False,
     ) -> list[Sample]:
-        """Take a message of angles [rad]; returns the samples that are now complete."""
-        return [Sample(*one) for one in self.feed(TOPICS[kind], stamp_ns, names, positions)]
+        """Take a message of angles [rad]; returns the samples that are now complete.
+
+        Args:
+            kind: what the topic carries.
+            stamp_ns: of the message [ns].
+            names: of the axes.
+            positions: of these [rad].
+            by_arrival: whether the stamp is the time of arrival, because the header's is zero.
+        """
+        arrival_ns = stamp_ns if by_arrival else -1
+        found = self.feed(TOPICS[kind], stamp_ns, names, positions, arrival_ns, by_arrival)
+        return [Sample(*one) for one in found]
 
 
 PIECE: Final = 65_536
@@ -292,6 +287,15 @@ class Conditioned:
     clock_jumps: int
     gaps: int
     steps: int = 0
+    ahead: Mapping[str, int] = field(default_factory=dict)
+    """As ``Conditioner.ahead``, at the end."""
+    sizes: Sizes = field(default_factory=dict)
+    """Of the refused readings."""
+
+    def shortage(self, robot: Robot) -> str:
+        """Why there are no samples, or few: clocks that differ, and what was refused; or empty."""
+        words = clocks_apart(self.ahead), refusal_words(self.refused, self.sizes, robot)
+        return "; ".join(one for one in words if one)
 
 
 class _Piece(NamedTuple):
@@ -329,7 +333,7 @@ def condition(
     recording = _core.Recording(
         conditioner,
         [
-            (topic, name, readings.stamp_ns, readings.log_ns, readings.value)
+            (topic, name, readings.stamp_ns, readings.log_ns, readings.value, readings.by_arrival)
             for topic, channels in ((_core.Topic.MOTORS, motors), (_core.Topic.JOINTS, joints))
             for name, readings in channels.items()
         ],
@@ -348,6 +352,8 @@ def condition(
         conditioner.clock_jumps,
         conditioner.gaps,
         conditioner.steps,
+        conditioner.ahead,
+        conditioner.take_refused(),
     )
 
 

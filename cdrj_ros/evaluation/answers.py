@@ -151,14 +151,17 @@ class Run:
         self._room_at = NEVER
         self._on_room: Callable[[], None] = _nothing
 
-    def asker(self, kind: Kind) -> Callable[[bytes], None]:
-        """Function to call with every payload sent on one topic, which carries ``kind``."""
+    def asker(self, kind: Kind) -> Callable[[bytes, int], None]:
+        """Function to call with every payload sent on one topic, which carries ``kind``.
+
+        It takes the recorded time of arrival [ns], too.
+        """
         message = JointStateDecoder()
 
-        def ask(payload: bytes) -> None:
+        def ask(payload: bytes, arrival_ns: int) -> None:
             self.sent += 1
             self.unanswerable += 1
-            if not message.decode(payload):
+            if not message.decode(payload, arrival_ns):
                 self.conditioner.refuse("malformed")
                 return
             for fields in self.conditioner.feed_message(TOPICS[kind], message):
@@ -266,7 +269,8 @@ class Run:
             Tally(self.sent, len(self._asked), count, lost, self._strange),
             Conditioned(
                 (Samples(at, angle[:, :motors], angle[:, motors:]),), dict(gate.refused),
-                gate.accepted, gate.clock_jumps, gate.gaps, gate.steps,
+                gate.accepted, gate.clock_jumps, gate.gaps, gate.steps, gate.ahead,
+                gate.take_refused(),
             ),
             Estimates(at, values, layout, np.hstack(deviations)),
             np.array([self._complete[stamp] for stamp in stamps]) - np.array(asked_s),

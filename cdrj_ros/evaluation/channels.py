@@ -230,6 +230,11 @@ class BagComparison:
     health: Verdict | None = None
     """Verdict of the health monitor; None if it did not run or had no sensor."""
 
+    @property
+    def compared(self) -> bool:
+        """Whether any reference value has an estimate beside it."""
+        return any(len(channel.stamp_ns) for channel in self.channels)
+
 
 @dataclass(frozen=True, eq=False)
 class Angle:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition
 from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
-from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.arrays import Series, Stamps
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
@@ -249,7 +250,7 @@ def require_references(path: str, topics: Topics, recording: Recording) -> None:
 
 
 def references_in(
-    path: str, recording: Recording, conditioned: Conditioned, window: Window
+    model: Model, path: str, recording: Recording, conditioned: Conditioned, window: Window
 ) -> Mapping[str, Series]:
     """The references within a window, by channel.
 
@@ -259,9 +260,19 @@ def references_in(
     references = _windowed(recording, window)
     if not references:
         raise _no_references(path, Topics(), recording)
-    if not conditioned.segments or not conditioned.segments[0].stamp_ns.size:
-        raise BagError(f"{path}: not one sample of all motors and joints was acceptable")
+    require_samples(path, model.robot, conditioned)
     return references
+
+
+def require_samples(path: str | Path, robot: Robot, conditioned: Conditioned) -> None:
+    """Refuse a recording without a time at which every motor and joint is known.
+
+    Raises:
+        BagError: with the reason.
+    """
+    if not conditioned.segments:
+        why = conditioned.shortage(robot) or "no time lies within the readings of all of them"
+        raise BagError(f"{path}: not one sample of all motors and joints was acceptable: {why}")
 
 
 def in_frames_of(robot: Robot, recording: Recording) -> Recording:
@@ -298,9 +309,7 @@ def _windowed(recording: Recording, window: Window) -> Mapping[str, Series]:
         since = (series.log_ns - recording.start_ns) * 1e-9
         inside = (since >= begin) & (since < end)
         if inside.any():
-            kept[name] = Series(
-                series.stamp_ns[inside], series.log_ns[inside], series.value[inside]
-            )
+            kept[name] = series.part(inside)
     return kept
 
 
@@ -326,12 +335,23 @@ def _no_references(path: str, topics: Topics, recording: Recording) -> BagError:
     )
 
 
+def nothing_beside(estimated: Stamps, references: Mapping[str, Series]) -> str:
+    """Why no reference has an estimate beside it, in words; both have at least one stamp."""
+    known = [one.stamp_ns for one in references.values() if one.stamp_ns.size]
+    begin_s = 1e-9 * (min(one.min() for one in known) - estimated[0])
+    end_s = 1e-9 * (max(one.max() for one in known) - estimated[-1])
+    return (
+        "no reference value has an estimate beside it; by their stamps the references begin "
+        f"{begin_s:.3f} s and end {end_s:.3f} s after the estimates: are they of one clock?"
+    )
+
+
 def in_order(readings: Mapping[str, Series], conditioned: Conditioned) -> Mapping[str, Series]:
     """Series in order of stamps where the clock went back; of equal stamps the first counts."""
     if not conditioned.clock_jumps:
         return readings
     ordered = {}
     for name, series in readings.items():
-        stamps, first = np.unique(series.stamp_ns, return_index=True)
-        ordered[name] = Series(stamps, series.log_ns[first], series.value[first])
+        _, first = np.unique(series.stamp_ns, return_index=True)
+        ordered[name] = series.part(first)
     return ordered

@@ -10,7 +10,7 @@ import numpy as np
 from cdrj_ros.estimation.conditioner import MODES, Mode
 from cdrj_ros.evaluation.answers import Answers, Tally
 from cdrj_ros.evaluation.channels import BagComparison
-from cdrj_ros.evaluation.inputs import counters_of
+from cdrj_ros.evaluation.inputs import counters_of, nothing_beside
 from cdrj_ros.evaluation.validation import Validation
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import UsageError
@@ -180,3 +180,15 @@ class Outcome:
         for _ in validation.compare([answers.estimates]):
             pass
         return validation.result(facts, self.notes())
+
+    def why_nothing(self, comparison: BagComparison, recording: Recording) -> str:
+        """Why nothing was compared, in words; empty if something was."""
+        if comparison.compared:
+            return ""
+        if not recording.references:
+            return "the bag has no references; name their topics with --reference"
+        answers = self.answers
+        if answers is None or not answers.estimates.stamp_ns.size:
+            known = answers.conditioned.shortage(self.model.robot) if answers else ""
+            return f"no estimate was received{': ' if known else ''}{known}"
+        return nothing_beside(answers.estimates.stamp_ns, recording.references)

@@ -33,6 +33,7 @@ from cdrj_ros.evaluation.inputs import (
     duration_s,
     in_frames_of,
     in_order,
+    nothing_beside,
     read_encoderless,
     read_inputs,
     references_in,
@@ -41,6 +42,7 @@ from cdrj_ros.evaluation.inputs import (
 )
 from cdrj_ros.evaluation.metrics import reversal_zones
 from cdrj_ros.foundation.arrays import Floats, Series
+from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, load_model
@@ -96,7 +98,7 @@ class Validation:
         named = [name for readings in self._sensors for name in readings]
         self._health = RecordedHealth(model, named) if named else None
         recording = in_frames_of(model.robot, recording)
-        references = references_in(path, recording, conditioned, window)
+        references = references_in(model, path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
         self._conditioned, self._window = conditioned, window
         self._friction = FrictionSums(model.layout)
@@ -292,7 +294,10 @@ def compare_bag(
     notes = []
     if jumps := conditioned.clock_jumps:
         notes.append(f"The clock went back {jumps} times; the longest part between was compared.")
-    return validation.result(facts, notes)
+    found = validation.result(facts, notes)
+    if not found.compared:
+        raise BagError(f"{task.path}: {nothing_beside(segment.stamp_ns, recording.references)}")
+    return found
 
 
 def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:

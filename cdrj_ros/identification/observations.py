@@ -242,10 +242,13 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
     Raises:
         UsageError: that segment has fewer than two samples.
     """
-    segments = condition(model.robot, recorded.motors, recorded.joints).segments
+    conditioned = condition(model.robot, recorded.motors, recorded.joints)
+    segments = conditioned.segments
     if not segments or segments[-1].stamp_ns.size < 2:
+        why = conditioned.shortage(model.robot)
         raise UsageError(
             f"{recorded.name}: fewer than two samples with all motors and joints are acceptable"
+            f"{': ' if why else ''}{why}"
         )
     return segments[-1]
 

@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from cdrj_ros._core import END_OF_TIME_NS
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.packing import EFFORT, NODAL_FORCE, TENSION
 
@@ -201,6 +202,16 @@ def read_layout(payload: bytes, fields: Sequence[Field]) -> Layout:
             start = walk.take(count * size, size, field.name)
             numbers[field.name] = Span(start, count, walk.order + field.code)
     return Layout(len(payload), walk.order, numbers, texts, tuple(walk.fixed))
+
+
+def stamped(payload: bytes, stamp_ns: int) -> bytes:
+    """A message whose header has this stamp [ns], if its own is zero; otherwise as it is."""
+    time = slice(ENCAPSULATION, ENCAPSULATION + 8)
+    if payload[time] != bytes(8) or not 0 < stamp_ns < END_OF_TIME_NS:
+        return payload
+    order = "<" if payload[1] == 1 else ">"
+    stamp = struct.pack(f"{order}iI", *divmod(stamp_ns, 1_000_000_000))
+    return payload[: time.start] + stamp + payload[time.stop :]
 
 
 def cable_tensions(

@@ -72,6 +72,10 @@ class Health(NamedTuple):
     """Axes whose readings alternate between two motions, and who publishes them; or empty."""
     rivals: str = ""
     """Who publishes the tensions, if several nodes do; otherwise empty."""
+    heard: bool = False
+    """Whether messages arrive."""
+    by_arrival: tuple[str, ...] = ()
+    """Topics whose times of arrival replace the stamps."""
 
 
 def names_with(estimate: Estimate, flag: int) -> list[str]:
@@ -99,6 +103,7 @@ def status_of(
         "age [s]": "none" if health.age_s == float("inf") else f"{health.age_s:.3f}",
         **_figures(live, flagged, times),
         "impossible times on /clock": str(health.clock_refused),
+        "stamped on arrival": ", ".join(health.by_arrival) or "none",
     }
     return DiagnosticStatus(
         level=level,
@@ -131,7 +136,9 @@ def _verdict(
     stepped, lagging = _steps(live), _lags(live)
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
+    unused = f"no estimate for {health.timeout_s:g} s: {health.waiting}"
     causes = (
+        (silent and health.heard and health.waiting, error, unused),
         (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
         (deaf, error, "no effort of a motor: joints without encoder need it"),
         (health.misfit, error, health.misfit),

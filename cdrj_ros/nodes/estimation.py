@@ -224,11 +224,11 @@ class Estimation:
                     health.monitor.read_efforts(stamp_ns, names, efforts)
 
         def on_angles(payload: bytes) -> None:
-            begin_s = monotonic()
-            if not message.decode(payload):
+            begin_s = topic.heard_s = monotonic()
+            if not message.decode(payload, self.now_ns()):
                 live.conditioner.refuse("malformed")
                 return
-            topic.messages += 1
+            topic.note()
             if message.has_efforts:
                 read_efforts()
             jumped, estimates = live.feed_message(kind, message)
@@ -267,7 +267,8 @@ class Estimation:
     def on_tensions(self, payload: bytes) -> None:
         """Take a message of load cells; a malformed one is counted."""
         try:
-            readings = cable_tensions(payload)
+            stamp_ns, names, tension, stddev = cable_tensions(payload)
+            readings = stamp_ns or self.now_ns(), names, tension, stddev
             self.live.feed_tensions(*readings)
             if self.health is not None:
                 self.health.monitor.read_tensions(*readings)

@@ -6,8 +6,8 @@ begin, stop and resume, and explains in the log and on /diagnostics what is miss
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from math import isfinite, radians
+from collections.abc import Callable, Sequence
+from math import inf, isfinite
 from time import monotonic
 from typing import Any, Final
 
@@ -17,8 +17,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from cdrj_ros._core import JointStateDecoder
-from cdrj_ros.estimation.conditioner import REFUSALS, axis_of
+from cdrj_ros.estimation.conditioner import axis_of
 from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.estimation.refusals import Sizes, clocks_apart, range_words, refusal_words
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, printable
 from cdrj_ros.inspection.motors import MotorTravel
@@ -32,7 +33,7 @@ from cdrj_ros.nodes.settings import (
     remapping,
 )
 from cdrj_ros.nodes.silence import Silence, StampClock
-from cdrj_ros.robot.description import Joint, Robot
+from cdrj_ros.robot.description import Robot
 
 PATIENCE_S: Final = 3.0
 """Time without an estimate after which the reason is logged [s]."""
@@ -46,8 +47,11 @@ SILENT_S: Final = 1.5
 TOLERATED_PER_S: Final = 5.0
 """Rate of refused readings below which no warning is given [1/s]."""
 
-FAR: Final = 3.0
-"""An angle beyond this many times the end of its range may be in another unit."""
+BY_ARRIVAL: Final = (
+    "the stamps in the headers are zero, so the times of arrival are used; the standard deviations "
+    "contain the error of these. Set header.stamp to the time of the reading to avoid it"
+)
+"""What is said of a topic without stamps."""
 
 MANY: Final = 8
 """Maximum number of names in a list."""
@@ -81,11 +85,15 @@ class InputTopic:
         """Number of messages decoded since the start."""
         self.last = JointStateDecoder()
         """Has the last message of angles."""
+        self.by_arrival = False
+        """Whether a message had no stamp."""
         self.publishers = 0
         self.remapping = ""
         """Where messages of this type are, while this topic has no publisher."""
         self.silent_s = 0.0
         """Time since the last message, to the second, as of the last ``look`` [s]."""
+        self.heard_s = -inf
+        """Steady time of the last message, good or not [s]."""
         self._changed = 0, 0.0
         """Number of messages at the last change of it, and its time [s]."""
 
@@ -114,6 +122,13 @@ class InputTopic:
     def reliability(self) -> ReliabilityPolicy:
         """Reliability that the subscription currently requests."""
         return self.subscription.qos_profile.reliability
+
+    def note(self) -> None:
+        """Count the message that ``last`` has just decoded; say once that stamps are missing."""
+        self.messages += 1
+        if self.last.by_arrival and not self.by_arrival:
+            self.by_arrival = True
+            self._node.get_logger().warning(f"{self.topic}: {BY_ARRIVAL}")
 
     def look(self, now_s: float) -> None:
         """Measure the silence; call once a second.
@@ -163,7 +178,8 @@ class InputTopic:
 def missing_inputs(
     topics: Sequence[InputTopic],
     unheard: Sequence[str],
-    refused: Mapping[str, int],
+    refused: str,
+    apart: str,
     robot: Robot,
 ) -> str:
     """Why there is no estimate.
@@ -171,7 +187,8 @@ def missing_inputs(
     Args:
         topics: what has been received on each input topic.
         unheard: motors and joints without an accepted reading.
-        refused: readings refused, by cause.
+        refused: readings refused, in words.
+        apart: clocks that differ, in words.
         robot: provides the joints and their ranges.
     """
     silent = [topic.topic for topic in topics if topic.silent_s > SILENT_S]
@@ -180,10 +197,10 @@ def missing_inputs(
     elif silent:
         what = f"no further message on {_listed(silent)}"
     else:
-        what = "no common time of all axes"
+        what = f"no common time of all axes{': ' if apart else ''}{apart}"
     lines = [what, *(_heard_on(topic, unheard, robot) for topic in topics)]
-    if words := _refusals(refused):
-        lines.append(f"refused: {words}")
+    if refused:
+        lines.append(f"refused: {refused}")
     return ". ".join(lines)
 
 
@@ -199,23 +216,13 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
         parts.append(f"the last names {_listed(names) or 'nothing'}, not {_listed(missing)}")
         if prefix := _common_prefix(names, missing):
             parts.append(f"prefix: {prefix} in the robot file would fit")
-    at = dict(zip(names, topic.last.positions, strict=True))
+    at = dict(zip(names, topic.last.positions, strict=False))  # a message may have none
     for joint in robot.joints:
         if joint.name in at and isfinite(at[joint.name]):
             angle = axis_of(joint).angle_near(float(at[joint.name]), joint.reference_angle)
             if not joint.lower <= angle <= joint.upper:
-                parts.append(
-                    f"joint {joint.name} at {angle:.4g}, its range is {joint.lower:.4g} to "
-                    f"{joint.upper:.4g}"
-                    + (": in degrees? scale_deg: 1" if _may_be_degrees(joint, angle) else "")
-                )
+                parts.append(range_words(joint, angle))
     return f"{topic.topic}: {', '.join(parts)}"
-
-
-def _may_be_degrees(joint: Joint, angle: float) -> bool:
-    """Whether an angle far out of range would be in range if its number were in degrees."""
-    far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
-    return far and joint.lower <= radians(angle) <= joint.upper
 
 
 def _common_prefix(names: Sequence[str], missing: Sequence[str]) -> str:
@@ -232,15 +239,6 @@ def _listed(names: Sequence[str]) -> str:
     shown = [printable(name)[:LONG] or "''" for name in names[:MANY]]
     more = f" and {len(names) - MANY} more" if len(names) > MANY else ""
     return ", ".join(shown) + more
-
-
-def _refusals(refused: Mapping[str, int]) -> str:
-    """Counts of refused readings by cause, with an explanation; empty if there are none."""
-    return "; ".join(
-        f"{count} {cause} ({REFUSALS.get(cause, cause)})"
-        for cause, count in sorted(refused.items(), key=lambda item: -item[1])
-        if count
-    )
 
 
 class InputWatch:
@@ -268,6 +266,8 @@ class InputWatch:
         self._node, self._live, self._inputs = node, live, inputs
         self._silence, self._now_ns, self._stamps = silence, now_ns, stamps
         self._refused: dict[str, int] = {}
+        self._sizes: Sizes = {}
+        """Of the readings refused between the last two calls of ``health`` that refused any."""
         self._travel = MotorTravel(live.model)
         self.looked_s = self.estimated_s = monotonic()
         """Steady times of the last call of ``health`` and of the last estimate [s]."""
@@ -316,6 +316,7 @@ class InputWatch:
         silence_s = self.silence_s()
         for one in self._inputs:
             one.look(monotonic())
+        refusing = self._refusing()
         age = float("inf")
         if latest is not None:
             lag_s = conditioner.lag_ns * 1e-9
@@ -325,20 +326,23 @@ class InputWatch:
             for one in self._inputs:
                 if words := one.adapt():
                     self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)
+            robot = self._live.model.robot
             waiting = missing_inputs(
                 [one for one in self._inputs if one.axes],
                 conditioner.unheard,
-                conditioner.refused,
-                self._live.model.robot,
+                refusal_words(conditioner.refused, self._sizes, robot),
+                clocks_apart(conditioner.ahead),
+                robot,
             )
-        refusing = self._refusing()
         if (sample := self._live.sample) is not None and not waiting:
             self._travel.add(sample.motor_angle, sample.joint_angle)
         misfit = self._travel.suspicion()
-        timeout_s = self._silence.timeout_s
+        timeout_s, now_s = self._silence.timeout_s, monotonic()
+        heard = any(now_s - one.heard_s <= timeout_s for one in self._inputs)
         return Health(
             timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused, misfit,
-            self._alternating(), self._rivals(),
+            self._alternating(), self._rivals(), heard,
+            tuple(one.topic for one in self._inputs if one.by_arrival),
         )  # fmt: skip
 
     def _rivals(self) -> str:
@@ -371,6 +375,7 @@ class InputWatch:
         }
         elapsed_s = now_s - self.looked_s
         rate = sum(since.values()) / elapsed_s if elapsed_s > 0.0 else 0.0
+        self._sizes = self._live.conditioner.take_refused() or self._sizes
         self._refused, self.looked_s = refused, now_s
         if rate <= TOLERATED_PER_S:
             return ""
@@ -379,7 +384,8 @@ class InputWatch:
             for one in self._inputs
             if len(names := publishing_nodes(self._node, one.topic)) > 1
         ]
-        return f"{rate:.0f} readings per second refused: {_refusals(since)}{''.join(crowds)}"
+        words = refusal_words(since, self._sizes, self._live.model.robot)
+        return f"{rate:.0f} readings per second refused: {words}{''.join(crowds)}"
 
     def warn(self, health: Health) -> None:
         """Log why there is no estimate or what is wrong with readings, at most every AGAIN_S."""

@@ -17,12 +17,13 @@ from cdrj_ros.evaluation.answers import Answers, Run, Tally
 from cdrj_ros.evaluation.replayed import NodeSettings, require_every_sample
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar
+from cdrj_ros.messages.cdr import stamped
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
 from cdrj_ros.recordings.source import Playback, RawMessage, rate_in_words
 
-Routes = dict[str, list[tuple[Any, Callable[[bytes], None] | None]]]
+Routes = dict[str, list[tuple[Any, Callable[[bytes, int], None] | None]]]
 """By topic in the bag: functions that publish a message, each with one to predict the answers."""
 
 WINDOW: Final = 64
@@ -210,9 +211,12 @@ class Player:
         """Publish messages and record the answers that they lead to."""
         for message in messages:
             for send, ask in routes[message.topic]:
-                if ask is not None:
-                    ask(message.data)
-                send(message.data)
+                if ask is None:
+                    send(message.data)
+                    continue
+                data = stamped(message.data, message.log_ns)
+                ask(data, message.log_ns)
+                send(data)
         self._reached_ns = messages[-1].log_ns
 
     def _let_answers_in(self, run: Run, now: float) -> None:

@@ -23,7 +23,7 @@ from cdrj_ros.commands.shared import (
     topics_of,
     write_files,
 )
-from cdrj_ros.evaluation.inputs import require_axes
+from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.replayed import Outcome, preload_difference
 from cdrj_ros.foundation.errors import UsageError
@@ -36,7 +36,7 @@ from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
 from cdrj_ros.recordings.batch import Channel
-from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.recording import Recording, Topics
 from cdrj_ros.recordings.source import (
     MAX_RATE,
     MIN_RATE,
@@ -49,7 +49,8 @@ from cdrj_ros.recordings.source import (
 )
 
 INCOMPLETE: Final = 1
-"""Exit code: the bag was played, but estimates were lost or the estimator disappeared."""
+"""Exit code: the bag was played, but estimates were lost, none was compared, or the estimator
+disappeared."""
 
 CLOCK_HZ: Final = 40.0
 
@@ -78,7 +79,8 @@ def replay_parser() -> argparse.ArgumentParser:
         prog="replay",
         description="Play a bag's recorded inputs to a running estimator node, listen to its "
         "answers, compare them with the recorded references and report.",
-        epilog="Exit code: 0 done; 1 estimates were lost or the estimator disappeared; 2 bad "
+        epilog="Exit code: 0 done; 1 estimates were lost, nothing of a bag was compared, or the "
+        "estimator disappeared; 2 bad "
         "usage or input, or no estimator; 130 ended by Ctrl-C, after the report of what was "
         "played; a second Ctrl-C ends at once.",
     )
@@ -184,10 +186,7 @@ def _wiring(arguments: argparse.Namespace) -> Wiring:
 def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
     """Read one recording and choose what of it is played."""
     source = open_source(path)
-    recording = read_recording(
-        source, topics, force_vectors=True, effort_scale=model.robot.effort_scale
-    )
-    require_axes(path, recording, model.robot)
+    recording = read_inputs(path, topics, model, force_vectors=True)
     first, last = recording.start_ns, recording.end_ns
     begin = first + round(arguments.start_offset * 1e9)
     if begin > last:
@@ -269,7 +268,7 @@ def _report(
     outcomes: Sequence[Outcome], ending: Ending,
 ) -> int:  # fmt: skip
     """Print what was played and the comparison with the references; returns the exit code."""
-    comparisons = []
+    comparisons, uncompared = [], []
     for bag, outcome in zip(bags, outcomes, strict=True):
         if not outcome.tally.sent:
             continue
@@ -278,6 +277,8 @@ def _report(
         for name, value in comparison.facts.items():
             say(f"  {name}: {value}")
         comparisons.append(comparison)
+        if why := outcome.why_nothing(comparison, bag.recording):
+            uncompared.append(f"{bag.path}: {why}")
     sys.stdout.flush()
     if not comparisons:
         print("replay: nothing was played", file=sys.stderr)
@@ -287,12 +288,13 @@ def _report(
         title = f"{model.robot.name}: estimator node against reference"
         write_files(arguments, model, errors, title)
         print_results(arguments, errors, title)
-    else:
-        print("no references in the bag: nothing to compare with; name topics with --reference")
     if ending is Ending.GONE:
         print("replay: the estimator disappeared during the playback", file=sys.stderr)
         return INCOMPLETE
-    return DONE if all(outcome.complete for outcome in outcomes) else INCOMPLETE
+    for words in uncompared:
+        print(f"replay: nothing was compared: {words}", file=sys.stderr)
+    complete = not uncompared and all(outcome.complete for outcome in outcomes)
+    return DONE if complete else INCOMPLETE
 
 
 @contextmanager

@@ -196,6 +196,8 @@ class Table:
     stamp_ns: list[Int64s] = field(default_factory=list)
     value: list[Float64s] = field(default_factory=list)
     """Shape (m, names) or (m, names, arrays) each."""
+    by_arrival: bool = False
+    """Whether a stamp is the log time, because the header's is zero."""
 
 
 class BulkDecoder:
@@ -278,7 +280,7 @@ class BulkDecoder:
                 self._refuse(arrival, f"{len(names)} names but {count} values of {array}")
                 return
         sec, nanosec = layout.numbers.get(_SEC), layout.numbers.get(_NANOSEC)
-        stamp_ns = log_ns
+        stamp_ns = np.zeros_like(log_ns)
         if sec and nanosec:
             stamp_ns = column(rows, pad + sec.offset, sec.dtype)[:, 0].astype(np.int64)
             stamp_ns *= 1_000_000_000
@@ -286,6 +288,10 @@ class BulkDecoder:
         self.frame = self.frame or layout.texts.get(_FRAME, ("",))[0]
         columns = [self._column(layout, array, rows, pad) for array in self._arrays]
         table = self.tables.setdefault(names, Table())
+        unstamped = stamp_ns == 0
+        if unstamped.any():
+            stamp_ns = np.where(unstamped, log_ns, stamp_ns)
+        table.by_arrival = table.by_arrival or bool(unstamped.any())
         table.arrival.append(arrival)
         table.log_ns.append(log_ns)
         table.stamp_ns.append(stamp_ns)
@@ -309,7 +315,6 @@ def series_by_name(decoders: Iterable[BulkDecoder]) -> dict[str, Series]:
     for decoder in decoders:
         tables += decoder.tables.items()
         decoder.tables = {}
-    stamped = any(stamp_ns.any() for _, table in tables for stamp_ns in table.stamp_ns)
     places: dict[str, list[tuple[int, int]]] = {}
     for k, (names, _) in enumerate(tables):
         for i, name in enumerate(names):
@@ -319,14 +324,15 @@ def series_by_name(decoders: Iterable[BulkDecoder]) -> dict[str, Series]:
     for name, columns in places.items():
         key = tuple(k for k, _ in columns)
         if key not in times:
-            times[key] = _times([tables[k][1] for k in key], stamped=stamped)
+            times[key] = _times([tables[k][1] for k in key])
         stamp_ns, log_ns, order = times[key]
         value = np.concatenate([part[:, i] for k, i in columns for part in tables[k][1].value])
-        found[printable(name)] = Series(stamp_ns, log_ns, _frozen(value, order))
+        by_arrival = any(tables[k][1].by_arrival for k in key)
+        found[printable(name)] = Series(stamp_ns, log_ns, _frozen(value, order), by_arrival)
     return found
 
 
-def _times(tables: Sequence[Table], *, stamped: bool) -> tuple[Int64s, Int64s, Int64s | None]:
+def _times(tables: Sequence[Table]) -> tuple[Int64s, Int64s, Int64s | None]:
     """Stamps and log times in order of log time, then of arrival; and the permutation, if any."""
     log_ns = np.concatenate([part for table in tables for part in table.log_ns])
     arrival = np.concatenate([part for table in tables for part in table.arrival])
@@ -335,8 +341,6 @@ def _times(tables: Sequence[Table], *, stamped: bool) -> tuple[Int64s, Int64s, I
         order = np.lexsort((arrival, log_ns))
     del arrival
     log_ns = _frozen(log_ns, order)
-    if not stamped:
-        return log_ns, log_ns, order
     stamp_ns = np.concatenate([part for table in tables for part in table.stamp_ns])
     return _frozen(stamp_ns, order), log_ns, order
 

@@ -43,6 +43,9 @@ from cdrj_ros.recordings.source import Source, open_source
 _ANGLES, _MEASURED = "angles", "measured"
 """Uses of a topic that is an input: its positions, and its efforts."""
 
+BY_ARRIVAL: Final = "header stamps are zero, so the log times are used"
+"""End of the note on a topic whose log times replace stamps of zero."""
+
 NORM_DIFFERS: Final = 0.1
 """Share of the median magnitude of a recording by which magnitude and norm of the components may
 differ in the median: both may be measured, each with its own noise."""
@@ -165,6 +168,7 @@ class _Reading:
 
     def recording(self) -> Recording:
         decoders = [one for made in self._of_channel.values() for one in made]
+        self._note_stamps()
         extents = [extent for one in decoders if (extent := one.extent())]
         refused = {topic: self._refused(topic) for topic, _ in self._of_use}
         for topic, (count, reason) in refused.items():
@@ -191,6 +195,15 @@ class _Reading:
                  if use == FORCE_VECTOR), "",
             ),
         )  # fmt: skip
+
+    def _note_stamps(self) -> None:
+        """Name the topics whose log times replace stamps of zero."""
+        unstamped = {
+            topic
+            for (topic, _), made in self._of_use.items()
+            if any(table.by_arrival for one in made for table in one.tables.values())
+        }
+        self._notes += [f"{topic}: {BY_ARRIVAL}" for topic in sorted(unstamped)]
 
     def _series(self, topic: str, use: str) -> dict[str, Series]:
         """The series of a topic by name; this empties the decoders."""
@@ -269,7 +282,7 @@ class _Reading:
                 wanted.append((FORCE_VECTOR, (*FORCE_COMPONENTS, "magnitude")))
             made = []
             for use, arrays in wanted:
-                made.append(BulkDecoder(message, *arrays, may_be_empty=use != _ANGLES))
+                made.append(BulkDecoder(message, *arrays, may_be_empty=True))
                 self._of_use.setdefault((topic, use), []).append(made[-1])
         except BagError as error:
             raise BagError(f"{self._path}: topic {topic}: {error}") from None

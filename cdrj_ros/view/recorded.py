@@ -15,9 +15,9 @@ from cdrj_ros.estimation.estimator import Estimates, Samples
 from cdrj_ros.evaluation.channels import Angle, stddev_channels
 from cdrj_ros.evaluation.comparison import values_at
 from cdrj_ros.evaluation.estimating import pieces_of
+from cdrj_ros.evaluation.inputs import require_samples
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series, Vector
-from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.packing import TENSION, Layout
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording
@@ -46,8 +46,7 @@ def recorded_estimates(
     Raises:
         BagError: there is no sample.
     """
-    if not conditioned.segments or not conditioned.segments[0].stamp_ns.size:
-        raise BagError(f"{recording.path} has no time at which every motor and joint is known")
+    require_samples(recording.path, model.robot, conditioned)
     (segment,) = conditioned.segments
     total = segment.stamp_ns.size
     every = 1 + total // MOST

@@ -18,8 +18,9 @@ from support.wound import robot_of
 from cdrj_ros import _core
 from cdrj_ros._core import LARGEST
 from cdrj_ros.estimation import conditioner as conditioning
-from cdrj_ros.estimation.conditioner import HORIZON_NS, REFUSALS, Conditioner, condition
+from cdrj_ros.estimation.conditioner import HORIZON_NS, Conditioner, condition
 from cdrj_ros.estimation.estimator import Sample, Samples
+from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
@@ -33,15 +34,15 @@ def content(sample: Sample) -> tuple[object, ...]:
 class Pair:
     """The core and the reference, given the same."""
 
-    def __init__(self, robot: Robot, mode: Any) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, mode: Any, *, by_arrival: bool = False) -> None:
+        self.robot, self.by_arrival = robot, by_arrival
         self.python, self.core = Reference(robot, mode), Conditioner(robot, mode)
         self.seen: Counter[str] = Counter()
 
     def feed(self, message: Message) -> None:
         stamp, names, positions = message.stamp_ns, message.names, message.positions
-        found = self.core.take(message.topic, stamp, names, positions)
-        wanted = self.python.feed(message.topic, stamp, names, positions)
+        found = self.core.take(message.topic, stamp, names, positions, self.by_arrival)
+        wanted = self.python.feed(message.topic, stamp, names, positions, self.by_arrival)
         assert [content(one) for one in found] == [content(one) for one in wanted]
         for sample in wanted:
             self.seen["samples"] += 1
@@ -87,7 +88,9 @@ def test_samples_counters_and_memory_are_those_of_the_reference() -> None:
     seen: Counter[str] = Counter()
     for seed in range(90):
         random = Random(seed)
-        pair = Pair(random_robot(random), random.choice(("wait", "predict")))
+        pair = Pair(
+            random_robot(random), random.choice(("wait", "predict")), by_arrival=seed % 3 == 0
+        )
         for message in random_stream(random, pair.robot, random.choice((200, 1000))):
             pair.feed(message)
             pair.disturb(random)
@@ -121,6 +124,10 @@ HELD_AT_MOST = 1.6
 
 def in_order(segments: tuple[Samples, ...]) -> list[Sample]:
     return [one.at(k) for one in segments for k in range(one.stamp_ns.size)]
+
+
+def _arrays(series: Series) -> tuple[np.ndarray, ...]:
+    return series.stamp_ns, series.log_ns, series.value
 
 
 def nonzero(sample: Sample) -> list[bytes]:
@@ -186,7 +193,7 @@ def test_little_more_memory_is_used_than_readings_and_samples_take(
     winch[n // 2 : n // 2 + refused] = np.nan
     motor = Series(stamps, stamps + 100, winch)
     joint = Series(stamps[::2].copy(), stamps[::2] + 3 * MS, elbow[::2].copy())
-    given = sum(array.nbytes for one in (motor, joint) for array in vars(one).values())
+    given = sum(array.nbytes for one in (motor, joint) for array in _arrays(one))
     gc.collect()
     tracemalloc.start()
     try:

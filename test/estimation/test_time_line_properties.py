@@ -11,8 +11,9 @@ from support.reading_streams import Message, random_robot, random_stream
 from support.wound import robot_of
 
 from cdrj_ros._core import CONFIRMATIONS, RANGE_MARGIN, WAITING
-from cdrj_ros.estimation.conditioner import MODES, WHOLE, Conditioner, Mode, axes_of
+from cdrj_ros.estimation.conditioner import MODES, Conditioner, Mode, axes_of
 from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.refusals import WHOLE
 from cdrj_ros.robot.description import Robot
 
 BEGIN = 1_700_000_000 * 10**9

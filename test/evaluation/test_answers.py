@@ -50,9 +50,9 @@ class Bench:
         for number in numbers:
             stamp = FIRST_NS + number * MS
             if motors:
-                self._ask[0](self._motor.encode(stamp, position=0.0))
+                self._ask[0](self._motor.encode(stamp, position=0.0), stamp)
             if joints:
-                self._ask[1](self._joint.encode(stamp, position=0.0))
+                self._ask[1](self._joint.encode(stamp, position=0.0), stamp)
 
     def answer(self, *numbers: int, topics: tuple[int, ...] = (0, 1, 2)) -> None:
         for number in numbers:

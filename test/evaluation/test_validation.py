@@ -65,10 +65,7 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     model = replace(model, layout=replace(model.layout, base_link="arm", force_frame="arm"))
     read = read_inputs(BAG, Topics(), model)
     motors, joints = (
-        {
-            name: Series(*(column[:6000] for column in vars(one).values()))
-            for name, one in of.items()
-        }
+        {name: one.part(slice(6000)) for name, one in of.items()}
         for of in (read.motors, read.joints)
     )
     recording = replace(read, motors=motors, joints=joints)
@@ -105,7 +102,7 @@ def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
     slipped = replace(
         recording,
         motors={"winch": Series(motor.stamp_ns[:20_000], motor.log_ns[:20_000], winch)},
-        joints={"elbow": Series(*(column[heard] for column in vars(joint).values()))},
+        joints={"elbow": joint.part(heard)},
     )
     offline = estimate(model, condition_recording(model, slipped), uncertainty=True)
     live = LiveEstimator(model)
@@ -115,7 +112,9 @@ def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
             ("motors", "winch", slipped.motors["winch"]),
             ("joints", "elbow", slipped.joints["elbow"]),
         )
-        for stamp, log, value in zip(*(c.tolist() for c in vars(series).values()), strict=True)
+        for stamp, log, value in zip(
+            *(c.tolist() for c in (series.stamp_ns, series.log_ns, series.value)), strict=True
+        )
     ]
     node = [
         output

@@ -83,7 +83,7 @@ def readings_in(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray] | Non
     except MessageError:
         return None
     names, span = layout.texts["name"], layout.numbers["position"]
-    if span.count != len(names):
+    if span.count not in (0, len(names)):
         return None
     sec, nanosec = struct.unpack_from(layout.order + "iI", payload, 4)
     positions = np.frombuffer(payload, span.dtype, span.count, span.offset)
@@ -106,6 +106,7 @@ def test_from_any_bytes_a_node_takes_what_its_estimator_takes_from_the_readings_
     bench: Bench,
 ) -> None:
     node = bench.estimator(tension_sensors=True, health="disabled")
+    node.now_ns = lambda: 0  # a stamp of zero has no time of arrival either
     beside = LiveEstimator(node.live.model, node.live.options)
     kinds = ("motors", "joints", "both")
     hear = {kind: node.angle_callback(kind, node.inputs[0]) for kind in kinds}
@@ -120,6 +121,8 @@ def test_from_any_bytes_a_node_takes_what_its_estimator_takes_from_the_readings_
             hear[message.topic](payload)
             if (found := readings_in(payload)) is None:
                 its.refuse("malformed")
+                expected = []
+            elif len(found[1]) > len(found[2]):  # efforts alone
                 expected = []
             else:
                 expected = beside.feed(message.topic, *found)[1]

@@ -104,11 +104,12 @@ def test_a_missing_name_is_reported_with_the_names_that_arrived(
     other = Template(JOINT_STATE, ("winch_motor",), ("position",))
     for k in range(20):
         estimator.motor(other.encode(BEGIN + k * MILLISECOND, position=[0.0]))
-        estimator.joint(JOINT.encode(0, position=[0.0]))
+        estimator.joint(JOINT.encode(BEGIN, position=[np.nan]))
     words = (
         "no reading of winch, elbow accepted. /cdrj/motor_states: 20 messages, the last names "
-        "winch_motor, not winch. /cdrj/joint_states: 20 messages. refused: 20 unstamped "
-        "(message with a stamp that is not after zero); 20 unknown_name "
+        "winch_motor, not winch. /cdrj/joint_states: 20 messages. refused: 20 unknown_name (name "
+        "that the robot file does not have); 20 not_finite (NaN or infinite position): elbow, "
+        "publish only axes that have a reading"
     )
     estimator.watch.estimated_s -= PATIENCE_S
     status = diagnosed(estimator)[0]

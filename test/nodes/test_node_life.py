@@ -245,7 +245,7 @@ KEYS = {
 
 
 def test_diagnostics_describe_every_problem(bench: Bench) -> None:
-    from cdrj_ros.estimation.conditioner import REFUSALS
+    from cdrj_ros.estimation.refusals import REFUSALS
 
     estimator = bench.estimator(tension_sensors=True)
     said: list[Any] = []

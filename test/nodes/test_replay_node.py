@@ -20,6 +20,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from support.places import ROBOT
 from support.processes import Output, end
+from support.restamped import SECOND, restamped
 
 from cdrj_ros.nodes.replay import main
 from cdrj_ros.nodes.replay_node import was_latched
@@ -191,6 +192,34 @@ def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     assert "the estimator disappeared" in out
     assert "all elements" in out
     assert "Traceback" not in out
+
+
+@pytest.mark.usefixtures("estimator", "few_pictures")
+def test_a_bag_without_stamps_is_replayed_with_its_log_times(
+    short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    figures, inputs = tmp_path / "f.json", ("/cdrj/motor_states", "/cdrj/joint_states")
+    unstamped = restamped(short_bag, tmp_path / "zero", dict.fromkeys(inputs))
+    arguments = ("--robot", ROBOT, "--playback-duration", "1", "--json", str(figures))
+    assert main([unstamped, *arguments]) == 0
+    (bag,) = json.loads(figures.read_text())["bags"]
+    assert bag["channels"]["tension/upper/8"]["n"] > 50
+    assert "header stamps are zero, so the log times are used" in capfd.readouterr().out
+
+
+@pytest.mark.usefixtures("estimator")
+def test_a_replay_that_compares_nothing_says_why_and_exits_with_1(
+    short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("--robot", ROBOT, "--playback-duration", "1")
+    three_hours = 3 * 3600 * SECOND
+    apart = restamped(short_bag, tmp_path / "apart", {"/cdrj/joint_states": three_hours})
+    assert main([apart, *arguments]) == 1
+    error = capfd.readouterr().err
+    assert "nothing was compared" in error
+    assert "the stamps of elbow are 10800.0 s ahead of those of winch" in error
+    assert main([short_bag, *arguments, "--reference", "/nowhere"]) == 1
+    assert "the bag has no references" in capfd.readouterr().err
 
 
 def test_without_an_estimator_the_missing_parts_are_named(

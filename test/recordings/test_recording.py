@@ -90,7 +90,6 @@ def test_messages_that_are_refused_whole_are_counted(make, tmp_path):
     bad = [
         make.joint_state(1, ["a", "b"], [1]),
         make.joint_state(1, ["a"], [1, 2]),
-        make.joint_state(1, ["a"], []),
         good[:-1],
         good[:7],
         b"",
@@ -115,16 +114,17 @@ def test_a_message_without_efforts_is_no_malformed_reference(make, tmp_path):
     np.testing.assert_array_equal(read.references["effort/a"].log_ns, [1])
 
 
-def test_log_time_replaces_header_stamps_that_are_all_zero(make, tmp_path):
-    for stamps, expected in (([0, 0, 0], [5, 6, 7]), ([0, 0, 3], [0, 0, 3])):
+def test_the_log_time_replaces_a_header_stamp_of_zero_and_a_note_says_so(make, tmp_path):
+    for stamps, expected in (([0, 0, 0], [5, 6, 7]), ([0, 0, 3], [5, 6, 3]), ([1, 2, 4], None)):
         messages = [
             (make.topic, 5 + i, make.joint_state(stamp, ["m"], [i]))
             for i, stamp in enumerate(stamps)
         ]
         path = make.mcap(tmp_path / f"{stamps[2]}.mcap", messages)
-        np.testing.assert_array_equal(
-            read_recording(path, ONE_TOPIC).motors["m"].stamp_ns, expected
-        )
+        read = read_recording(path, ONE_TOPIC)
+        np.testing.assert_array_equal(read.motors["m"].stamp_ns, expected or stamps)
+        assert read.motors["m"].by_arrival == bool(expected)
+        assert any("header stamps are zero" in note for note in read.notes) == bool(expected)
 
 
 def test_topics_that_are_missing_are_named_with_those_that_are_there(make, tmp_path):

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from cdrj_ros.estimation.conditioner import REFUSALS, worth_of
+from cdrj_ros.estimation.conditioner import worth_of
 from cdrj_ros.estimation.estimator import ALL_SEEN, NONE_CHANGED, Sample
+from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
 END_NS = 2**31 * 10**9
@@ -295,12 +296,15 @@ class Lag:
     begin_ns: int = -1
     is_first: bool = True
     most_ns: int = 0
+    apart: bool = False
+    """Whether another axis is in other messages."""
 
     def meet(self, axis: int, stamp: int) -> None:
         ahead, self.newest[axis] = self.ahead.setdefault(axis, []), stamp
         self.new.add(axis)
         if self.last is not None:
             ahead.append(max(stamp - self.last, 0))
+            self.shared[axis] += stamp == self.last
 
     def take(self, stamp: int) -> None:
         self.last, self.count = stamp, self.count + 1
@@ -312,13 +316,37 @@ class Lag:
             self.begin_ns = stamp
         is_over = self.count >= 8 and stamp - self.begin_ns >= 500_000_000
         if self.is_first or is_over:
+            one_clock = {axis for axis in self.ahead if 2 * self.shared[axis] >= self.count}
+            self.apart = self.ahead.keys() != one_clock
             self.most_ns = max(
-                0 if 2 * self.shared[axis] >= self.count else min(ahead, default=self.most_ns)
+                0 if axis in one_clock else min(ahead, default=self.most_ns)
                 for axis, ahead in self.ahead.items()
             )
         if is_over:
             self.begin_ns, self.count, self.is_first = stamp, 0, False
             self.ahead, self.shared = {axis: [] for axis in self.ahead}, Counter()
+
+
+@dataclass
+class Arrivals:
+    """(C14)."""
+
+    last: int | None = None
+    interval: int | None = None
+    uneven: float = 0.0
+
+    def take(self, arrival: int) -> None:
+        last, self.last = self.last, arrival
+        if last is None or not 0 <= arrival - last <= GAP_NS:
+            return
+        before, self.interval = self.interval, arrival - last
+        if before is not None:
+            kept = self.uneven * exp(-self.interval * 1e-9 / 10.0)
+            self.uneven = max(abs(self.interval - before) * 1e-9, kept)
+
+    @property
+    def stddev(self) -> float:
+        return 0.0 if self.last is None else hypot(1e-3, 0.35 * self.uneven)
 
 
 @dataclass
@@ -416,6 +444,7 @@ class Channel:
     step: float = 0.0
     doubt: Doubt | None = None
     lag: Lag = field(default_factory=Lag)
+    arrivals: Arrivals = field(default_factory=Arrivals)
     left_behind_ns: int = -1
     stragglers: int = 0
     clock_stddev: float = 0.0
@@ -512,6 +541,8 @@ class Channel:
     def offset(self) -> tuple[float, ...]:
         """(C9) to (C11)."""
         clock, motion = hypot(0.35 * self.lag.most_ns * 1e-9, self.clock_stddev), self.motion
+        if self.lag.apart:
+            clock = hypot(clock, self.arrivals.stddev)
         least, greatest = motion.velocities or (0.0, 0.0)
         errors = self.steps.offset(motion), clock * motion.fastest, clock * (greatest - least)
         return tuple(level(error) for error in errors)
@@ -612,7 +643,12 @@ class Reference:
     # --- gates ------------------------------------------------------------------------------------
 
     def feed(
-        self, topic: str, stamp: int, names: Sequence[str], positions: Sequence[float]
+        self,
+        topic: str,
+        stamp: int,
+        names: Sequence[str],
+        positions: Sequence[float],
+        by_arrival: bool = False,
     ) -> list[Sample]:
         if len(names) != len(positions) or not names or stamp <= 0:
             whole = "malformed" if len(names) != len(positions) else "unstamped"
@@ -627,11 +663,11 @@ class Reference:
                 self.refused["unknown_name"] += 1
             elif topic != "both" and (k < motors) != (topic == "motors"):
                 self.elsewhere += 1
-            elif self._admit(k, stamp, position):
+            elif self._admit(k, stamp, position, by_arrival):
                 news = True
         return self._samples() if news else []
 
-    def _admit(self, k: int, stamp: int, reading: float) -> bool:
+    def _admit(self, k: int, stamp: int, reading: float, by_arrival: bool) -> bool:
         channel = self.channels[k]
         stamp += channel.axis.sensor.clock_offset_ns
         if not isfinite(reading):
@@ -656,6 +692,8 @@ class Reference:
             if other is not channel:
                 other.lag.meet(k, stamp)
         channel.lag.take(stamp)
+        if by_arrival:
+            channel.arrivals.take(stamp)
         return self._judge(channel, stamp, reading)
 
     def _judge(self, channel: Channel, stamp: int, reading: float) -> bool:

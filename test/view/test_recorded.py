@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from support.places import SAMPLE
 
+from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.view import recorded
@@ -52,10 +54,12 @@ def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
 
 
 def test_a_recording_without_a_sample_is_refused() -> None:
-    class Nothing:
-        segments: tuple[Any, ...] = ()
+    class Bag:
         path = "bag"
 
-    nothing: Any = Nothing()
-    with pytest.raises(recorded.BagError, match="no time at which every motor and joint is known"):
-        recorded.recorded_estimates(load_model("prototype"), nothing, nothing)
+    bag: Any = Bag()
+    hour_ns = 3_600_000_000_000
+    apart = Conditioned((), {}, 2, 0, 0, ahead={"winch": 0, "elbow": 3 * hour_ns})
+    words = r"the stamps of elbow are 10800.0 s ahead of those of winch: synchronise the clocks"
+    with pytest.raises(BagError, match=words):
+        recorded.recorded_estimates(load_model("prototype"), bag, apart)

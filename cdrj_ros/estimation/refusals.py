@@ -1,0 +1,129 @@
+"""Why readings are refused, in words: the axis, the size of what is wrong, and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from math import isfinite, radians
+from typing import Final
+
+from cdrj_ros._core import MAX_GAP_NS
+from cdrj_ros.foundation.output import printable
+from cdrj_ros.robot.description import Joint, Robot
+
+REFUSALS: Final[Mapping[str, str]] = {
+    "malformed": "message refused whole: neither one position per name nor none, or not decodable",
+    "empty": "message without a name",
+    "unstamped": "message with a stamp before zero, or of zero before the clock has started",
+    "unknown_name": "name that the robot file does not have",
+    "not_finite": "NaN or infinite position",
+    "repeated": "stamp equal to the last one accepted",
+    "late": "stamp before the last one accepted, or before the clock's zero",
+    "future": "stamp too far ahead and not confirmed by later readings, or never valid",
+    "out_of_range": "joint angle outside its range",
+    "implausible": "further from the last reading than max_speed allows, or than any angle",
+}
+"""Causes for which a reading is refused, and their meaning."""
+
+WHOLE: Final = ("malformed", "empty", "unstamped")
+"""Causes for which a message is refused whole and counted once, however many names it has."""
+
+REMEDIES: Final[Mapping[str, str]] = {
+    "unstamped": "set header.stamp, or leave it zero to have the time of arrival used",
+    "not_finite": "publish only axes that have a reading",
+    "repeated": "let one node publish the axis, and stamp every reading anew",
+    "late": "let one node publish the axis, with one clock",
+    "future": "synchronise the clocks, or state the clock_offset",
+    "out_of_range": "correct scale, offset or range in the robot file",
+    "implausible": "correct scale or max_speed in the robot file, or let one node publish the axis",
+}
+"""What to do about them, where the meaning does not say it."""
+
+Sizes = Mapping[str, Mapping[str, float]]
+"""Largest refused reading by axis and cause, see ``Conditioner.take_refused``."""
+
+FAR: Final = 3.0
+"""An angle beyond this many times the end of its range may be in another unit."""
+
+SHOWN: Final = 4
+"""Maximum number of axes that are named for one cause."""
+
+
+def refusal_words(counts: Mapping[str, int], sizes: Sizes, robot: Robot) -> str:
+    """What was refused, the most frequent cause first; empty if nothing was.
+
+    Args:
+        counts: refused readings or messages, by cause.
+        sizes: of the same time.
+        robot: gives ranges and speeds.
+    """
+    words = []
+    for cause, count in sorted(counts.items(), key=lambda item: -item[1]):
+        if not count:
+            continue
+        named = [
+            _sized(cause, axis, of_axis[cause], robot)
+            for axis, of_axis in sizes.items()
+            if cause in of_axis
+        ]
+        more = f" and {len(named) - SHOWN} more" if len(named) > SHOWN else ""
+        parts = [f"{count} {cause} ({REFUSALS.get(cause, cause)})", ", ".join(named[:SHOWN]) + more]
+        said = ": ".join(part for part in parts if part)
+        words.append(", ".join(part for part in (said, REMEDIES.get(cause, "")) if part))
+    return "; ".join(words)
+
+
+def _sized(cause: str, name: str, size: float, robot: Robot) -> str:
+    """An axis and the size of what is wrong with it."""
+    shown = printable(name)
+    if cause in ("late", "future") and size != 0.0:
+        return f"{shown} by {abs(size):.3g} s"
+    (axis,) = (one for one in robot.as_read.axes if one.name == name)
+    if cause == "out_of_range" and isinstance(axis, Joint):
+        return range_words(axis, size)
+    if cause == "implausible" and isfinite(size):
+        return f"{shown} at {abs(size):.4g} rad/s, max_speed is {axis.max_speed:.4g}"
+    return shown
+
+
+def range_words(joint: Joint, angle: float) -> str:
+    """A joint outside of its range, and the unit that may explain it."""
+    degrees = ": in degrees? scale_deg: 1" if _may_be_degrees(joint, angle) else ""
+    return (
+        f"joint {printable(joint.name)} at {angle:.4g}, its range is {joint.lower:.4g} to "
+        f"{joint.upper:.4g}{degrees}"
+    )
+
+
+def _may_be_degrees(joint: Joint, angle: float) -> bool:
+    """Whether an angle far out of range would be in range if its number were in degrees."""
+    far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
+    return far and joint.lower <= radians(angle) <= joint.upper
+
+
+def clocks_apart(ahead: Mapping[str, int]) -> str:
+    """Axes whose clock differs from that of the others by more than a second, and the remedy.
+
+    Args:
+        ahead: stamps less times of arrival, by axis [ns], see ``Conditioner.ahead``.
+
+    Returns:
+        A sentence without full stop; empty if the clocks agree.
+    """
+    order = sorted(ahead, key=ahead.__getitem__)
+    steps = [ahead[after] - ahead[before] for before, after in pairwise(order)]
+    if max(steps, default=0) <= MAX_GAP_NS:
+        return ""
+    first = 1 + steps.index(max(steps))
+    behind, beyond = order[:first], order[first:]
+    difference_s = (ahead[beyond[0]] - ahead[behind[-1]]) * 1e-9
+    # which clock is right is unknown: the one of fewer axes is named
+    few, others, direction, correction_s = beyond, behind, "ahead of", -difference_s
+    if len(behind) < len(beyond):
+        few, others, direction, correction_s = behind, beyond, "behind", difference_s
+    named = ", ".join(map(printable, few))
+    return (
+        f"the stamps of {named} are {difference_s:.1f} s {direction} those of "
+        f"{', '.join(map(printable, others))}: synchronise the clocks, or add {correction_s:.1f} "
+        f"to the clock_offset of {named} in the robot file"
+    )
