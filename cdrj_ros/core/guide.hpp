@@ -49,6 +49,11 @@ struct GuideKind {
     /// motion along the body follows (E26).
     ArcMiddle (*measure)(const NodeConstants& node, const Passing& cable, Touch& touch);
 
+    /// Direction of the cable at the point where it comes to the guide, or `leaving` it; null if fixed.
+    ///
+    /// The straight piece there has this direction, of which nothing is left where it is too short.
+    Vector3 (*tangent)(const NodeConstants& node, const Touch& touch, bool leaving);
+
     /// Its points of contact are given in frames and do not depend on its neighbours.
     bool fixed() const { return meet == nullptr; }
 };
@@ -69,6 +74,31 @@ inline const GuideKind& kind_of(Guide guide) {
         case Guide::sheath: return SHEATH;
     }
     return POINT;
+}
+
+/// Distance below the radius at which a point still counts as on the rim, over the radius [-].
+///
+/// It covers positions of seven digits. A geometry does not depend on the last bit of a position:
+/// points down to twice that far inside make a path impossible, before a body may be ignored.
+inline constexpr double RIM = 1e-6;
+
+/// Sine of an angle below which two directions are one to rounding.
+inline constexpr double ROUNDING = 1e-12;
+
+/// Angle by which an arc is below 0 through rounding, where a free length is the root of a difference;
+/// one that is nearer to a whole turn does not exist [rad].
+inline constexpr double BELOW_TURN = 1e-6;
+
+/// Whether a point is nearer to the centre than the radius less a share of it.
+inline bool is_inside(double square_distance, double radius, double share) {
+    const double least = (1.0 - share) * radius;
+    return square_distance < least * least;
+}
+
+/// The point, or the nearest one of the circle about the origin where it lies inside.
+inline Vector2 outside(const Vector2& a, double radius) {
+    const double square = dot(a, a);
+    return square < radius * radius ? (radius / std::sqrt(square)) * a : a;
 }
 
 /// Where a line becomes tangent to a circle.
@@ -100,7 +130,8 @@ struct RoundMeeting {
 
 /// Contact of a cable with a round body; free lengths, sense, angle and whether it touches are written.
 ///
-/// It is impossible if a point of a neighbour lies inside the body, unless it then is ignored.
+/// It is impossible if a point of a neighbour lies inside the body, unless it then is ignored, and
+/// where rounding decides between two ways.
 RoundMeeting touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane);
 
 /// Mean of a cable's directions before and after the point at which it bends over a ring.
@@ -108,5 +139,10 @@ RoundMeeting touch_round(const NodeConstants& node, Touch& touch, const ArcPlane
 /// It is shorter than 1: where the point moves on the ring by x, the cable before it grows by the
 /// component of x along its direction, which is the same as that along the direction after it.
 Vector3 direction_through_ring(const NodeConstants& node, const Touch& touch, double height);
+
+/// Direction of a cable before or after the point at which it bends over a ring, from the other one.
+///
+/// Both have the same component along the ring (G6).
+Vector3 direction_at_ring(const Touch& touch, bool leaving);
 
 }  // namespace cdrj

@@ -20,6 +20,13 @@ Meeting meet(const NodeConstants& node, Touch& touch) {
     return {possible, entry, exit};
 }
 
+/// Rise of the helix over its length around the axis.
+double slope_of(const NodeConstants& node, const Touch& touch) {
+    const double unrolled =
+        touch.before_length + node.radius * touch.angle + touch.after_length;
+    return (touch.after.z - touch.before.z) / unrolled;
+}
+
 ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch) {
     const Vector3 rise = combined(0.5, touch.entry + touch.exit, -1.0, touch.centre);
     const double height = dot(axis_of(touch.basis), rise);
@@ -27,9 +34,7 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
         touch.wrap = cable.bend();
         return {touch.entry_normal, direction_through_ring(node, touch, height), height};
     }
-    const double unrolled =
-        touch.before_length + node.radius * touch.angle + touch.after_length;
-    const double slope = (touch.after.z - touch.before.z) / unrolled;  // of the helix
+    const double slope = slope_of(node, touch);
     const double stretch = std::sqrt(1.0 + slope * slope);  // 1 / cos of the helix angle
     touch.wrap = touch.angle / stretch;
     touch.arc = node.radius * touch.angle * stretch;
@@ -38,8 +43,16 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
     return {in_space(normal), (1.0 / stretch) * Vector3{along.x, along.y, slope}, height};
 }
 
+Vector3 tangent(const NodeConstants& node, const Touch& touch, bool leaving) {
+    if (node.inside == 1.0) return direction_at_ring(touch, leaving);
+    const Vector3& normal = leaving ? touch.exit_normal : touch.entry_normal;
+    const double slope = slope_of(node, touch), stretch = std::sqrt(1.0 + slope * slope);
+    return (1.0 / stretch) * (touch.sense * cross(Z_AXIS, normal) + slope * Z_AXIS);
+}
+
 }  // namespace
 
-const GuideKind CYLINDER{.bridges = false, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind CYLINDER{
+    .bridges = false, .grooved = false, .meet = meet, .measure = measure, .tangent = tangent};
 
 }  // namespace cdrj

@@ -12,6 +12,7 @@ ArcMiddle measure(const NodeConstants&, const Passing& cable, Touch& touch) {
 
 }  // namespace
 
-const GuideKind POINT{.bridges = false, .grooved = false, .meet = nullptr, .measure = measure};
+const GuideKind POINT{
+    .bridges = false, .grooved = false, .meet = nullptr, .measure = measure, .tangent = nullptr};
 
 }  // namespace cdrj

@@ -13,6 +13,7 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
 
 }  // namespace
 
-const GuideKind SHEATH{.bridges = true, .grooved = false, .meet = nullptr, .measure = measure};
+const GuideKind SHEATH{
+    .bridges = true, .grooved = false, .meet = nullptr, .measure = measure, .tangent = nullptr};
 
 }  // namespace cdrj

@@ -44,8 +44,14 @@ ArcMiddle measure(const NodeConstants& node, const Passing& cable, Touch& touch)
     return {normal, touch.sense * cross(touch.normal, normal), 0.0};
 }
 
+Vector3 tangent(const NodeConstants& node, const Touch& touch, bool leaving) {
+    if (node.inside == 1.0) return direction_at_ring(touch, leaving);
+    return touch.sense * cross(touch.normal, leaving ? touch.exit_normal : touch.entry_normal);
+}
+
 }  // namespace
 
-const GuideKind SPHERE{.bridges = false, .grooved = false, .meet = meet, .measure = measure};
+const GuideKind SPHERE{
+    .bridges = false, .grooved = false, .meet = meet, .measure = measure, .tangent = tangent};
 
 }  // namespace cdrj

@@ -27,6 +27,9 @@ constexpr double ACCEPTED = 1e-12;
 /// Smallest distance of neighbouring nodes along a line that misses some, over its length [-].
 constexpr double LEAST_SHARE = 1e-3;
 
+/// Distance of two points over the size of the cable below which their direction is rounding [-].
+constexpr double COINCIDENT = 1e-9;
+
 /// Sine of an angle between two axes that count as parallel.
 constexpr double PARALLEL = 1e-12;
 
@@ -231,9 +234,23 @@ void share_line(std::span<Touch> touches, Index p, Index q) {
     }
 }
 
+/// Direction of the straight piece from node p to node q, a unit vector.
+///
+/// Where one of them lies on the rim of the other, the piece is too short to have a direction, and the
+/// cable is tangent to the body.
+Vector3 direction_between(const Path& path, Index p, Index q, const Vector3& way, double line) {
+    for (const Index k : {p, q}) {
+        const Touch& touch = path.touches[k];
+        if (!path.kind(k).fixed() && line <= 2.0 * RIM * path.nodes[k].radius) {
+            return rotated_back(touch.basis, path.kind(k).tangent(path.nodes[k], touch, k == p));
+        }
+    }
+    return (1.0 / line) * way;
+}
+
 /// Lengths (E6) without the arcs of ends, wraps, arcs with their middles, and directions; false if
 /// impossible.
-bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) {
+bool measure_cable(const Path& path, const CableTopology& own, double size, Workspace& work) {
     const auto touches = path.touches;
     const Index last = path.last(), first = own.first_element;
     double* length = work.element_length.data() + first;
@@ -245,8 +262,9 @@ bool measure_cable(const Path& path, const CableTopology& own, Workspace& work) 
         const Index q = path.neighbour(p, 1);
         const Vector3 way = touches[q].entry - touches[p].exit;
         const double line = norm(way);
-        const Vector3 unit = (1.0 / line) * way;
-        possible = possible && line > 0.0;
+        const Vector3 unit = direction_between(path, p, q, way, line);
+        const bool points = path.kind(p).fixed() && path.kind(q).fixed();
+        possible = possible && (!(points || q > p + 1) || line > COINCIDENT * size);
         share_line(touches, p, q);
         double begin = 0.0;
         for (Index e = p; e < q; ++e) {
@@ -352,7 +370,7 @@ bool route_cable(
             turn_of_frame(path.topology[k].frame, work.twist, path.touches[k], joint_angle);
     }
     bool possible = find_path(path, size);
-    possible = measure_cable(path, own, work) && possible;
+    possible = measure_cable(path, own, size, work) && possible;
     double* length = work.element_length.data() + own.first_element;
     for (const Index end : {Index{0}, Index{1}}) {
         const Index k = end * last;

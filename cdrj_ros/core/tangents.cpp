@@ -11,6 +11,10 @@ namespace {
 /// Largest number of Newton or bisection steps for the point of a ring.
 constexpr int MOST_STEPS = 100;
 
+/// Angle below which an arc is rounding, because a free length is the root of a difference [rad]; and
+/// free length beside a ring, over the radius, below which the cable bends at the neighbour instead.
+constexpr double GRAZING = 1e-9;
+
 /// The way of a cable round a circle.
 struct WayRound {
     bool touching;
@@ -18,53 +22,46 @@ struct WayRound {
     TangentPoint first, last;  // where it comes to the circle, and where it leaves
 };
 
-/// Whether the segments a-b and c-d intersect.
-bool lines_cross(const Vector2& a, const Vector2& b, const Vector2& c, const Vector2& d) {
-    const Vector2 ab = b - a, cd = d - c, ca = a - c;
-    const double determinant = cross(ab, cd);
-    if (std::abs(determinant) < 1e-15) return false;
-    const double first = cross(cd, ca) / determinant;
-    const double second = cross(ab, ca) / determinant;
-    return 0.0 <= first && first <= 1.0 && 0.0 <= second && second <= 1.0;
-}
-
 WayRound way_in_sense(
     const Vector2& a, const Vector2& b, double radius, double sense, bool touching) {
     return {touching, sense, tangent_from(a, radius, sense), tangent_from(b, radius, -sense)};
 }
 
-/// Cosine of the angle between a way's arc and the side point; -2 if its two lines cross.
-double goodness(
-    const WayRound& way, const Vector2& a, const Vector2& b, double radius, const Vector2& side) {
-    const Vector2 &first = way.first.normal, &last = way.last.normal;
-    if (lines_cross(a, radius * first, b, radius * last)) return -2.0;
-    const Vector2 middle = first + last;
-    return dot(middle, side) / std::max(norm(middle) * norm(side), 1e-300);
+/// Whether two vectors point to opposite sides to rounding, so that the sign of their product is none.
+bool opposite(const Vector2& a, const Vector2& b) {
+    const double sine = cross(a, b);
+    return dot(a, b) < 0.0 && sine * sine <= ROUNDING * ROUNDING * dot(a, a) * dot(b, b);
 }
 
-/// The way of a cable from a to b.
-///
-/// It touches if the straight line passes through the circle, or passes it on the side opposite to
-/// the one that `turn` or, if `sided`, the point `side` demands.
-WayRound way_round(
-    const Vector2& a, const Vector2& b, double radius, double turn, bool sided, const Vector2& side) {
+/// Whether the straight line from a to b, both outside of the circle, passes through it.
+bool passes_through(const Vector2& a, const Vector2& b, double radius) {
     const Vector2 way = b - a;
-    const double square = dot(way, way);
-    const double share =
-        square > 0.0 ? std::min(std::max(-dot(way, a) / square, 0.0), 1.0) : 0.0;
-    const Vector2 nearest = combined(1.0, a, share, way);
-    const bool through = dot(nearest, nearest) <= radius * radius;
+    const double square = dot(way, way), share = -dot(way, a);
+    if (!(0.0 < share && share < square)) return false;
+    const Vector2 nearest = combined(1.0, a, share / square, way);
+    return dot(nearest, nearest) <= radius * radius;
+}
+
+/// (G15): the way of a cable from a to b, in `node.turn`, past `side`, or the shorter one.
+WayRound way_round(const NodeConstants& node, const ArcPlane& plane) {
+    const auto& [a, b, side] = plane;
+    const bool through = passes_through(a, b, node.radius);
     const double left = cross(a, b);  // positive: the centre lies to the left of the line
-    if (turn != 0.0) return way_in_sense(a, b, radius, turn, through || turn * left < 0.0);
-    if (!sided) return way_in_sense(a, b, radius, left >= 0.0 ? 1.0 : -1.0, through);
-    if (!(through || dot(side, nearest) < 0.0)) return way_in_sense(a, b, radius, 1.0, false);
-    const WayRound plus = way_in_sense(a, b, radius, 1.0, true);
-    const WayRound minus = way_in_sense(a, b, radius, -1.0, true);
-    const double of_plus = goodness(plus, a, b, radius, side);
-    const double of_minus = goodness(minus, a, b, radius, side);
-    WayRound better = of_plus > of_minus ? plus : minus;
-    better.touching = std::max(of_plus, of_minus) >= -1.0;
-    return better;
+    const double shorter = left >= 0.0 ? 1.0 : -1.0;
+    if (node.turn != 0.0) {
+        return way_in_sense(a, b, node.radius, node.turn, through || node.turn * left < 0.0);
+    }
+    const bool far = node.sided == 1.0 && shorter * cross(side, a) > 0.0 &&
+                     shorter * cross(b, side) > 0.0;
+    return way_in_sense(a, b, node.radius, far ? -shorter : shorter, through || far);
+}
+
+/// Whether two ways between which a cable jumps are the same to rounding.
+bool undecided(const NodeConstants& node, const ArcPlane& plane) {
+    const auto& [a, b, side] = plane;
+    if (node.turn != 0.0) return opposite(a, -1.0 * b) && !passes_through(a, b, node.radius);
+    if (node.sided == 1.0) return opposite(a, side) || opposite(b, side);
+    return opposite(a, b);
 }
 
 /// Where a cable that runs through the inside of a ring touches it.
@@ -90,11 +87,7 @@ Slope slope_of(double distance, double radius, double angle) {
 
 /// (G6): the point of a ring at which a cable from a to b, outside of it, bends.
 RingPoint point_inside(const Vector2& a, const Vector2& b, double radius) {
-    const Vector2 way = b - a;
-    const double square = dot(way, way);
-    const double share = square > 0.0 ? -dot(way, a) / square : 0.0;
-    const Vector2 nearest = combined(1.0, a, share, way);
-    const bool free = 0.0 < share && share < 1.0 && dot(nearest, nearest) <= radius * radius;
+    const bool free = passes_through(a, b, radius);
     const double from_a = norm(a), from_b = norm(b);
     double whole = std::atan2(cross(a, b), dot(a, b));
     const double sense = whole >= 0.0 ? 1.0 : -1.0;
@@ -121,37 +114,49 @@ RingPoint point_inside(const Vector2& a, const Vector2& b, double radius) {
 /// Angle in [0, 2 pi) from one normal to another; rounding below 0 counts as 0.
 double arc_angle(double sense, const Vector2& first, const Vector2& last) {
     double angle = sense * std::atan2(cross(first, last), dot(first, last));
-    if (angle < -1e-9) angle += 2.0 * PI;
+    if (angle < -BELOW_TURN) angle += 2.0 * PI;
     return std::max(angle, 0.0);
 }
 
 }  // namespace
 
-RoundMeeting touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& plane) {
-    const auto& [a, b, side] = plane;
+RoundMeeting touch_round(const NodeConstants& node, Touch& touch, const ArcPlane& seen) {
     const double radius = node.radius;
     touch.angle = 0.0;
-    if (!(dot(a, a) > radius * radius && dot(b, b) > radius * radius)) {
+    const double nearest = std::min(dot(seen.a, seen.a), dot(seen.b, seen.b));
+    if (is_inside(nearest, radius, RIM)) {
         touch.touching = 0.0;
-        return {node.ignored_inside == 1.0, {0.0, 0.0}, {0.0, 0.0}};
+        const bool ignored = node.ignored_inside == 1.0 && is_inside(nearest, radius, 2.0 * RIM);
+        return {ignored, {0.0, 0.0}, {0.0, 0.0}};
     }
+    const ArcPlane plane{outside(seen.a, radius), outside(seen.b, radius), seen.side};
+    const auto& [a, b, side] = plane;
     if (node.inside == 1.0) {  // (G6)
         const RingPoint ring = point_inside(a, b, radius);
         const Vector2 point = radius * ring.normal;
-        touch.touching = ring.touching ? 1.0 : 0.0;
         touch.sense = 1.0;
         touch.before_length = norm(a - point);
         touch.after_length = norm(b - point);
+        const double shorter = std::min(touch.before_length, touch.after_length);
+        touch.touching = ring.touching && shorter > GRAZING * radius ? 1.0 : 0.0;
         return {true, ring.normal, ring.normal};
     }
-    const auto [touching, sense, first, last] =
-        way_round(a, b, radius, node.turn, node.sided == 1.0, side);
-    touch.touching = touching || node.turns > 0.0 ? 1.0 : 0.0;
+    const auto [touching, sense, first, last] = way_round(node, plane);
+    const double angle = arc_angle(sense, first.normal, last.normal) + 2.0 * PI * node.turns;
+    touch.touching = (touching && angle > GRAZING) || node.turns > 0.0 ? 1.0 : 0.0;
     touch.sense = sense;
-    touch.angle = arc_angle(sense, first.normal, last.normal) + 2.0 * PI * node.turns;
+    touch.angle = angle;
     touch.before_length = first.length;
     touch.after_length = last.length;
-    return {true, first.normal, last.normal};
+    return {!undecided(node, plane), first.normal, last.normal};
+}
+
+Vector3 direction_at_ring(const Touch& touch, bool leaving) {
+    const Vector3& normal = touch.entry_normal;
+    const Vector3 point = rotated(touch.basis, touch.entry - touch.centre);
+    const Vector3 other = leaving ? point - touch.before : touch.after - point;
+    const Vector3 unit = (1.0 / norm(other)) * other;
+    return combined(1.0, unit, -2.0 * dot(unit, normal), normal);
 }
 
 Vector3 direction_through_ring(const NodeConstants& node, const Touch& touch, double height) {

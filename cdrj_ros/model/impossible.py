@@ -85,6 +85,9 @@ def _nodes(cable: Cable) -> Iterator[Suspicion]:
             yield from _coordinates(where, "position", node.place.position)
 
 
+RIM: Final = 1e-6
+"""Depth below the rim at which a point counts as on it, over the radius; as in the core."""
+
 NAMED_ANGLES: Final = 12
 """Joints whose angles are listed in a message."""
 
@@ -136,22 +139,50 @@ def _at_nodes(cable: Cable, path: str, where: str, touches: Any) -> Iterator[str
     for k, node in enumerate(cable.nodes):
         assert node.place is not None
         touch, kind = touches[k], node.place.kind
-        if kind in ("pulley", "swivel"):
-            for other, free in ((k - 1, touch.before_length), (k + 1, touch.after_length)):
-                if 0 <= other <= last and not free > 0.0 and not (kind == "swivel" and other < k):
+        seen = slice(0, 3 if kind == "sphere" else 2)
+        points = [(k - 1, touch.before[seen]), (k + 1, touch.after[seen])]
+        if kind == "pulley":
+            for other, point in points:
+                if 0 <= other <= last and _distance(point) < (1.0 - RIM) * node.radius:
                     one, two = sorted((k, other))
+                    yield _no_tangent(f"{path}[{one}] and nodes[{two}] ({cable.name})", where)
+        elif kind == "swivel" and not touch.after_length > 0.0:
+            yield _no_tangent(f"{path}[{k}] and nodes[{k + 1}] ({cable.name})", where)
+        elif kind in ("cylinder", "sphere"):
+            begin = f"{path}[{k}] ({cable.name}/{k + 1})"
+            least = (1.0 - 2.0 * RIM if node.place.ignored_inside else 0.0) * node.radius
+            for other, point in points:
+                if least <= (distance := _distance(point)) < (1.0 - RIM) * node.radius:
                     yield (
-                        f"{path}[{one}] and nodes[{two}] ({cable.name}) have no common tangent"
-                        f"{where}: seen along the axis, one lies inside the circle of the other, "
-                        "or the circles overlap where the cable should cross between them"
+                        f"{begin} has a point of nodes[{other}] inside{where}: {distance:.7g} m "
+                        f"from its centre, the radius is {node.radius:g} m"
                     )
-        elif kind in ("cylinder", "sphere") and not node.place.ignored_inside:
-            seen = slice(0, 3 if kind == "sphere" else 2)
-            for other, point in ((k - 1, touch.before), (k + 1, touch.after)):
-                distance = float(np.linalg.norm(point[seen]))
-                if not distance > node.radius:
-                    yield (
-                        f"{path}[{k}] ({cable.name}/{k + 1}) has a point of nodes[{other}] inside"
-                        f"{where}: {distance:.4g} m from its centre, the radius is "
-                        f"{node.radius:g} m"
-                    )
+            side = touch.side[seen] if node.place.sided else None
+            if not node.place.inside and _undecided(points[0][1], points[1][1], side):
+                towards = "its side point" if node.place.sided else "nodes on both sides of it"
+                yield (
+                    f"{begin}: rounding decides on which side the cable passes{where}, for "
+                    f"{towards} and its centre lie on one line; "
+                    "give a side that no point of the cable lies opposite to"
+                )
+
+
+def _distance(point: Vector) -> float:
+    return float(np.linalg.norm(point))
+
+
+def _no_tangent(nodes: str, where: str) -> str:
+    return (
+        f"{nodes} have no common tangent{where}: seen along the axis, one lies inside the circle "
+        "of the other, or the circles overlap where the cable should cross between them"
+    )
+
+
+def _undecided(before: Vector, after: Vector, side: Vector | None) -> bool:
+    """Whether points lie opposite to each other to rounding, as in ``core/tangents.cpp``."""
+    pairs = [(before, after)] if side is None else [(before, side), (after, side)]
+    for one, other in pairs:
+        product = float(one @ other)
+        if product < 0.0 and product <= (RIM**2 - 1.0) * _distance(one) * _distance(other):
+            return True
+    return False

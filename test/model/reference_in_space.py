@@ -120,19 +120,12 @@ def way_round(node: Node, a: Vector, b: Vector, axis: Vector, side: Vector) -> t
     left = axis @ np.cross(a, b)
     if place.turn:
         return through or place.turn * left < 0.0 or place.turns > 0, float(place.turn)
-    if place.sided:
-
-        def distance(sense: float) -> float:
-            first, _ = tangent(a, axis, node.radius, sense)
-            last, _ = tangent(b, axis, node.radius, -sense)
-            wrap = angle(first, last, axis, sense)
-            if wrap > np.pi * 1.5:  # the pieces would cross
-                return np.inf
-            middle = first + last
-            return -float(middle @ side / (np.linalg.norm(middle) * np.linalg.norm(side)))
-
-        return through or side @ close < 0.0, min((1.0, -1.0), key=distance)
-    return through, 1.0 if left >= 0.0 else -1.0
+    shorter = 1.0 if left >= 0.0 else -1.0
+    if place.sided:  # (G15): whether -side = x a + y b with positive x and y
+        x, y = np.linalg.lstsq(np.stack([a, b], axis=1), -side, rcond=None)[0]
+        if x > 0.0 and y > 0.0:
+            return True, -shorter
+    return through, shorter
 
 
 def arc(

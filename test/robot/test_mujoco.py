@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.page_lines import ROOT, loaded_tool
 
 from cdrj_ros.commands import import_robot
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.reader import load_robot
 
 pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
@@ -125,6 +126,75 @@ def test_lengths_and_moment_arms_are_those_of_mujoco(name: str, tmp_path: Path) 
     assert found.arm <= 1e-7
     foreign = [one for one in found.remarks if one.startswith("beside passes outside ball")]
     assert len(foreign) == (MODELS[name] is ARM)
+
+
+def test_sides_of_random_points_choose_the_way_of_mujoco(tmp_path: Path) -> None:
+    draw = np.random.default_rng(7)
+    sites, tendons = [], []
+    for k in range(60):
+        for name, where in zip("abs", draw.uniform(-0.4, 0.4, (3, 3)), strict=True):
+            far = where * max(1.0, 0.12 / np.linalg.norm(where[:2]))
+            text = f'<site name="{name}{k}" pos="{far[0]} {far[1]} {far[2]}"/>'
+            sites.append((name == "a", text))
+        geom = ("bar", "ball")[k % 2]
+        tendons.append(
+            f'<spatial name="t{k}"><site site="a{k}"/><geom geom="{geom}" sidesite="s{k}"/>'
+            f'<site site="b{k}"/></spatial>'
+        )
+    path = tmp_path / "sides.xml"
+    path.write_text(
+        '<mujoco><worldbody><geom name="bar" type="cylinder" size="0.1 0.5"/>'
+        '<geom name="ball" size="0.1"/>'
+        + "".join(text for moves, text in sites if not moves)
+        + '<body name="w"><joint name="q" axis="0 0 1" range="-180 180"/><geom size="0.01"/>'
+        + "".join(text for moves, text in sites if moves)
+        + f"</body></worldbody><tendon>{''.join(tendons)}</tendon></mujoco>"
+    )
+    found = COMPARING.compare(path, 300)
+    assert found.compared == 60
+    assert found.touched >= 40
+    assert found.length <= 1e-9
+    assert found.slope <= 1e-7
+
+
+WHEEL = """
+<mujoco model="drive">
+  <worldbody>
+    <body name="drive" pos="-0.7 0 0">
+      <joint name="pin" axis="0 0 1" range="-160 160"/>
+      <geom name="wheel" type="cylinder" size="{radius} 0.05"/>
+      <site name="rope" pos="0 0.15 0"/>
+    </body>
+    <site name="side" pos="-0.7 0.4 0"/>
+    <body name="arm">
+      <joint name="elbow" axis="0 0 1" range="-70 70"/>
+      <geom size="0.02"/>
+      <site name="end" pos="0 0.09 0.01"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="t"><site site="rope"/><geom geom="wheel" sidesite="side"/><site site="end"/></spatial>
+  </tendon>
+</mujoco>
+"""  # noqa: E501
+
+
+def test_a_rope_from_the_rim_of_a_wheel_is_that_of_mujoco_on_a_wheel_smaller_by_a_micrometre(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "rim").mkdir()
+    on_rim = imported(WHEEL.format(radius=0.15), tmp_path / "rim")
+    path = tmp_path / "model.xml"
+    path.write_text(WHEEL.format(radius=0.15 - 1e-6))
+    assert COMPARING.compare(path, 300).agrees
+    smaller = imported(path.read_text(), tmp_path, "--tendons", "t")
+    for angles in np.random.default_rng(3).uniform([-2.79, -1.2], [2.79, 1.2], (300, 2)):
+        one, other = shape_at(on_rim, angles), shape_at(smaller, angles)
+        assert one.possible
+        assert one.length.sum() == pytest.approx(other.length.sum(), abs=1e-5)
+        np.testing.assert_allclose(
+            one.lever_arm.sum(axis=0), other.lever_arm.sum(axis=0), atol=6e-4
+        )
 
 
 def test_what_cannot_be_represented_is_named(
