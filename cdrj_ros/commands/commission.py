@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from cdrj_ros.commands.commission_checks import refuse_signs, swapped
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
@@ -170,6 +171,11 @@ def _notes(now: Commissioned, *, suspected: bool) -> Iterator[str]:
             yield f"{cables}{sentence}{SUSPECTED if suspected else ''}"
 
 
+SWAPPED: Final = (
+    "The spring scale's readings of {0} and {1} seem to be swapped: the efforts in {2} fit them "
+    "only the other way round."
+)
+
 SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the tare?"
 """Where the residual of a fit is large although preloads were measured."""
 
@@ -207,7 +213,12 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
         return _fitting(partial(drums_measured, now, sizes))
 
     def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
-        return _fitting(partial(fitted, now, [_read(now, bag, topics) for bag in bags]))
+        read = [_read(now, bag, topics) for bag in bags]
+        for one in read:
+            refuse_signs(now.measured, one)
+            if pair := swapped(now.measured, one, now.weighed):
+                say(f"note: {SWAPPED.format(*pair, one.name)}")
+        return _fitting(partial(fitted, now, read))
 
     return [
         ("rest", rest), ("preload", preload), ("drum", drum),

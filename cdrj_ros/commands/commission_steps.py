@@ -43,6 +43,7 @@ from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.model.packing import TENSION
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.names import known_name
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.stated import stated_numbers, with_covariance
@@ -74,11 +75,18 @@ class Commissioned:
     """That of the tare."""
     poses: tuple[Sample, ...] = ()
     """Those in which the robot rests there, the reference pose first."""
+    weighed: tuple[str, ...] = ()
+    """Cables that were read on a spring scale in the reference pose."""
 
     @property
     def model(self) -> Model:
         """The prepared robot of the text."""
         return prepare(parse_robot(self.text, self.source))
+
+    @property
+    def measured(self) -> Model:
+        """The prepared robot without what fits have found."""
+        return prepare(parse_robot(self.base, self.source))
 
 
 def begin(text: str, source: str) -> Commissioned:
@@ -120,6 +128,7 @@ def preloaded(
     preloads, recorded = scale_readings(robot, now.rest, now.poses, readings)
     values = preloads_of(now.model, preloads).values
     after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.1%}")
+    after = replace(after, weighed=(*preloads,))
     return after if recorded is None else fitted(after, [recorded], say)
 
 
@@ -136,7 +145,9 @@ def drums_measured(
     Raises:
         UsageError: no drum belongs to such a motor.
     """
-    drums = drum_radii(now.model.robot.document)
+    document = dict(now.model.robot.document)
+    drums = drum_radii(document)
+    diameters = {known_name(name, drums, document): size for name, size in diameters.items()}
     if unknown := [name for name in diameters if name not in drums]:
         raise UsageError(f"there is no drum of {unknown[0]!r}; there are {', '.join(drums)}")
     values = {path: 0.5 * size for name, size in diameters.items() for path in drums[name]}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Joint, Robot
+from cdrj_ros.robot.names import known_name
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, usual_load
@@ -97,7 +98,8 @@ def make_plan(
     names = [joint.name for joint in robot.joints]
     if not names:
         raise UsageError(f"simulate moves joints, and {robot.name} has none")
-    chosen = arguments.joint or names[:1]
+    given = arguments.joint or names[:1]
+    chosen = [known_name(name, names, dict(robot.document)) for name in given]
     for name in chosen:
         if name not in names:
             raise UsageError(f"--joint must be one of {', '.join(names)}, got {name!r}")

@@ -41,7 +41,10 @@ REST_FLOOR: Final = 2e-3
 than a count of an encoder of 12 bits, between two of which a reading at rest may alternate."""
 
 REST_IN_POSE_NS: Final = 2_000_000_000
-"""Shortest rest in a pose, unless the robot does not move at all [ns]."""
+"""Shortest rest in a further pose [ns]."""
+
+REST_FIRST_NS: Final = 1_000_000_000
+"""Shortest rest in the reference pose before the robot moves on [ns]."""
 
 NEAR: Final = 0.05
 """Part of a joint's range within which a motion between two rests does not change the pose; without
@@ -228,20 +231,23 @@ def _rests(robot: Robot, samples: Samples, name: str) -> list[slice]:
     first, last = int(stamps[0]), int(stamps[-1])
     steps = np.searchsorted(stamps, np.arange(first, last, REST_STEP_NS))
     found: list[slice] = []
-    begin = -1
+    begin, reason, moved = -1, "", False
     for k in np.unique([*steps, stamps.size - 1]).tolist():
         watch.add(samples.at(k))
         reason = watch.in_motion(robot)
+        moved = moved or (bool(reason) and stamps[k] - first >= REST_NS)
         if begin < 0 and not reason:
-            begin = int(np.searchsorted(stamps, stamps[k] - REST_NS))
+            begin = int(np.searchsorted(stamps, stamps[k] - REST_NS)) if moved else 0
         if begin >= 0 and (reason or stamps[k] == last):
-            whole = begin == 0 and not reason
-            if whole or stamps[k] - stamps[begin] >= REST_IN_POSE_NS:
+            least = REST_IN_POSE_NS if found else REST_FIRST_NS
+            if not moved or stamps[k] - stamps[begin] >= least:
                 found.append(slice(begin, k if reason else k + 1))
             begin = -1
-        watched = stamps[k] - first >= REST_NS or stamps[k] == last
-        if reason and watched and not found:
-            raise UsageError(f"{name}: {reason}")
+        if moved and not found:
+            rest = f"a tare needs {1e-9 * REST_FIRST_NS:g} s at rest before any motion"
+            raise UsageError(f"{name}: {reason}; {rest}")
+    if not found:
+        raise UsageError(f"{name}: {reason}")
     return found
 
 

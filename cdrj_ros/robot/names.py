@@ -31,6 +31,18 @@ def prefixed(name: str, prefix: str) -> str:
     return name if name.startswith(prefix) else prefix + name
 
 
+def known_name(name: str, names: Collection[str], document: Document) -> str:
+    """A name as messages have it, given so or as the robot file has it, without its prefix.
+
+    Args:
+        name: as given.
+        names: those that there are.
+        document: content of the robot file.
+    """
+    longer = prefixed(name, str(document.get("prefix", "")))
+    return longer if name not in names and longer in names else name
+
+
 def with_prefix(document: Document) -> Document:
     """The document with the names of motors and joints as messages have them.
 

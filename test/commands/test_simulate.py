@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from support.places import ROBOT, SAMPLE
+from support.places import PROTOTYPE, ROBOT, SAMPLE
 
 from cdrj_ros.commands.simulate import main
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
@@ -235,3 +235,11 @@ def test_positions_of_a_prismatic_joint_are_printed_in_metres(
     error = capsys.readouterr().err
     assert " m, t = " in error
     assert "= 0.5 rad" not in error
+
+
+def test_a_joint_may_be_named_without_the_prefix_of_the_file(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.yaml"
+    robot.write_text("prefix: left_\n" + PROTOTYPE.read_text(encoding="utf-8"), encoding="utf-8")
+    for name in ("elbow", "left_elbow"):
+        given = ["--robot", str(robot), "--joint", name, "--duration", "0.5"]
+        assert main([str(tmp_path / name), *given]) == 0

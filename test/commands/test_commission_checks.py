@@ -1,0 +1,115 @@
+"""``commission``: mistakes that are named, and files that are written once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from support.fingers import finger, hand
+
+from cdrj_ros.commands import commission
+from cdrj_ros.commands import commission_steps as steps
+from cdrj_ros.commands.commission_checks import refuse_signs, swapped
+from cdrj_ros.estimation.changes import rest_poses
+from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
+
+EPOCH_NS = 1_700_000_000_000_000_000
+RADIUS = 0.006
+"""Of the drums of both cables [m]."""
+
+
+def read_as(first: float, second: float) -> Model:
+    """A finger whose two cables were read on a spring scale [N]."""
+    document = dict(hand(finger("a")).document)
+    values = {"cables.a_0.preload": first, "cables.a_1.preload": second}
+    return prepare(build_robot(with_numbers(document, values), "finger"))
+
+
+def pulled(first: float, second: float, sign: float = 1.0) -> Recorded:
+    """Efforts of motors that pull with some tensions on the whole [N]."""
+    stamps = EPOCH_NS + 5_000_000 * np.arange(400)
+    swing = 0.1 * np.sin(np.arange(400) / 30.0)
+    efforts = {
+        f"effort/a_motor{k}": Series(stamps, stamps, sign * RADIUS * (tension + swing))
+        for k, tension in enumerate((first, second))
+    }
+    return Recorded("motion", {}, {}, efforts)
+
+
+def test_readings_of_two_cables_that_were_swapped_are_named() -> None:
+    both = ("a_0", "a_1")
+    assert swapped(read_as(17.0, 14.0), pulled(14.2, 17.1), both) == both
+    assert swapped(read_as(14.0, 17.0), pulled(14.2, 17.1), both) is None
+    assert swapped(read_as(17.0, 14.0), pulled(14.2, 14.0), both) is None, "one is right"
+    assert swapped(read_as(17.0, 14.0), pulled(14.2, 17.1), ("a_0",)) is None, "not read"
+
+
+def test_efforts_of_the_wrong_sign_are_refused_with_the_key_that_fits() -> None:
+    model = read_as(14.0, 17.0)
+    refuse_signs(model, pulled(14.0, 17.0))
+    refuse_signs(model, pulled(9.0, 30.0))
+    with pytest.raises(UsageError, match=r"motors\.a_motor0\.effort_sign: -1, motors\.a_motor1"):
+        refuse_signs(model, pulled(14.0, 17.0, sign=-1.0))
+
+
+@pytest.mark.parametrize("seconds", [0.4, 1.0, 1.2, 1.6, 2.0, 3.0])
+@pytest.mark.parametrize("rate", [47.0, 200.0, 1000.0])
+def test_a_recording_at_rest_is_a_pose_however_its_stamps_lie(seconds: float, rate: float) -> None:
+    stamps = EPOCH_NS + np.round(np.arange(0.0, seconds, 1.0 / rate) * 1e9).astype(np.int64)
+    stamps += np.random.default_rng(0).integers(0, 100_000, stamps.size)
+    still = np.zeros((stamps.size, 2))
+    (pose,) = rest_poses(hand(finger("a")), Samples(stamps, still, still), "rest")
+    np.testing.assert_array_equal(pose.joint_angle, [0.0, 0.0])
+
+
+def test_a_second_at_rest_before_a_motion_is_a_pose_and_less_is_named() -> None:
+    robot = hand(finger("a"))
+
+    def poses(rest: float) -> int:
+        time = np.arange(0.0, rest + 1.0, 0.005)
+        angle = np.clip(time - rest, 0.0, None)[:, None] * np.ones(2)
+        stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+        return len(rest_poses(robot, Samples(stamps, angle, angle), "bag"))
+
+    assert poses(1.2) == 1
+    with pytest.raises(UsageError, match=r"bag: not at rest: .*; a tare needs 1 s at rest before"):
+        poses(0.7)
+
+
+def test_a_refused_measurement_leaves_no_file_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, out = tmp_path / "finger.yaml", tmp_path / "out.yaml"
+    robot.write_text(yaml.safe_dump(dict(hand(finger("a")).document)), encoding="utf-8")
+    stamps, topics = EPOCH_NS + 5_000_000 * np.arange(240), Topics()
+    still = np.zeros((stamps.size, 2))
+    with BagWriter(tmp_path / "rest") as bag:
+        bag.write_joint_states(topics.motors, stamps, ["a_motor0", "a_motor1"], still)
+        bag.write_joint_states(topics.joints, stamps, ["a_mcp", "a_pip"], still)
+    given = ["--robot", str(robot), "--out", str(out), "--yes", "--rest", str(tmp_path / "rest")]
+    assert commission.main([*given, "--drum", "none=12.1"]) == 2
+    assert "there is no drum of 'none'; there are a_motor0, a_motor1" in capsys.readouterr().err
+    assert not out.exists()
+    assert commission.main([*given, "--drum", "a_motor0=12.1"]) == 0
+    assert out.exists()
+
+
+def test_a_drum_may_be_named_without_the_prefix_of_the_file() -> None:
+    document = {**hand(finger("a")).document, "prefix": "lh_"}
+    text = yaml.safe_dump(document)
+    before = steps.begin(text, "finger")
+    short, whole = (
+        steps.drums_measured(before, {name: 0.0123}) for name in ("a_motor0", "lh_a_motor0")
+    )
+    assert short.text == whole.text
+    assert short.model.robot.cables[0].nodes[0].radius == pytest.approx(0.00615)
