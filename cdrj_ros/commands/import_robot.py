@@ -12,6 +12,8 @@ from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import counted, printable
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.untouched import untouched_bodies
 from cdrj_ros.robot.imported import import_mjcf, import_urdf
 from cdrj_ros.robot.reader import load_robot
 
@@ -53,7 +55,8 @@ def _body(argv: Sequence[str]) -> int:
     wanted = arguments.tendons.split(",") if arguments.tendons else None
     remarks = import_mjcf(path, arguments.out, wanted)
     robot = load_robot(arguments.out)
-    for remark in remarks:
+    bodies = untouched_bodies(prepare(robot, check_range=False))
+    for remark in (*remarks, *(f"{one.where}: {one.text}" for one in bodies)):
         print(printable(f"note: {remark}"))
     print(
         f"{printable(arguments.out)}: {counted(len(robot.cables), 'cable')}, "

@@ -10,6 +10,7 @@ from cdrj_ros.inspection.motors import encoderless_suspicions
 from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, PulleyCheck, pose_text
 from cdrj_ros.model.impossible import Suspicion, unit_doubts
 from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at
+from cdrj_ros.model.untouched import untouched_bodies
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch, friction_law
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
@@ -68,6 +69,7 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     if unlimited:
         text = "without max_tension: no overload will be reported"
         found.append(Suspicion(", ".join(unlimited), text, grave=False))
+    found += untouched_bodies(inspection.model)
     found += _motors(inspection)
     found += _joints(inspection)
     found += encoderless_suspicions(inspection.model)
