@@ -100,7 +100,7 @@ def _distance(before: Any, after: Any) -> Vector:
 
 
 def _chord(before: Any, after: Any, radius: float) -> Vector:
-    """Length of the straight lines within the circle [m], both ends cut off where they lie inside."""
+    """Length of the straight lines within the circle [m]."""
     way = after - before
     length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
     along = -np.sum(way * before, axis=1) / length
