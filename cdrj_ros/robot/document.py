@@ -87,7 +87,8 @@ def explained(text: str, source: str) -> Iterator[None]:
         node = yaml_nodes(text)
         for key in keys:
             if isinstance(key, int):
-                node = node.value[key] if key < len(node.value) else node
+                listed = node.id == "sequence" and key < len(node.value)
+                node = node.value[key] if listed else node
             elif found := entry_node(node, key):
                 node = found[1]
         return int(node.start_mark.line) + 1

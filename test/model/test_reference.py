@@ -24,7 +24,7 @@ from model.reference import Drum, History, Outputs
 from model.reference_geometry import Geometry
 from model.reference_in_space import geometry, moved
 from numpy.typing import NDArray
-from support.places import ROBOTS
+from support.places import ROBOTS, shipped_once
 
 from cdrj_ros._core import Law
 from cdrj_ros.estimation.estimator import Estimate, Sample, State, initial_state, step
@@ -32,7 +32,7 @@ from cdrj_ros.model.laws import elasticity_of, strain_at
 from cdrj_ros.model.packing import OK, SLACK, state_views, topology_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
-from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation import assembly
 
 Vector = NDArray[np.float64]
@@ -107,7 +107,7 @@ def with_law(robot: Robot, law: str) -> Robot:
 
 @cache
 def shipped(file: str) -> tuple[Robot, Course]:
-    robot = prepare(load_robot(ROBOTS / f"{file}.yaml"), check_range=False).robot
+    robot = prepare(shipped_once(file), check_range=False).robot
     return robot, course(robot)  # with the cells that are chosen for its pulleys
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.places import ROBOTS
+from support.places import ROBOTS, shipped_once
 
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.simulation.drives import BEGIN_S, program_of
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load, usual_payload
@@ -19,7 +19,7 @@ def rig_of(model: Model, joint: int, payload: float, gravity: float = 9.81) -> L
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in ROBOTS.glob("*.yaml")))
 def test_every_joint_of_every_robot_rests_at_the_start_and_then_moves(name: str) -> None:
-    model = load_model(name)
+    model = prepare(shipped_once(name))
     for place, axis in enumerate(model.robot.joints):
         if axis.name.startswith("segment_") and axis.name not in ("segment_1", "segment_8"):
             continue

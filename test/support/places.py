@@ -2,8 +2,22 @@
 
 from pathlib import Path
 
+import yaml
+
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
+
 ROOT = Path(__file__).parents[2]
 ROBOTS = ROOT / "config" / "robots"
 PROTOTYPE = ROBOTS / "prototype.yaml"
 ROBOT = str(PROTOTYPE)
 SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
+
+
+def shipped_once(name: str) -> Robot:
+    """A shipped robot in which every part is used once, for tests that would be slow otherwise."""
+    path = ROBOTS / f"{name}.yaml"
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for part in document.get("parts", ()):
+        del part["used"][1:]
+    return parse_robot(yaml.safe_dump(document), str(path))
