@@ -16,6 +16,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.model.untouched import untouched_bodies
 from cdrj_ros.robot.imported import import_mjcf, import_urdf
 from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.robot.urdf import expanding
 
 DESCRIPTION: Final = (
     "Turn the spatial tendons of a MuJoCo model into the cables of a robot file. Its stiffness, "
@@ -47,6 +48,8 @@ def _body(argv: Sequence[str]) -> int:
         raise UsageError(f"there is no model {printable(arguments.model)}")
     if path.suffix == ".urdf":
         return _begun(path, arguments)
+    if path.suffix == ".xacro":
+        raise UsageError(f"{printable(arguments.model)} is a xacro file; {expanding(path)}")
     if path.suffix != ".xml":
         raise UsageError(
             f"MODEL must be an MJCF file named .xml, or a URDF named .urdf, got "

@@ -1,9 +1,10 @@
 """Robot files from a MuJoCo model, and the beginning of one from a URDF.
 
 The format of ``<ros2_control>`` and of ``<transmission>`` is that of control.ros.org: a joint with
-a command interface is driven, one with state interfaces alone is measured.  Behind a transmission
-of the reduction N, position of the joint = position of the actuator / N + offset, and the effort of
-the joint is N times that of the actuator.  The cables are not in a URDF.
+a command interface is driven, one with state interfaces alone is measured.  Behind a simple
+transmission of the reduction N, position of the joint = position of the actuator / N + offset, and
+the effort of the joint is N times that of the actuator.  Other transmissions, such as differentials
+and four-bar linkages, have no single gear: they are named.  The cables are not in a URDF.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from cdrj_ros.foundation.yaml import Document, yaml_flow
 from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.space import UrdfJoint
-from cdrj_ros.robot.urdf import ROOT, joints_of, urdf_element
+from cdrj_ros.robot.urdf import ROOT, held_joints, joints_of, urdf_element
 
 ASSUMED: Final = {
     "axial_stiffness": "assumed: EA [N], measure it by hanging a weight on the cable",
@@ -121,6 +122,16 @@ class Transmission:
 
 
 @dataclass
+class Linkage:
+    """A transmission that is not simple: several joints or actuators, or another type."""
+
+    name: str
+    kind: str
+    joints: list[str]
+    actuators: list[str]
+
+
+@dataclass
 class Control:
     """What the tags of ros2_control say."""
 
@@ -129,6 +140,9 @@ class Control:
     measured: list[str] = field(default_factory=list)
     """Names with a state interface ``position`` alone."""
     transmissions: list[Transmission] = field(default_factory=list)
+    """Simple ones."""
+    linkages: list[Linkage] = field(default_factory=list)
+    """All other ones."""
 
 
 def import_urdf(path: Path, out: str) -> tuple[str, ...]:
@@ -163,6 +177,11 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
     measured = [_joint(moving[name], speeds) for name in listed if name in own]
     remarks += [f"{one['name']} has no limits: a range of one turn is assumed" for one in measured
                 if "range" in one]  # fmt: skip
+    remarks += [_linkage(one, control) for one in control.linkages]
+    remarks += [
+        f"{printable(name)} is a floating or planar joint: it is held at its place in the model"
+        for name in held_joints(root)
+    ]
     if not motors:
         remarks.append("no joint has a command interface: add the motors under their names")
     if not measured:
@@ -207,16 +226,37 @@ def control_of(root: Xml.Element, path: Path) -> Control:
             elif "position" in states:
                 found.measured.append(name)
     for element in root.iter("transmission"):
-        joint_tag, actuator = element.find("joint"), element.find("actuator")
-        if joint_tag is not None and actuator is not None:
+        joints, actuators = (
+            [one.get("name", "") for one in element if one.tag.lower().endswith(kind)]
+            for kind in ("joint", "actuator")
+        )
+        kind = _kind(element)
+        if "simple" in kind.lower() and len(joints) == len(actuators) == 1:
             given = [_first(element, key, path) for key in ("reduction", "offset")]
-            found.transmissions.append(
-                Transmission(
-                    joint_tag.get("name", ""), actuator.get("name", ""), given[0] or 1.0,
-                    given[1] or 0.0,
-                )
-            )  # fmt: skip
+            one = Transmission(joints[0], actuators[0], given[0] or 1.0, given[1] or 0.0)
+            found.transmissions.append(one)
+        elif joints or actuators:
+            found.linkages.append(Linkage(element.get("name", ""), kind, joints, actuators))
     return found
+
+
+def _kind(element: Xml.Element) -> str:
+    """Type of a transmission, without its package; simple where it has none."""
+    given = [element.findtext("plugin"), element.findtext("type"), element.get("type")]
+    kind = next((text.strip() for text in given if text and text.strip()), "SimpleTransmission")
+    return kind.rsplit("/", 1)[-1]
+
+
+def _linkage(linkage: Linkage, control: Control) -> str:
+    """What is said of a transmission without a single gear."""
+    joints, actuators = ", ".join(linkage.joints), ", ".join(linkage.actuators)
+    before = [name for name in linkage.actuators if name in control.driven]
+    side = "before it, at the actuators" if before else "behind it, at the joints"
+    return (
+        f"transmission {linkage.name} ({linkage.kind}) couples {joints or 'no joint'} to "
+        f"{actuators or 'no actuator'}: it has no single gear, and none of its reductions is in "
+        f"the file; motors are published {side}"
+    )
 
 
 def _first(element: Xml.Element, key: str, path: Path) -> float | None:
@@ -237,7 +277,10 @@ def _number(text: str | None, path: Path) -> float | None:
 
 def _driven(control: Control) -> list[str]:
     """Names of the motors: driven ones, else the joints of the transmissions."""
-    return control.driven or [one.joint for one in control.transmissions]
+    return control.driven or [
+        *(one.joint for one in control.transmissions),
+        *(name for one in control.linkages for name in one.joints),
+    ]
 
 
 def _motor(name: str, control: Control, speeds: dict[str, float], remarks: list[str]) -> Document:

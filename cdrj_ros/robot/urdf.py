@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.names import prefixed, renamed
@@ -22,6 +23,12 @@ MAXIMUM_BYTES: Final = 20_000_000
 """Largest accepted size of a URDF [bytes]."""
 
 MOTIONS: Final = ("fixed", "revolute", "continuous", "prismatic")
+
+HELD: Final = ("floating", "planar")
+"""Types of joints without a single angle, which stand at their origin."""
+
+MOST_ROOTS: Final = 8
+"""Number of root links that a message names."""
 
 ROOT: Final = "base"
 """Name of the root link in robot files, whatever the URDF calls it."""
@@ -198,8 +205,19 @@ def parsed_urdf(data: bytes, path: Path) -> Xml.Element:
     if root.tag != "robot":
         raise RobotFileError(f"{path} is no URDF: its first element is {root.tag[:40]!r}")
     if any("xacro" in element.tag for element in root.iter()):
-        raise RobotFileError(f"{path} is a xacro file; turn it into a URDF by xacro first")
+        raise RobotFileError(f"{path} is a xacro file; {expanding(path)}")
     return root
+
+
+def expanding(path: Path) -> str:
+    """The command that expands a xacro file."""
+    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
+    return f"expand it first: ros2 run xacro xacro {printable(str(path))} -o {printable(name)}.urdf"
+
+
+def held_joints(root: Xml.Element) -> list[str]:
+    """Names of joints without a single angle, which stand at their origin."""
+    return [one.get("name", "") for one in root.findall("joint") if one.get("type") in HELD]
 
 
 def joints_of(root: Xml.Element, path: Path) -> list[UrdfJoint]:
@@ -221,8 +239,11 @@ def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
     name = element.get("name", "")
     where = f"{path}: joint {name[:60]!r}"
     motion = element.get("type", "")
+    if motion in HELD:
+        motion = "fixed"
     if motion not in MOTIONS:
-        raise RobotFileError(f"{where} must be one of {', '.join(MOTIONS)}, got {motion[:40]!r}")
+        allowed = ", ".join((*MOTIONS, *HELD))
+        raise RobotFileError(f"{where} must be one of {allowed}, got {motion[:40]!r}")
     ends = [element.find("parent"), element.find("child")]
     parent, child = ("" if end is None else end.get("link", "") for end in ends)
     origin, limit, mimic = element.find("origin"), element.find("limit"), element.find("mimic")
@@ -296,7 +317,12 @@ def _ordered(links: list[str], joints: list[UrdfJoint], path: Path) -> list[Urdf
     if len(ordered) < len(joints):
         raise RobotFileError(f"{path}: the joints form a loop; a URDF is a tree")
     if len(roots) != 1:
-        raise RobotFileError(f"{path} must have one root link, got {len(roots)}")
+        named = ", ".join(printable(link)[:60] for link in roots[:MOST_ROOTS])
+        more = ", ..." if len(roots) > MOST_ROOTS else ""
+        raise RobotFileError(
+            f"{path} must have one root link, got {len(roots)}{': ' * bool(roots)}{named}{more}; "
+            "a link that is the child of no joint is a root"
+        )
     root = UrdfJoint("", "fixed", ROOT, roots[0], [0.0] * 3, [0.0] * 3, [0.0] * 3, None, None)
     return ([root] if roots[0] != ROOT else []) + ordered
 

@@ -180,7 +180,7 @@ MISTAKES = {
     "no link": ('<child link="tip"/>', '<child link="top"/>', "names no link: 'top'"),
     "axis": ("0 1 1", "0 0 0", "joint 'shoulder': its axis must be a direction"),
     "numbers": ('xyz="0.3 0 0"', 'xyz="0.3 0"', "joint 'elbow', xyz must have 3 numbers"),
-    "type": ('type="prismatic"', 'type="floating"', "must be one of fixed, revolute, continuous"),
+    "type": ('type="prismatic"', 'type="spherical"', "must be one of fixed, revolute, continuous"),
     "no limits": ("", "", "joints: elbow has no limits in the URDF; list it with its range"),
     "entity": ("<robot ", "<!DOCTYPE x><robot ", "declares a document type"),
     "encoding": ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="x-none"?>', "is no XML"),

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cdrj_ros.commands import import_robot
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.mjcf import load_mujoco
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -163,3 +165,100 @@ def test_why_mujoco_cannot_be_imported_is_said(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(UsageError, match=r"needs the package mujoco \(import of mujoco halted"):
         load_mujoco()
+
+
+LINKED = """
+<robot name="wrist">
+  <link name="world"/><link name="fore"/><link name="slider"/><link name="yoke"/><link name="hand"/>
+  <joint name="float" type="floating"><parent link="world"/><child link="fore"/></joint>
+  <joint name="table" type="planar"><parent link="fore"/><child link="slider"/></joint>
+  <joint name="pitch" type="revolute"><parent link="slider"/><child link="yoke"/>
+    <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="2"/></joint>
+  <joint name="roll" type="revolute"><parent link="yoke"/><child link="hand"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="2"/></joint>
+  <ros2_control name="s" type="system">
+    <joint name="left"><command_interface name="effort"/><state_interface name="position"/></joint>
+    <joint name="right"><command_interface name="effort"/><state_interface name="position"/></joint>
+    <joint name="pitch"><state_interface name="position"/></joint>
+    <joint name="roll"><state_interface name="position"/></joint>
+    <transmission name="d"><plugin>transmission_interface/DifferentialTransmission</plugin>
+      <actuator name="left" role="actuator1"><mechanical_reduction>30</mechanical_reduction></actuator>
+      <actuator name="right" role="actuator2"><mechanical_reduction>-30</mechanical_reduction></actuator>
+      <joint name="pitch" role="joint1"><mechanical_reduction>2</mechanical_reduction>
+        <offset>0.1</offset></joint>
+      <joint name="roll" role="joint2"><mechanical_reduction>2</mechanical_reduction></joint>
+    </transmission>
+  </ros2_control>
+</robot>
+"""  # noqa: E501
+
+
+def imported_document(text: str, folder: Path) -> Any:
+    source, out = folder / "wrist.urdf", folder / "wrist.yaml"
+    source.write_text(text)
+    assert import_robot.main([str(source), "--out", str(out)]) == 0
+    return load_yaml(out.read_text(), str(out))
+
+
+def test_a_differential_gives_no_motor_a_gear_and_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = imported_document(LINKED, tmp_path)
+    assert document["motors"] == [{"name": "left"}, {"name": "right"}]
+    assert [joint["name"] for joint in document["joints"]] == ["pitch", "roll"]
+    said = capsys.readouterr().out
+    assert "transmission d (DifferentialTransmission) couples pitch, roll to left, right" in said
+    assert "motors are published before it, at the actuators" in said
+
+
+def test_joints_of_a_transmission_of_another_kind_are_published_behind_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = LINKED[: LINKED.index("<ros2_control")] + (
+        '<transmission name="w" type="some_robot/WristTransmission">'
+        '<rightActuator mechanicalReduction="60" name="r"/><leftActuator name="l"/>'
+        '<flexJoint mechanicalReduction="-1" name="pitch"/><rollJoint name="roll"/>'
+        "</transmission></robot>"
+    )
+    document = imported_document(text, tmp_path)
+    assert [sorted(motor) for motor in document["motors"]] == [["max_speed", "name"]] * 2
+    assert [motor["name"] for motor in document["motors"]] == ["pitch", "roll"]
+    said = capsys.readouterr().out
+    assert "transmission w (WristTransmission) couples pitch, roll to r, l: it has no" in said
+    assert "motors are published behind it, at the joints" in said
+
+
+def test_floating_and_planar_joints_are_held_and_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported_document(LINKED, tmp_path)
+    said = capsys.readouterr().out
+    for name in ("float", "table"):
+        assert f"{name} is a floating or planar joint: it is held at its place in the model" in said
+
+
+UNREADABLE = {
+    "roots.urdf": (
+        LINKED.replace('<child link="hand"/>', '<child link="world"/>').replace(
+            '<link name="world"/>', '<link name="world"/><link name="spare"/>'
+        ),
+        "the joints form a loop",
+    ),
+    "spare.urdf": (
+        LINKED.replace('<link name="world"/>', '<link name="world"/><link name="spare"/>'),
+        "must have one root link, got 2: world, spare; a link that is the child of no joint",
+    ),
+    "arm.urdf.xacro": (LINKED, "expand it first: ros2 run xacro xacro "),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_a_model_that_cannot_be_begun_names_what_to_do(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, message = UNREADABLE[name]
+    (tmp_path / name).write_text(text)
+    assert import_robot.main([str(tmp_path / name), "--out", str(tmp_path / "out.yaml")]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
