@@ -141,7 +141,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     for name, take in _measurements(topics):
         given = getattr(arguments, name)
         if not given and not arguments.yes:
-            say(f"the next step would bring: {_words(foretold(now, name))}")
+            say(f"the next step would bring: {words_of(foretold(now, name))}")
             given = _asked_for(now, name, live=record is not None and name in LIVE_S)
         if not given:
             continue
@@ -155,6 +155,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             say(f"note: {note}")
         _show(steps[-1])
     _write(arguments, now, steps)
+    say_cables(steps[-1].judged)
     for name, written in outputs.items():
         if written:
             say(f"{name[2:]}: {written}")
@@ -162,13 +163,18 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
 
 
 def _notes(now: Commissioned, *, suspected: bool) -> Iterator[str]:
-    """What the last fits say of drums and references, of each part if there are several."""
+    """What the last fits say of drums and references, with the cables if there are several parts.
+
+    What several parts have in common is said once.
+    """
+    said: dict[str, list[str]] = {}
     for one in now.fits:
-        cables = f"{one.cables}: " if len(now.fits) > 1 else ""
-        if one.found.drums:
-            yield cables + one.found.drums.sentence
-        for sentence in lacking(one.found.unexplained):
-            yield f"{cables}{sentence}{SUSPECTED if suspected else ''}"
+        drums = (one.found.drums.sentence,) if one.found.drums else ()
+        doubt = SUSPECTED if suspected else ""
+        for sentence in (*drums, *(f"{left}{doubt}" for left in lacking(one.found.unexplained))):
+            said.setdefault(sentence, []).append(one.cables)
+    for sentence, cables in said.items():
+        yield sentence if len(cables) == len(now.fits) else f"{'; '.join(cables)}: {sentence}"
 
 
 SWAPPED: Final = (
@@ -287,12 +293,32 @@ def _asked(question: str) -> str:
 
 
 def _show(step: Step) -> None:
-    say(f"{step.name}: {_words(step.judged)}")
+    say(f"{step.name}: {words_of(step.judged)}")
 
 
-def _words(one: Judged) -> str:
+FEW: Final = 4
+"""Cables up to which each is named after every step."""
+
+
+def words_of(one: Judged) -> str:
+    """What is printed of a file: the share of ``OK``, and how well cables are known."""
+    worst = sorted(one.relative.items(), key=lambda item: -item[1])
+    if len(worst) > FEW:
+        (name, most), (_, least) = worst[0], worst[-1]
+        return (
+            f"OK {one.ok:.0%}; standard deviation over tension: {least:.1%} to {most:.1%}, "
+            f"most in {name}"
+        )
     cables = ", ".join(f"{name} {share:.1%}" for name, share in one.relative.items())
     return f"OK {one.ok:.0%}; standard deviation over tension: {cables}"
+
+
+def say_cables(one: Judged) -> None:
+    """A line for every cable of many, the worst first."""
+    if len(one.relative) > FEW:
+        say("standard deviation over tension:")
+        for name, share in sorted(one.relative.items(), key=lambda item: -item[1]):
+            say(f"  {name}: {share:.1%}")
 
 
 def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Step]) -> None:

@@ -12,6 +12,7 @@ from support.fingers import finger, hand
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_checks import refuse_signs, swapped
+from cdrj_ros.commands.commission_judged import Judged
 from cdrj_ros.estimation.changes import rest_poses
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series
@@ -35,7 +36,7 @@ def read_as(first: float, second: float) -> Model:
     return prepare(build_robot(with_numbers(document, values), "finger"))
 
 
-def pulled(first: float, second: float, sign: float = 1.0) -> Recorded:
+def pulled(first: float, second: float, sign: float = -1.0) -> Recorded:
     """Efforts of motors that pull with some tensions on the whole [N]."""
     stamps = EPOCH_NS + 5_000_000 * np.arange(400)
     swing = 0.1 * np.sin(np.arange(400) / 30.0)
@@ -59,7 +60,7 @@ def test_efforts_of_the_wrong_sign_are_refused_with_the_key_that_fits() -> None:
     refuse_signs(model, pulled(14.0, 17.0))
     refuse_signs(model, pulled(9.0, 30.0))
     with pytest.raises(UsageError, match=r"motors\.a_motor0\.effort_sign: -1, motors\.a_motor1"):
-        refuse_signs(model, pulled(14.0, 17.0, sign=-1.0))
+        refuse_signs(model, pulled(14.0, 17.0, sign=1.0))
 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.0, 1.2, 1.6, 2.0, 3.0])
@@ -113,3 +114,17 @@ def test_a_drum_may_be_named_without_the_prefix_of_the_file() -> None:
     )
     assert short.text == whole.text
     assert short.model.robot.cables[0].nodes[0].radius == pytest.approx(0.00615)
+
+
+def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_first(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    few = Judged(0.5, {"upper": 0.1, "lower": 0.2})
+    many = Judged(0.5, {f"cable{k}": 0.01 * (k + 1) for k in range(15)})
+    assert commission.words_of(few).endswith("upper 10.0%, lower 20.0%")
+    assert commission.words_of(many).endswith("1.0% to 15.0%, most in cable14")
+    commission.say_cables(few)
+    commission.say_cables(many)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:3] == ["  cable14: 15.0%", "  cable13: 14.0%"]
+    assert len(lines) == 16
