@@ -134,7 +134,7 @@ class Batch:
     channel: npt.NDArray[np.uint16]
     log_ns: Int64s
     start: Int64s
-    """Offset of each payload; at least `BEFORE` bytes, of its record, precede it."""
+    """Offset of each payload; at least `BEFORE` bytes precede it."""
     length: Int64s
     """Bytes of each payload."""
 
@@ -178,7 +178,7 @@ Float64s = npt.NDArray[np.float64]
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 CONVERSION: Final = "rosbags-convert --src {} --dst NEW --dst-storage mcap"
-"""The command that makes an MCAP file of any bag, and unpacks its messages."""
+"""The command that makes an MCAP file of a bag stored as sqlite3."""
 
 _LAYOUTS_AT_ONCE: Final = 16
 """Layouts compared with all rows; after these, each row is parsed individually."""
@@ -254,9 +254,9 @@ class BulkDecoder:
             try:
                 layout = read_layout(payload, self._message.fields)
             except MessageError as error:
-                packed = f"it is compressed by itself; `{CONVERSION.format('BAG')}` unpacks it"
-                is_packed = payload.startswith(ZSTD_MAGIC)  # rosbag2's message mode
-                self._refuse(arrival[todo[:1]], packed if is_packed else str(error))
+                packed = payload.startswith(ZSTD_MAGIC)
+                why = "it is compressed, and damaged or too large" if packed else str(error)
+                self._refuse(arrival[todo[:1]], why)
                 todo = todo[1:]
                 continue
             same = np.arange(len(todo)) == 0

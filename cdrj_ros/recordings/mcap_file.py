@@ -29,6 +29,7 @@ from mcap.summary import Summary
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.recordings.batch import (
+    BEFORE,
     CHUNK_BYTES,
     CONVERSION,
     DEFINITION_BYTES,
@@ -339,4 +340,34 @@ def _batch(raw: bytes, offsets: Int64s) -> Batch:
     length = column(rows, 1, "<u8")[:, 0].astype(np.int64) - (_MESSAGE_HEAD - _FRAME.size)
     channel = column(rows, 9, "<u2")[:, 0].astype(np.uint16)
     log_ns = column(rows, 15, "<i8")[:, 0].astype(np.int64)
-    return Batch(raw, channel, log_ns, offsets + _MESSAGE_HEAD, length)
+    return _plain(Batch(raw, channel, log_ns, offsets + _MESSAGE_HEAD, length))
+
+
+def _plain(batch: Batch) -> Batch:
+    """The batch with messages that rosbag2 compressed one by one unpacked.
+
+    Nothing but their first bytes says that they are: their metadata may be lost.  They stay as they
+    are, and are refused, where they are damaged or unpack to more than one chunk in all.
+    """
+    long = np.flatnonzero(batch.length >= len(ZSTD_MAGIC))
+    heads = pick(batch.octets, batch.start[long], len(ZSTD_MAGIC))
+    packed = long[(heads == np.frombuffer(ZSTD_MAGIC, np.uint8)).all(axis=1)]
+    if not len(packed):
+        return batch
+    payloads = [
+        batch.raw[start : start + length]
+        for start, length in zip(batch.start.tolist(), batch.length.tolist(), strict=True)
+    ]
+    left, unpacker = CHUNK_BYTES, zstandard.ZstdDecompressor()
+    for k in packed.tolist():
+        try:
+            with unpacker.stream_reader(payloads[k]) as reader:
+                plain = reader.read(left + 1)
+            stated = zstandard.frame_content_size(payloads[k])  # negative if it is not
+        except zstandard.ZstdError:
+            continue
+        if len(plain) <= left and stated in (len(plain), -1):
+            payloads[k], left = plain, left - len(plain)
+    length = np.array([len(payload) for payload in payloads], np.int64)
+    start = BEFORE + np.cumsum(length) - length
+    return Batch(bytes(BEFORE) + b"".join(payloads), batch.channel, batch.log_ns, start, length)

@@ -11,6 +11,7 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.definitions import parse_definition
 from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.source import read_messages
 from cdrj_ros.recordings.writer import BagWriter
 
 ONE_TOPIC = Topics("/joint_states", "/joint_states", ("/joint_states",))
@@ -179,15 +180,35 @@ def test_a_definition_with_other_fields_is_used_if_it_has_what_is_needed(make, t
         read_recording(lacking, wanted)
 
 
+def test_messages_that_rosbag2_compressed_one_by_one_are_read_without_metadata(make, tmp_path):
+    plain = [(make.topic, i, make.joint_state(i + 1, ["a", "é"], [i, -i])) for i in range(60)]
+    packed = [(topic, i, zstandard.compress(data) if i % 3 else data) for topic, i, data in plain]
+    paths = [make.mcap(tmp_path / f"{k}.mcap", one) for k, one in enumerate((plain, packed))]
+    for name in ("a", "é"):
+        one, other = (read_recording(path, ONE_TOPIC).motors[name] for path in paths)
+        np.testing.assert_array_equal(one.value, other.value)
+        np.testing.assert_array_equal(one.stamp_ns, other.stamp_ns)
+    one, other = (list(read_messages(path, [make.topic])) for path in paths)
+    assert one == other
+
+
+def test_a_bomb_of_compressed_messages_is_refused_within_bounds(make, tmp_path):
+    bomb, good = zstandard.compress(bytes(1 << 27)), make.joint_state(1, ["a"], [1])
+    messages = [(make.topic, 0, bomb), (make.topic, 1, good)]
+    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert read.malformed == {make.topic: 1}
+    assert read.motors["a"].value.tolist() == [1.0]
+
+
 @pytest.mark.parametrize(
     ("spoiled", "words"),
     [
         (lambda good, i: bytes((0, 6 + i)) + good[2:], r"XCDR2 \(encapsulation 0006\).*to XCDR1"),
-        (lambda good, _: zstandard.compress(good), "compressed by itself; `rosbags-convert --src"),
+        (lambda good, _: zstandard.compress(good)[:-3], "it is compressed, and damaged"),
     ],
 )
 def test_messages_in_another_form_are_named_with_what_to_do(make, tmp_path, spoiled, words):
-    """The second version of CDR, and rosbag2's message mode of compression."""
+    """The second version of CDR, and rosbag2's message mode of compression, cut off."""
     good = make.joint_state(1, ["a"], [1])
     messages = [(make.topic, i, spoiled(good, i)) for i in range(6)]
     path = make.mcap(tmp_path / "a.mcap", messages)
