@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from textwrap import indent
 
 import numpy as np
 import pytest
-from support.page_lines import ROOT, loaded_tool
+import yaml
+from support.page_lines import ROOT, blocks, loaded_tool
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -15,7 +17,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
-FIRST, SPANS, ENDS, COUPLED, SPACE, PARTS = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+FIRST, SPANS, ENDS, COUPLED, SPACE, PARTS, UNMEASURED = blocks("docs/robot_file.md", "yaml")
 
 
 def test_the_key_reference_is_that_of_the_schema() -> None:
@@ -32,6 +34,27 @@ def test_the_first_example_is_a_robot_without_suspicious_values() -> None:
     # a cable that bends the joint has a positive arm
     assert flexor.moment_arm[0].low == pytest.approx(0.040)
     assert extensor.moment_arm[0].high == pytest.approx(-0.040)
+
+
+def test_the_examples_of_spans_and_wraps_that_follow_a_joint_are_read() -> None:
+    head = (
+        "name: arm\nmotors: [{name: m}]\n"
+        "joints: [{name: elbow, range_deg: [-30, 30]}, {name: wrist, range_deg: [-30, 30]}]\n"
+        "cables:\n  - name: c\n    axial_stiffness: 8000\n    preload: 5\n    nodes:\n"
+        "      - {type: winch, motor: m, winding: 1, radius_mm: 9}\n"
+    )
+    tail = "      - {type: pulley, radius_mm: 4, wrap_angle_deg: 60}\n      - {type: anchor}\n"
+    robot = parse_robot(f"{head}{indent(ENDS, '      ')}{tail}{indent(SPANS, '    ')}")
+    assert len(robot.cables[0].pulleys) == 2
+
+
+def test_the_example_of_a_joint_without_encoder_is_read() -> None:
+    jaw = (ROOT / "config" / "robots" / "davinci_jaw.yaml").read_text()
+    document = {**yaml.safe_load(jaw), **yaml.safe_load(UNMEASURED)}
+    robot = parse_robot(yaml.safe_dump(document))
+    assert list(robot.unmeasured) == [0]
+    assert robot.motors[0].effort_noise == 0.01
+    assert robot.joints[0].load_drift == 0.01
 
 
 def test_the_example_of_coupled_joints_is_read_as_the_page_says() -> None:

@@ -7,11 +7,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import dedent
 from types import ModuleType
 
 from support.places import ROOT
 
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md"),
+     ROOT / "bags" / "README.md"]
+)  # fmt: skip
 NOTED = (
     "simulate", "identify", "validate", "check_robot", "import_robot", "git", "ros2", "pip", "make",
 )  # fmt: skip
@@ -33,15 +37,22 @@ set -e
 )
 
 
-def blocks(page: str) -> list[str]:
-    """The blocks of bash on a page, in order."""
-    return re.findall(r"```bash\n(.*?)```", (ROOT / page).read_text("utf-8"), re.DOTALL)
+def fenced(page: Path) -> list[tuple[str, str]]:
+    """Language and text of every block of a page, in order; indented ones are dedented."""
+    text = page.read_text("utf-8")
+    found = re.findall(r"^([ \t]*)```(\w*).*\n((?:.*\n)*?)\1```", text, re.MULTILINE)
+    return [(language, dedent(content)) for _, language, content in found]
+
+
+def blocks(page: str, wanted: str = "bash") -> list[str]:
+    """The blocks of a language on a page, in order."""
+    return [text for language, text in fenced(ROOT / page) if language == wanted]
 
 
 def command_lines(page: Path) -> list[str]:
     """The lines of the blocks of bash on a page; those that end with a backslash continue."""
-    blocks = re.findall(r"```bash\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
-    return re.sub(r"\\\n", " ", "".join(blocks)).splitlines()
+    text = "".join(text for language, text in fenced(page) if language == "bash")
+    return re.sub(r"\\\n", " ", text).splitlines()
 
 
 def calls(text: str, folder: Path) -> list[list[str]]:

@@ -1,0 +1,98 @@
+"""Every block of every page is read: settings by their reader, commands by bash, programs run.
+
+Further tests of this folder run what is shown: of pages with commands those of the simulated rig,
+of identification, of validations, of the tutorial and of the README.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import yaml
+from support.page_lines import PAGES, ROOT, blocks, fenced, shown_files, write_files
+
+from cdrj_ros.commands.identify_task import load_settings
+from cdrj_ros.evaluation.limits import parse_limits
+from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.simulation.rig_file import parse_rig
+
+READ_ELSEWHERE = {"README.md", "docs/robot_file.md"}
+"""Pages whose YAML test_readme.py and test_robot_file_document.py read, every block of it."""
+LANGUAGES = {"bash", "cmake", "cpp", "python", "text", "xml", "yaml"}
+PROGRAMS = re.compile(r"    (?:[\w./-]+: |- \w|\$ |(?:make|python3?|pip|git|ros2|colcon|sed|for) )")
+
+
+def test_every_block_names_its_language_so_that_it_can_be_checked() -> None:
+    for page in PAGES:
+        for language, text in fenced(page):
+            assert language in LANGUAGES, (page, text[:60])
+        assert page.read_text().count("```") == 2 * len(fenced(page)), page
+
+
+def test_no_settings_and_no_commands_stand_outside_of_a_block() -> None:
+    for page in PAGES:
+        text = re.sub(r"^([ \t]*)```.*\n(?:.*\n)*?\1```", "", page.read_text(), flags=re.MULTILINE)
+        for block in re.findall(r"(?<=\n\n)(?: {4}\S.*\n)+", text):
+            assert not PROGRAMS.match(block), (page, block)
+
+
+def test_bash_can_read_every_line_of_commands() -> None:
+    for page in PAGES:
+        for language, text in fenced(page):
+            if language == "bash":
+                read = subprocess.run(
+                    ["bash", "-n"], input=text, text=True, capture_output=True, check=False
+                )
+                assert read.returncode == 0, (page, read.stderr)
+
+
+def test_programs_in_python_stand_on_the_page_whose_programs_a_test_runs() -> None:
+    """test/project/test_api.py runs docs/api.md."""
+    with_programs = {page.name for page in PAGES for kind, _ in fenced(page) if kind == "python"}
+    assert with_programs == {"api.md"}
+
+
+def test_settings_of_every_page_are_taken_by_their_reader(tmp_path: Path) -> None:
+    read = {
+        "docs/identification.md": lambda text: load_settings(_saved(tmp_path, text)),
+        "docs/recordings.md": lambda text: parse_limits(text, "limits.yaml"),
+        "docs/simulation.md": parse_rig,
+        "docs/tutorial.md": lambda text: _gripper(tmp_path, text),
+        "docs/uncertainty.md": _with_uncertainty,
+        "docs/ros2_control.md": _prefixed,
+    }
+    pages = {str(page.relative_to(ROOT)) for page in PAGES}
+    with_settings = {page for page in pages if blocks(page, "yaml")}
+    assert with_settings == {*read, *READ_ELSEWHERE}
+    for page, reader in read.items():
+        for text in blocks(page, "yaml"):
+            reader(text)
+
+
+def _saved(folder: Path, text: str) -> str:
+    path = folder / "settings.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def _gripper(folder: Path, text: str) -> None:
+    write_files(shown_files("docs/tutorial.md"), folder)
+    parse_robot(text, str(folder / "gripper.yaml"))
+
+
+def _with_uncertainty(text: str) -> None:
+    source = ROOT / "config" / "robots" / "davinci_jaw.yaml"
+    document = yaml.safe_load(source.read_text())
+    document["uncertainty"] = yaml.safe_load(text)["uncertainty"]
+    parse_robot(yaml.safe_dump(document), str(source))
+
+
+def _prefixed(text: str) -> None:
+    source = (ROOT / "config" / "robots" / "prototype.yaml").read_text()
+    document = yaml.safe_load(source.replace("joint: elbow", "joint: left/elbow"))
+    within_tables = yaml.safe_load(text.replace("[-50, 50]", "[-40, 40]"))
+    robot = parse_robot(yaml.safe_dump({**document, **within_tables}))
+    published = re.findall(r"# published: (\S+)", text)
+    assert [axis.name for axis in (*robot.motors, *robot.joints)] == published
