@@ -1,4 +1,4 @@
-# make demo    estimator and replay as two nodes on a recorded bag; writes report.html
+# make demo    estimator and replay as two nodes on a recorded bag; writes report.html, report.json
 # make live    a simulated finger in the browser, whose cables a controller keeps from slack
 # make test    every check and every test
 # make check   style, types and import directions only

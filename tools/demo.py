@@ -1,6 +1,7 @@
 """Run the demonstration: the estimator and the replay of a recording as two ROS nodes.
 
-It writes report.html, and the measured errors to docs/demo.json for the test of the README.
+It writes report.html and report.json, and the measured errors to docs/demo.json for the test of
+the README.
 The exit code is that of the replay: 0 success, 1 outside the limits, 2 invalid usage or input.
 """
 
@@ -9,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -17,6 +17,7 @@ EXECUTABLES = ROOT / "install" / "cdrj_ros" / "lib" / "cdrj_ros"
 ROBOT = "config/robots/prototype.yaml"
 BAG = "bags/prototype_preload_36_26"
 REPORT = "report.html"
+FIGURES = "report.json"
 MEASURED = ROOT / "docs" / "demo.json"
 
 POLL_S = 0.2
@@ -37,9 +38,9 @@ def end(process: "subprocess.Popen[bytes]") -> int:
         return process.wait()
 
 
-def keep(figures: Path) -> None:
+def keep() -> None:
     """Write the errors, which are the same in every run, without times and paths."""
-    channels = json.loads(figures.read_text(encoding="utf-8"))["all"]["channels"]
+    channels = json.loads((ROOT / FIGURES).read_text(encoding="utf-8"))["all"]["channels"]
     kept = {"bag": BAG, "robot": ROBOT, "channels": channels}
     MEASURED.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
@@ -48,15 +49,13 @@ def main() -> int:
     """Run the demonstration and keep its errors; returns the replay's exit code."""
     for end_by in (signal.SIGTERM, signal.SIGHUP):  # no node is left behind
         signal.signal(end_by, signal.default_int_handler)
-    with tempfile.TemporaryDirectory() as folder:
-        figures = Path(folder) / "figures.json"
-        code = play(figures)
-        if code == 0:
-            keep(figures)
-        return code
+    code = play()
+    if code == 0:
+        keep()
+    return code
 
 
-def play(figures: Path) -> int:
+def play() -> int:
     """Start both nodes, wait for the replay and end the estimator."""
     # Use a separate domain on the local host, isolated from other running nodes.
     environment = {
@@ -73,7 +72,7 @@ def play(figures: Path) -> int:
     replay = None
     try:
         replay = subprocess.Popen(
-            [EXECUTABLES / "replay", BAG, "--robot", ROBOT, "--html", REPORT, "--json", figures],
+            [EXECUTABLES / "replay", BAG, "--robot", ROBOT, "--html", REPORT, "--json", FIGURES],
             cwd=ROOT,
             env=environment,
         )
