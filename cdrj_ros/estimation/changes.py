@@ -80,7 +80,7 @@ def preloads_of(model: Model, preloads: Mapping[str, float]) -> Change:
     Raises:
         UsageError: an unknown cable or a tension out of range.
     """
-    known = {cable.name: cable.preload for cable in model.robot.cables}
+    known = {cable.name: cable.preload for cable in model.robot.cables if not cable.rest_length}
     if not preloads:
         raise UsageError(f"name at least one cable of {', '.join(known)}")
     for name, value in preloads.items():

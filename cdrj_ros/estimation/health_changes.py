@@ -80,7 +80,9 @@ def changes_of(robot: Robot, known: Uncertainty | None) -> list[Callable[[], Cha
         known: what is uncertain about the file's numbers; None: nothing.
     """
     loose = known.stddev if known else {}
-    tight = [cable for cable in robot.cables if cable.preload >= LEAST_PRELOAD]
+    tight = [
+        cable for cable in robot.cables if cable.preload >= LEAST_PRELOAD and not cable.rest_length
+    ]
     makers: list[Callable[[], Change]] = [
         partial(_preload, robot, [cable], loose) for cable in tight
     ]

@@ -218,7 +218,7 @@ def pose_unknowns(document: Document, robot: Robot) -> tuple[PoseUnknown, ...]:
     found = [*_zeros(document)]
     for cable in document["cables"]:
         at = f"cables.{cable['name']}"
-        if cable["preload"] > 0.0:
+        if cable.get("preload", 0.0) > 0.0:
             path = f"{at}.preload"
             stddev = max(stated.get(path, 0.0), SPRING_SCALE * float(cable["preload"]))
             found.append(_with_prior(document, path, stddev, "the path has another length"))

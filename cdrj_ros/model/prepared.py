@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +17,7 @@ from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.impossible import reason
-from cdrj_ros.model.laws import divided, elasticity_of, strain_at
+from cdrj_ros.model.laws import divided, elasticity_of, strain_at, tensions_at
 from cdrj_ros.model.packing import (
     Layout,
     Sizes,
@@ -93,7 +93,7 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
         RobotFileError: the geometry is impossible somewhere in the joint ranges.
     """
     model, rest = _at_rest(robot)
-    robot = divided(robot, rest.wrap)
+    robot = _with_passive_preloads(divided(robot, rest.wrap), rest)
     if robot is not model.robot:
         model, rest = _at_rest(robot)
     for name, length in zip(model.layout.elements, rest.length, strict=True):
@@ -106,11 +106,25 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     for c, cable in enumerate(robot.cables):
         own = segments_of(model, c)
         stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
+        if cable.rest_length:
+            stretch = rest.segment[own].sum() / cable.rest_length
         material["material"][own] = rest.segment[own] / stretch
     if check_range:
         _check_range(model)
     model.constants.flags.writeable = False
     return model
+
+
+def _with_passive_preloads(robot: Robot, rest: Shape) -> Robot:
+    """The robot with the tensions of its passive cables in the reference pose (E30)."""
+    if not any(cable.rest_length for cable in robot.cables):
+        return robot
+    cables = []
+    for cable, elements in zip(robot.cables, robot.parts, strict=True):
+        strain = rest.length[elements].sum() / (cable.rest_length or np.inf) - 1.0
+        own = float(tensions_at(elasticity_of(cable), strain))
+        cables.append(replace(cable, preload=own) if cable.rest_length else cable)
+    return replace(robot, cables=tuple(cables))
 
 
 def _at_rest(robot: Robot) -> tuple[Model, Shape]:
@@ -285,7 +299,7 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
     Args:
         path: the file, or the name of an installed robot.
         preload: preload of every cable [N], as numbers or as comma-separated text; None or empty
-            keeps the preloads of the file.
+            keeps the preloads of the file.  Those of passive cables have no effect.
 
     Raises:
         CdrjError: the file or the preloads are invalid; the message is one line.
@@ -304,7 +318,10 @@ def load_model(path: str, preload: str | Sequence[float] | None = None) -> Model
             f"preload needs {len(cables)} tensions in [0, 1e6) N, one for each of "
             f"{', '.join(cable['name'] for cable in cables)}; got {preload!r}"
         )
-    changed = [cable | {"preload": value} for cable, value in zip(cables, values, strict=True)]
+    changed = [
+        cable if "rest_length" in cable else cable | {"preload": value}
+        for cable, value in zip(cables, values, strict=True)
+    ]
     return prepare(build_robot({**document, "cables": changed}, robot.source))
 
 

@@ -51,12 +51,14 @@ class CableReader:
         return Cable(
             entry["name"],
             self._axial_stiffness(path, entry),
-            float(entry["preload"]),
+            self._preload(path, entry),
             nodes,
             () if routed else self._spans(f"{path}.spans", entry["spans"], len(nodes) - 1),
             **self._bedding(path, entry),
             **self._creep(path, entry),
-            **given(entry, "slack_tension", "sensor_noise", maximum_tension="max_tension"),
+            **given(
+                entry, "slack_tension", "sensor_noise", "rest_length", maximum_tension="max_tension"
+            ),
             law={**layers[0], **layers[1]}.get("law", Cable.law),
         )
 
@@ -72,6 +74,27 @@ class CableReader:
         return tuple(
             self.profiles.read(f"{path}[{k}]", span, "m") for k, span in enumerate(entries)
         )
+
+    def _preload(self, path: str, entry: Document) -> float:
+        """The preload; 0 for a passive cable, whose preload follows from its rest length."""
+        if ("preload" in entry) == ("rest_length" in entry):
+            raise self.refuse(
+                f"{path}.preload",
+                "and rest_length are both given; give one of them"
+                if "preload" in entry
+                else "is missing: Tension in the reference pose, the same in every element [N]; "
+                "or rest_length [m], of a passive cable",
+            )
+        if "rest_length" in entry:
+            for k in (0, len(entry["nodes"]) - 1):
+                node = entry["nodes"][k]
+                if node["type"] != "anchor" or node.get("radius", 0.0) > 0.0:
+                    raise self.refuse(
+                        f"{path}.rest_length",
+                        f"is that of a cable between two points: nodes[{k}] must be an anchor "
+                        "without radius",
+                    )
+        return float(entry.get("preload", 0.0))
 
     def _axial_stiffness(self, path: str, entry: Document) -> float:
         stiffness = entry.get("axial_stiffness")

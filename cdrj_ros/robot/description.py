@@ -313,7 +313,8 @@ class Cable:
     axial_stiffness: float
     """EA [N]."""
     preload: float
-    """Tension in the reference pose, the same in every element [N]."""
+    """Tension in the reference pose, the same in every element [N]; of a passive cable, 0 before
+    ``prepare`` computes it."""
     nodes: tuple[Node, ...]
     spans: tuple[tuple[Profile, ...], ...] = ()
     """Length between tangent points of every element [m]; empty for cables given by positions."""
@@ -335,6 +336,8 @@ class Cable:
     """Time constant of the delayed strain at constant load [s]."""
     flow_time: float = float("inf")
     """Time in which the flow under constant load equals the elastic strain [s]."""
+    rest_length: float = 0.0
+    """Length without tension of a passive cable [m]; 0 where it follows from the preload."""
 
     @property
     def pulleys(self) -> tuple[Pulley, ...]:

@@ -42,6 +42,9 @@ DRAWN_RADIUS: Final = 2.5e-4
 LARGEST_RADIUS_SHARE: Final = 0.03
 """Largest standard deviation of a drawn dimension as a fraction of it."""
 
+REST_SHARE: Final = 0.01
+"""Error of the length of a spring or a rope without tension, as a fraction."""
+
 COUPLING_RATIO: Final = 0.03
 """Error of the ratio of a coupling, of two drawn radii or levers, as a fraction."""
 
@@ -270,11 +273,17 @@ def _law(document: Document, cable: Mapping[str, Any]) -> str:
 
 def _cable(document: Document, cable: Mapping[str, Any]) -> Iterator[Tolerance]:
     name, at = cable["name"], f"cables.{cable['name']}"
-    preload = float(cable["preload"])
-    yield Tolerance(
-        f"preload of {name}", "measure it with a spring scale now and call ~/set_preload",
-        {f"{at}.preload": max(SPRING_SCALE * preload, float(cable.get("slack_tension", 0.1)))},
-    )  # fmt: skip
+    preload = float(cable.get("preload", 0.0))
+    if "rest_length" in cable:
+        yield Tolerance(
+            f"rest length of {name}", "unhook one end and measure it with a calliper",
+            {f"{at}.rest_length": max(DRAWN_RADIUS, REST_SHARE * cable["rest_length"])},
+        )  # fmt: skip
+    else:
+        yield Tolerance(
+            f"preload of {name}", "measure it with a spring scale now and call ~/set_preload",
+            {f"{at}.preload": max(SPRING_SCALE * preload, float(cable.get("slack_tension", 0.1)))},
+        )  # fmt: skip
     stiffness = find_number(document, f"{at}.axial_stiffness").value
     yield Tolerance(
         f"EA of {name}", "hang two known weights on it, or identify --fit EA with a load cell",

@@ -17,7 +17,8 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = (ROOT / "docs" / "robot_file.md").read_text("utf-8")
-FIRST, SPANS, ENDS, COUPLED, SPACE, PARTS, UNMEASURED = blocks("docs/robot_file.md", "yaml")
+BLOCKS = blocks("docs/robot_file.md", "yaml")
+FIRST, SPANS, ENDS, COUPLED, SPACE, PARTS, PASSIVE, UNMEASURED = BLOCKS
 
 
 def test_the_key_reference_is_that_of_the_schema() -> None:
@@ -65,6 +66,13 @@ def test_the_example_of_coupled_joints_is_read_as_the_page_says() -> None:
     (arm,) = [frame for frame in robot.frames if frame.name == "arm"]
     assert (arm.joint, arm.multiplier) == ("pip", 0.7)
     assert arm.offset == pytest.approx(np.radians(5.0))
+
+
+def test_the_example_of_a_passive_cable_is_read() -> None:
+    text = FIRST.replace("cables:\n", f"cables:\n{indent(PASSIVE, '  ')}", 1)
+    (spring, *_) = prepare(parse_robot(text), check_range=False).robot.cables
+    assert spring.rest_length == 0.06
+    assert spring.axial_stiffness == pytest.approx(350.0 * spring.rest_length)
 
 
 def test_the_example_in_space_is_a_valid_robot() -> None:
