@@ -382,12 +382,11 @@ class Ensemble:
         slipping: NDArray[np.bool_],
         effort_error: NDArray[np.float64],
         reading_error: NDArray[np.float64],
+        zero_error: NDArray[np.float64],
         unseen_share: NDArray[np.float64],
         offset_gain: NDArray[np.float64],
         length_share: NDArray[np.float64],
         span: NDArray[np.float64],
-        index: NDArray[np.int64],
-        element: NDArray[np.int64],
         unmodelled: NDArray[np.float64],
     ) -> None:
         """Copy all arrays.
@@ -399,12 +398,11 @@ class Ensemble:
             slipping: whether a member's cables slip on their drums, shape (members,).
             effort_error: lasting errors of the efforts [N m], shape (members, motors).
             reading_error: rows used in turn [rad], shape (rows, axes).
+            zero_error: of every member's zeros [rad], shape (members, axes).
             unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
             offset_gain: change per offset of an axis (U12), shape (quantities, axes).
             length_share: of every element in the length of its cable, shape (elements,).
             span: range of all axes [rad], shape (2, axes).
-            index: of every quantity with a standard deviation in the estimate.
-            element: an element of that quantity's cable; -1 for efforts.
             unmodelled: variance that no member shows, (U5), and magnitude where cables are slack,
                 (U6), shape (2, quantities).
 
@@ -436,7 +434,7 @@ class Ensemble:
     ) -> NDArray[np.float64]:
         """The standard deviations at a sample and its estimate, shape (quantities,).
 
-        They are those after the sample before, unless more than one member is updated.
+        They are those before the update of the member in turn.
 
         Args:
             stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
@@ -489,16 +487,26 @@ class Ensemble:
     @property
     def reading_error(self) -> NDArray[np.float64]: ...
     @property
+    def zero_error(self) -> NDArray[np.float64]: ...
+    @property
     def states(self) -> NDArray[np.float64]:
         """Shape (members, state_size)."""
 
     @property
     def stamps(self) -> NDArray[np.int64]:
-        """Of every member's last update [ns], shape (members,)."""
+        """Of the last update of every member's cables [ns], shape (members, cables)."""
 
     @property
     def progress(self) -> NDArray[np.int64]:
-        """Updates so far, last stamp [ns] or -1, whether the last estimate was not solved."""
+        """Updates in turn so far, stamps of the last sample and of the last of them [ns] or -1."""
+
+    @property
+    def unsolved(self) -> NDArray[np.int64]:
+        """1 for every cable that was not solved in the last sample, shape (cables,)."""
+
+    @property
+    def cable_steps(self) -> int:
+        """Steps of all cables of all members so far: what the standard deviations have cost."""
 
     @property
     def angle(self) -> NDArray[np.float64]:

@@ -24,11 +24,11 @@ std::vector<std::remove_const_t<T>> taken(
 void make_ensemble(
     Ensemble* made, const HeldRobot& robot, const Given& constants, const Given& friction_share,
     const GivenFlags& slipping, const Given& effort_error, const Given& reading_error,
-    const Given& unseen_share, const Given& offset_gain, const Given& length_share,
-    const Given& span, const GivenIntegers& index, const GivenIntegers& element,
-    const Given& unmodelled) {
+    const Given& zero_error, const Given& unseen_share, const Given& offset_gain, const Given& length_share,
+    const Given& span, const Given& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
-    const Index members = slipping.size(), axes = sizes.axes(), quantities = index.size();
+    const Index members = slipping.size(), axes = sizes.axes();
+    const Index quantities = sizes.elements + sizes.pulleys + axes;
     const Index errors = reading_error.shape(0), paths = unseen_share.shape(0);
     require(errors > 0 && paths > 0, "reading_error and unseen_share need at least one row");
     const std::vector<double> lower_upper = taken(span, {2, axes}, "span");
@@ -37,33 +37,24 @@ void make_ensemble(
         .slipping = {slipping.data(), slipping.data() + members},
         .effort_error = taken(effort_error, {members, sizes.motors}, "effort_error"),
         .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
+        .zero_error = taken(zero_error, {members, axes}, "zero_error"),
         .unseen_share = taken(unseen_share, {paths, members, axes}, "unseen_share"),
-        .offset_gain = taken(offset_gain, {quantities, axes}, "offset_gain"),
+        .gains = std::vector<std::vector<Gain>>(quantities),
         .length_share = taken(length_share, {sizes.elements}, "length_share"),
         .lower = {lower_upper.begin(), lower_upper.begin() + axes},
         .upper = {lower_upper.begin() + axes, lower_upper.end()},
         .reading_rows = errors,
         .unseen_rows = paths,
     };
-    const std::vector<Index> indices = taken(index, {quantities}, "index");
-    const std::vector<Index> elements = taken(element, {quantities}, "element");
-    const std::vector<double> more = taken(unmodelled, {2, quantities}, "unmodelled");
-    const auto size = static_cast<Index>(Estimate::size(sizes));
-    std::vector<Quantity> rows;
-    for (Index q = 0; q < quantities; ++q) {
-        require(
-            indices[q] >= 0 && indices[q] < size && elements[q] < sizes.elements,
-            "a quantity is not one of this robot's estimate");
-        rows.push_back({indices[q], elements[q], -1, more[q], more[quantities + q]});
-        for (Index r = 0; r < sizes.residuals; ++r) {
-            if (robot.robot.topology.residuals[r].column == indices[q]) rows.back().residual = r;
-        }
+    const std::vector<double> gains = taken(offset_gain, {quantities, axes}, "offset_gain");
+    for (std::size_t k = 0; k < gains.size(); ++k) {
+        if (gains[k] != 0.0) draws.gains[k / axes].push_back({Index(k) % axes, gains[k]});
     }
     new (made) Ensemble(
         taken(robot.topology, {robot.topology.size()}, "topology"),
         taken(robot.constants, {robot.constants.size()}, "constants"),
-        taken(constants, {members, robot.constants.size()}, "constants"), std::move(rows),
-        std::move(draws));
+        taken(constants, {members, robot.constants.size()}, "constants"),
+        taken(unmodelled, {2, quantities}, "unmodelled"), std::move(draws));
 }
 
 /// A sample of this ensemble's robot.
@@ -314,8 +305,8 @@ void bind_ensemble(nb::module_& core) {
     nb::class_<Ensemble>(core, "Ensemble")
         .def(
             "__init__", make_ensemble, "robot"_a, "constants"_a, "friction_share"_a, "slipping"_a,
-            "effort_error"_a, "reading_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
-            "span"_a, "index"_a, "element"_a, "unmodelled"_a)
+            "effort_error"_a, "reading_error"_a, "zero_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
+            "span"_a, "unmodelled"_a)
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
             "offset"_a)
@@ -336,8 +327,11 @@ void bind_ensemble(nb::module_& core) {
         .def_prop_ro(
             "friction_share", part(&Ensemble::draws, &Draws::friction_share, true))
         .def_prop_ro("reading_error", view_of_reading_error)
+        .def_prop_ro("zero_error", part(&Ensemble::draws, &Draws::zero_error, true))
         .def_prop_ro("states", part(&Ensemble::population, &Population::states, true))
-        .def_prop_ro("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps))
+        .def_prop_ro("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps, true))
+        .def_prop_ro("unsolved", part(&Ensemble::memory, &EnsembleMemory::unsolved))
+        .def_ro("cable_steps", &Ensemble::cable_steps)
         .def_prop_ro("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
         .def_prop_ro("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
         .def_prop_ro("offset", part(&Ensemble::memory, &EnsembleMemory::offset))

@@ -247,7 +247,9 @@ Index course(
     Workspace work(sizes, scratch.data());
     return for_samples(poses, [&](Index k) {
         if (!robot.shape({}, row_of(joint_angle, k), work)) return false;
-        follow_arcs(robot.topology, robot.constants, before, after, work);
+        for (Index c = 0; c < sizes.cables; ++c) {
+            follow_arcs(robot.topology, robot.constants, c, before, after, work);
+        }
         std::ranges::copy(work.middles, before.middles.begin());
         std::ranges::copy(after.track, before.track.begin());
         std::ranges::copy(after.track, row_of(track, k).begin());

@@ -50,52 +50,48 @@ double motion_along(double radius, const ArcMiddle& before, const ArcMiddle& now
 
 }  // namespace
 
-void divide_arcs(const Topology& topology, Workspace& work) {
-    for (Index c = 0; c < topology.sizes.cables; ++c) {
-        const CableTopology& cable = topology.cables[c];
-        for (Index k = 0; k < cable.elements; ++k) {
-            work.segments[topology.span_segment(c, k)].length =
-                work.element_length[cable.first_element + k];
-        }
-        // cable on an end keeps the strain at which it was laid on
-        work.segments[topology.segments_of(c).first].length -= work.laid[2 * c];
-        work.segments[topology.segments_of(c).beyond - 1].length -= work.laid[2 * c + 1];
-        for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
-            const Index first = topology.pulleys[p].first_contact;
-            const Index cells = topology.pulleys[p].cells;
-            if (cells == 1) continue;
-            const double between =
-                std::max(work.arc[p] / static_cast<double>(cells), SHORTEST_SEGMENT);
-            const double outer = middle_to_outer(work.arc[p], cells);
-            work.segments[first + c].length -= outer;
-            work.segments[first + cells + c].length -= outer;
-            for (Index q = first + 1; q < first + cells; ++q) work.segments[q + c].length = between;
-        }
+void divide_arcs(const Topology& topology, Index c, Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    for (Index k = 0; k < cable.elements; ++k) {
+        work.segments[topology.span_segment(c, k)].length =
+            work.element_length[cable.first_element + k];
+    }
+    // cable on an end keeps the strain at which it was laid on
+    work.segments[topology.segments_of(c).first].length -= work.laid[2 * c];
+    work.segments[topology.segments_of(c).beyond - 1].length -= work.laid[2 * c + 1];
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+        const Index first = topology.pulleys[p].first_contact;
+        const Index cells = topology.pulleys[p].cells;
+        if (cells == 1) continue;
+        const double between = std::max(work.arc[p] / static_cast<double>(cells), SHORTEST_SEGMENT);
+        const double outer = middle_to_outer(work.arc[p], cells);
+        work.segments[first + c].length -= outer;
+        work.segments[first + cells + c].length -= outer;
+        for (Index q = first + 1; q < first + cells; ++q) work.segments[q + c].length = between;
     }
 }
 
 void follow_arcs(
-    const Topology& topology, const Constants& constants, const State& before, State& after,
-    Workspace& work) {
-    const bool started = *before.started != 0.0;
-    for (const CableTopology& cable : topology.cables) {
-        for (Index k = 0; k < cable.pulleys; ++k) {
-            const Index p = cable.first_pulley + k;
-            double moved;
-            if (cable.routed == Route::positions) {
-                const Index node = cable.first_node + 1 + k;
-                const ArcMiddle& was = before.middles[node];
-                moved = motion_along(constants.nodes[node].radius, was, work.middles[node]);
-                if (started && dot(was.tangent, was.tangent) == 0.0) work.wrap[p] = 0.0;
-            } else {
-                moved = work.middle[p] - before.track[p];
-                const double half_turn = PI * constants.pulleys[p].radius;
-                if (std::abs(moved) > half_turn && half_turn > 0.0) {  // whole turns are no motion
-                    moved = modulo(moved + half_turn, 2.0 * half_turn) - half_turn;
-                }
+    const Topology& topology, const Constants& constants, Index c, const State& before,
+    State& after, Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    const bool started = before.holds(topology.segments_of(c).first);
+    for (Index k = 0; k < cable.pulleys; ++k) {
+        const Index p = cable.first_pulley + k;
+        double moved;
+        if (cable.routed == Route::positions) {
+            const Index node = cable.first_node + 1 + k;
+            const ArcMiddle& was = before.middles[node];
+            moved = motion_along(constants.nodes[node].radius, was, work.middles[node]);
+            if (started && dot(was.tangent, was.tangent) == 0.0) work.wrap[p] = 0.0;
+        } else {
+            moved = work.middle[p] - before.track[p];
+            const double half_turn = PI * constants.pulleys[p].radius;
+            if (std::abs(moved) > half_turn && half_turn > 0.0) {  // whole turns are no motion
+                moved = modulo(moved + half_turn, 2.0 * half_turn) - half_turn;
             }
-            after.track[p] = before.track[p] + moved;
         }
+        after.track[p] = before.track[p] + moved;
     }
 }
 
@@ -103,7 +99,7 @@ void place_contacts(
     const Topology& topology, const Constants& constants, Index cable, const State& before,
     State& after, Workspace& work) {
     const CableTopology& own = topology.cables[cable];
-    const bool started = *before.started != 0.0;
+    const bool started = before.holds(topology.segments_of(cable).first);
     for (Index k = 0; k < own.pulleys; ++k) {
         const Index p = own.first_pulley + k;
         if (topology.pulleys[p].surface >= 0) continue;
@@ -125,8 +121,10 @@ void place_contacts(
 }
 
 void friction_losses(
-    const Topology& topology, const Constants& constants, const State& before, Workspace& work) {
-    for (Index p = 0; p < topology.sizes.pulleys; ++p) {
+    const Topology& topology, const Constants& constants, Index c, const State& before,
+    Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
         const PulleyConstants& pulley = constants.pulleys[p];
         const PulleyTopology& own = topology.pulleys[p];
         Loss whole{pulley.kinetic_loss, pulley.static_loss};
@@ -310,7 +308,7 @@ void place_row(
     const Index first = cell_at(covered.begin, width);
     const double spacing =
         std::min(width, 0.5 * room_after(topology, c, p, work) / static_cast<double>(cells));
-    const bool started = *history.started != 0.0;
+    const bool started = history.holds(topology.segments_of(c).first);
     double beyond = covered.end, place_before = 0.0;
     for (Index i = 0; i < cells; ++i) {
         const Index q = own.first_contact + i;
@@ -346,20 +344,16 @@ void place_row(
 }  // namespace
 
 void cover_surfaces(
-    const Topology& topology, const Constants& constants, const double* before, State& after,
+    const Topology& topology, const Constants& constants, Index c, State& before, State& after,
     Workspace& work) {
-    std::copy_n(before, State::size(topology.sizes), work.history);
-    State history(topology.sizes, work.history);
-    const bool started = *history.started != 0.0;
-    for (Index c = 0; c < topology.sizes.cables; ++c) {
-        const CableTopology& cable = topology.cables[c];
-        for (Index k = 0; k < cable.pulleys; ++k) {
-            const Index p = cable.first_pulley + k, surface = topology.pulleys[p].surface;
-            if (surface < 0) continue;
-            after.covered[surface] = work.arc[p];
-            if (started) move_row(topology, constants, c, p, history, after);
-            place_row(topology, constants, c, p, history, after, work);
-        }
+    const CableTopology& cable = topology.cables[c];
+    const bool started = before.holds(topology.segments_of(c).first);
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+        const Index surface = topology.pulleys[p].surface;
+        if (surface < 0) continue;
+        after.covered[surface] = work.arc[p];
+        if (started) move_row(topology, constants, c, p, before, after);
+        place_row(topology, constants, c, p, before, after, work);
     }
 }
 

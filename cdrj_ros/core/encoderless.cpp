@@ -91,7 +91,7 @@ void EncoderlessEstimator::solve(
 void EncoderlessEstimator::update_member(
     const EncoderlessReadings& readings, const EncoderlessResults& results) {
     const Index member = ensemble_.next_member();
-    const std::span<const double> errors = ensemble_.next_errors();
+    const std::span<const double> errors = ensemble_.errors_of(member);
     const std::size_t motors = motor_angle_.size();
     const std::vector<Index>& measured = solver_.measured_joints();
     for (std::size_t m = 0; m < motors; ++m) {
@@ -102,15 +102,15 @@ void EncoderlessEstimator::update_member(
         measured_angle_[a] = readings.measured_angle[a] + errors[motors + measured[a]];
     }
     EncoderlessMemory& memory = history_.members[member];
-    Nanoseconds& stamp_ns = ensemble_.memory.stamps[member];
+    const Index cables = ensemble_.cables();
+    const auto stamps = std::span(ensemble_.memory.stamps).subspan(member * cables, cables);
     const std::size_t pulleys = ensemble_.robot().topology.sizes.pulleys;
     solve(
         ensemble_.population[member],
         std::span(ensemble_.draws.friction_share).subspan(member * pulleys, pulleys),
-        ensemble_.population.state(member), memory, readings.stamp_ns - stamp_ns);
-    stamp_ns = readings.stamp_ns;
-    ++ensemble_.memory.progress.updates;
-    ensemble_.compare(member, solver_.estimate(), results.estimate, false);
+        ensemble_.population.state(member), memory, readings.stamp_ns - stamps.front());
+    std::ranges::fill(stamps, readings.stamp_ns);
+    ensemble_.compare(readings.stamp_ns, solver_.estimate(), results.estimate);
     const auto members = static_cast<double>(ensemble_.members());
     for (std::size_t a = 0; a < joints(); ++a) {
         double& before = history_.deviation(member, a);

@@ -1,5 +1,5 @@
-// Populations of robots: those that the health monitor compares, and the ensemble behind the standard
-// deviations, with or without encoders at all joints. docs/uncertainty.md.
+// The ensemble behind the standard deviations, with or without encoders at all joints.
+// docs/uncertainty.md.
 #pragma once
 
 #include <algorithm>
@@ -8,45 +8,17 @@
 #include <utility>
 #include <vector>
 
+#include "population.hpp"
 #include "records.hpp"
-#include "robot.hpp"
 
 namespace cdrj {
 
-/// Robots of one topology, each with constants and a history of its own.
-class Population {
-public:
-    /// `constants`: of all robots, see `cdrj_ros.model.packing`, stored by rows.
-    Population(const Topology& topology, std::size_t robots, std::vector<double> constants);
-
-    // robots view arrays of this object
-    Population(const Population&) = delete;
-    Population& operator=(const Population&) = delete;
-
-    Index size() const { return static_cast<Index>(robots_.size()); }
-    const Robot& operator[](Index k) const { return robots_[k]; }
-
-    /// State of robot `k`; zeros before its first sample.
-    std::span<double> state(Index k) {
-        const std::size_t size = states.size() / robots_.size();
-        return std::span(states).subspan(static_cast<std::size_t>(k) * size, size);
-    }
-
-    /// One sample of robot `k`, whose state becomes the new one; `dt` and `out` as of
-    /// `Robot::advance`. False: not solved.
-    bool advance(
-        Index k, std::span<const double> motor_angle, std::span<const double> joint_angle, double dt,
-        double* out);
-
-    std::vector<double> constants;  // Python holds views of both: they are never moved
-    std::vector<double> states;
-
-private:
-    std::vector<Robot> robots_;
-};
-
 /// If an axis moves further than this in a gap, the friction history is unknown [rad].
 inline constexpr double MOVED = 0.01;
+
+/// Unseen deviations of the angles are small where they change the tensions of a cable by at most this
+/// share of their standard deviations (U17).
+inline constexpr double SMALL = 0.3;
 
 /// A sample, as the ensemble takes it.
 struct SampleView {
@@ -60,10 +32,17 @@ struct SampleView {
 /// A quantity of the estimate that has a standard deviation.
 struct Quantity {
     Index index;                 // in the estimate
-    Index element;               // an element of its cable; -1 for an effort, to which all contribute
+    Index cable;                 // -1 for an effort
+    Index axis;                  // of an effort, among motors, then joints; otherwise -1
     Index residual;              // its learned correction, which no member has; -1 for none
     double unmodelled_variance;  // what no member shows, (U5)
     double slack;                // its magnitude where every cable has its slack tension, (U6)
+};
+
+/// Change of a quantity per change of the angle of an axis, without friction, (U12).
+struct Gain {
+    Index axis;
+    double gain;
 };
 
 /// What distinguishes the members, as `cdrj_ros.estimation` draws it. Tables are stored by rows.
@@ -72,8 +51,9 @@ struct Draws {
     std::vector<char> slipping;          // whether a member's cables slip on their drums
     std::vector<double> effort_error;    // lasting errors of all motors, by members [N m]
     std::vector<double> reading_error;   // of all axes, one row for every update in turn [rad]
+    std::vector<double> zero_error;      // of all axes' zeros, by members [rad]
     std::vector<double> unseen_share;    // xi of (U3), by intervals in turn, members and axes
-    std::vector<double> offset_gain;     // change per offset of an axis (U12), by quantities and axes
+    std::vector<std::vector<Gain>> gains;  // of every quantity
     std::vector<double> length_share;    // of every element in the length of its cable
     std::vector<double> lower;           // range of every axis [rad]
     std::vector<double> upper;
@@ -83,15 +63,16 @@ struct Draws {
 
 /// How far an ensemble has come. Every field takes 8 bytes: Python reads it as an array.
 struct Progress {
-    Index updates = 0;            // of all members, since they were last started
-    Nanoseconds last_stamp = -1;  // of the last sample; -1 before the first
-    Index last_unsolved = 0;      // 1 if its estimate was not solved, otherwise 0
+    Index updates = 0;             // of members in turn, since they were last started
+    Nanoseconds last_stamp = -1;   // of the last sample; -1 before the first
+    Nanoseconds last_update = -1;  // of the last update of a member in turn
 };
 
 /// What an ensemble remembers from one sample to the next, beside its members' states.
 struct EnsembleMemory {
-    std::vector<Nanoseconds> stamps;  // of every member's last update
+    std::vector<Nanoseconds> stamps;  // of the last update, by members and cables
     Progress progress;
+    std::vector<Index> unsolved;      // 1 for every cable that was not solved in the last sample
     std::vector<double> angle;        // of all axes at the last sample [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
     std::vector<double> offset;       // as `Sample::offset` [rad]
@@ -110,15 +91,17 @@ struct EnsembleMemory {
 /// Robots that differ in all that is unknown, and are stepped along with the estimate.
 ///
 /// One member in turn is updated with a sample, in one step over all samples since its last update.
-/// All are: with the first sample, after a gap in which an axis moved, after estimates that were not
-/// solved, and where an axis may have moved unseen since the sample before (U3).
+/// Beside that, all members update a cable: after a gap in which an axis on its path moved, after
+/// samples that were not solved, and where such an axis may have moved unseen by more than what is small
+/// beside the cable's standard deviation (U3), (U17).
 class Ensemble {
 public:
     /// `topology` and `constants`: of the nominal robot, see `cdrj_ros.model.packing`.
-    /// `of_members`: constants of every member.
+    /// `of_members`: constants of every member. `unmodelled`: variances, then magnitudes where cables
+    /// are slack, of the tensions of all elements, the forces on all pulleys and the efforts of all axes.
     Ensemble(
         std::vector<Index> topology, std::vector<double> constants, std::vector<double> of_members,
-        std::vector<Quantity> quantities, Draws draws);
+        std::span<const double> unmodelled, Draws draws);
 
     /// One sample of the estimate and of the ensemble: `Robot::advance`, then `update`.
     bool step(
@@ -127,9 +110,8 @@ public:
 
     /// Write the standard deviations at a sample and its estimate.
     ///
-    /// They are those after the sample before, unless more than one member is updated. One member
-    /// is updated then, unless the last update is too recent. `least`: number of members to be
-    /// updated at least.
+    /// They are those before the update of the member in turn, which follows unless the last one is
+    /// too recent. `least`: number of members to be updated at least.
     void update(
         const SampleView& sample, std::span<const double> estimate, Index least,
         std::span<double> stddev);
@@ -157,29 +139,28 @@ public:
     /// Discard all that distinguishes members from an estimate, since their histories are unknown.
     void start_anew();
 
-    /// Whether the last update of a member was long enough before a stamp.
+    /// Whether the last update of a member in turn was long enough before a stamp.
     bool is_due(Nanoseconds stamp) const;
 
     /// The member whose turn it is.
     Index next_member() const { return memory.progress.updates % members(); }
 
-    /// Errors of the next member's readings, of all axes [rad].
-    std::span<const double> next_errors() const;
+    /// Errors of a member's readings, of all axes [rad]; others in every round. They are valid until
+    /// the next call.
+    std::span<const double> errors_of(Index member);
 
-    /// Note a member's update: its differences from the nominal estimate, and its part of the
-    /// variance (U1). Quantities that are not solved in either keep their last difference.
+    /// Note the update of the member in turn at a stamp: its differences from the nominal estimate, and
+    /// its part of the variance (U1). Quantities that are not solved in either keep their last difference.
     void compare(
-        Index member, std::span<const double> own, std::span<const double> nominal, bool all_solved);
+        Nanoseconds stamp, std::span<const double> own, std::span<const double> nominal);
 
-    /// Add what no member shows to the spread (U5), (U12), and widen it where cables are slack (U6).
+    /// Add what no member shows to the spread (U5), (U12), (U17), and widen it where cables are slack (U6).
     void write_stddev(std::span<const double> nominal, std::span<double> stddev) const;
 
     Index members() const { return population.size(); }
+    Index cables() const { return robot_.topology.sizes.cables; }
     const Robot& robot() const { return robot_; }
     std::size_t axes() const { return angle_.size(); }
-
-    const std::vector<Quantity> quantities;
-    Draws draws;
 
 private:
     std::vector<Index> topology_;
@@ -187,50 +168,74 @@ private:
     Robot robot_;  // of the estimate
 
 public:
+    const std::vector<Quantity> quantities;
+    Draws draws;
     Population population;  // the members
     EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
+    Index cable_steps = 0;  // of all cables of all members so far
 
 private:
+    /// Cables whose members are updated in the same way, with all that their paths lead over.
+    struct Walk {
+        int parts;   // steps of every member from the sample before to this one
+        bool round;  // only the members whose time it is, otherwise all
+        std::vector<Index> cables, axes, frames;
+    };
+
+    void keep_states();
     bool begin(
-        const SampleView& sample, std::span<const double> estimate, Index least,
-        std::span<double> stddev);
-    bool take_angles(const SampleView& sample);
+        const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
+    void take_angles(const SampleView& sample);
+    void count_intervals();
+    void choose(Nanoseconds before);
+    Walk* walk_of(Index cable, Nanoseconds before);
+    bool is_unknown(Index cable, Nanoseconds before) const;
+    void walk(const Walk& walk, Nanoseconds before);
+    bool takes_part(Index member, Nanoseconds before) const;
+    void update_members(Index count);
+    void step_member(Index member, const Walk& walk, Nanoseconds before);
+    bool step_cable(Step& step, Index member, Index cable, double dt);
+    void deviate(Index member, Index axis, double deviation);
+    void compare_cable(const Step& step, Index member, Index cable);
+    void renew_variance(Index quantity);
     void bound_clocks();
-    bool moved_in_a_gap(Nanoseconds stamp) const;
-    std::pair<bool, bool> count_intervals();
-    void update_members(Index count, double part_s);
-    void update_member(double part_s);
-    double walk(Index member, std::span<const double> errors, double dt, double part_s);
-    void deviate(Index member, std::span<const double> deviation);
-    bool advance(Index member, double dt);
-    bool is_invalid(std::span<const double> estimate, Index element) const;
+    double shown(Index quantity, std::span<const double> nominal) const;
+    double hidden(Index quantity) const;
+    std::pair<Index, Index> tensions_of(Index cable) const;
+    std::pair<Index, Index> forces_of(Index cable) const;
+    Index effort_of(Index axis) const;
+    bool is_invalid(std::span<const double> estimate, const Quantity& quantity) const;
+    bool is_invalid(std::span<const double> estimate, Index cable) const;
 
     /// The part of an estimate that learned corrections have; `part` 0: the corrections, 1: their trust.
     double learned(std::span<const double> estimate, Index residual, Index part) const;
 
     /// What samples change.
     struct Kept {
-        std::vector<double> states;
+        std::vector<double> states;  // empty where no member was advanced
         EnsembleMemory memory;
     };
 
     std::optional<Kept> kept_;
+    const Walk everything_;     // of the member in turn
+    Walk parts_, at_once_, in_turn_;  // of the sample in progress
 
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;
-    // share of the variance of clocks' errors that the swings leave possible, (U13), for every element
-    // that of its cable, then the greatest of all
-    std::vector<double> possible_;
+    std::vector<double> possible_;      // share of the variance of clocks' errors that the swing of every
+                                        // cable leaves possible, (U13)
     std::vector<double> angle_before_;  // of the sample before [rad]
     std::vector<double> angle_;         // [rad]
     std::vector<double> unseen_;        // standard deviations of the angles [rad]
     std::vector<double> midway_;        // those midway between the sample before and this one [rad]
+    bool any_small_ = false;
+    std::vector<double> small_;         // of every axis, the greater one's square, (U17) [rad^2]
+    std::vector<char> walked_;          // whether members show the deviations, of every cable
+    std::vector<char> walked_axis_;     // and of every axis
 
-    // of the member in progress
-    std::vector<double> between_;  // deviations on its path between two samples [rad]
-    std::vector<double> reading_;  // its readings of all axes [rad]
-
-    std::vector<double> out_;  // of `Robot::advance`, for the estimate and every member
+    std::vector<double> errors_;   // of its readings of all axes [rad]
+    std::vector<double> reading_;  // of all axes, of the member in progress [rad]
+    std::vector<double> out_;      // of `Robot::advance`, for the estimate and every member
 };
 
 /// Set UNSURE on an element's status, unless it is INVALID.

@@ -1,5 +1,7 @@
 #include "layout.hpp"
 
+#include <array>
+
 namespace cdrj {
 namespace {
 
@@ -26,6 +28,60 @@ private:
 
 constexpr Index SIZES = sizeof(Sizes) / sizeof(Index);
 
+/// Add numbers to an increasing list without repetition.
+void join(std::vector<Index>& list, std::span<const Index> more) {
+    list.insert(list.end(), more.begin(), more.end());
+    std::ranges::sort(list);
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+}
+
+Paths paths_of(const Topology& topology) {
+    const Sizes& sizes = topology.sizes;
+    Paths paths;
+    paths.cables_of_axis.resize(sizes.axes());
+    for (Index a = 0; a < sizes.axes(); ++a) paths.axes.push_back(a);
+    std::vector<std::vector<Index>> carriers;  // of every frame, and itself
+    for (Index f = 0; f < sizes.frames; ++f) {
+        const auto [parent, motion, joint] = topology.frames[f];
+        std::vector<Index> joints, up;
+        if (parent >= 0) {
+            joints = paths.joints_of_frame[parent];
+            up = carriers[parent];
+        }
+        up.push_back(f);
+        if (joint >= 0) join(joints, std::array{joint});
+        paths.joints_of_frame.push_back(joints);
+        carriers.push_back(up);
+        paths.frames.push_back(f);
+    }
+    for (Index c = 0; c < sizes.cables; ++c) {
+        const CableTopology& cable = topology.cables[c];
+        CablePath path;
+        for (Index k = 0; cable.routed == Route::positions && k <= cable.elements; ++k) {
+            const NodeTopology& node = topology.nodes[cable.first_node + k];
+            join(path.frames, carriers[node.frame]);
+            join(path.frames, carriers[node.exit_frame]);
+        }
+        for (const Index f : path.frames) join(path.joints, paths.joints_of_frame[f]);
+        for (Index t = 0; t < sizes.terms; ++t) {
+            const auto [adds_to_wrap, target, joint] = topology.terms[t];
+            const Index first = adds_to_wrap == 0 ? cable.first_element : cable.first_pulley;
+            const Index count = adds_to_wrap == 0 ? cable.elements : cable.pulleys;
+            if (target < first || target >= first + count) continue;
+            path.terms.push_back(t);
+            join(path.joints, std::array{joint});
+        }
+        for (const Index end : {2 * c, 2 * c + 1}) {
+            const Index motor = topology.ends[end].motor;
+            if (motor >= 0) join(path.axes, std::array{motor});
+        }
+        for (const Index j : path.joints) path.axes.push_back(sizes.motors + j);
+        for (const Index a : path.axes) paths.cables_of_axis[a].push_back(c);
+        paths.of_cable.push_back(path);
+    }
+    return paths;
+}
+
 }  // namespace
 
 Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(packed)) {
@@ -38,6 +94,7 @@ Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(
     nodes = parts.take<const NodeTopology>(sizes.nodes);
     residuals = parts.take<const ResidualTopology>(sizes.residuals);
     residual_inputs = parts.take<const ResidualInputTopology>(sizes.residual_inputs);
+    paths = std::make_shared<const Paths>(paths_of(*this));
 }
 
 Constants::Constants(const Sizes& sizes, const double* packed) {
@@ -74,6 +131,31 @@ State::State(const Sizes& sizes, double* state) : started(state) {
     drums = parts.take<Drum>(sizes.drums);
     middles = parts.take<ArcMiddle>(sizes.nodes);
     residual_inputs = parts.take<ResidualInput>(sizes.residual_inputs);
+}
+
+void State::take_cable(const Topology& topology, Index c, const State& from) const {
+    const CableTopology& cable = topology.cables[c];
+    const auto take = [](const auto& to, const auto& source, Index first, Index count) {
+        std::copy_n(source.begin() + first, count, to.begin() + first);
+    };
+    const auto [first, beyond] = topology.segments_of(c);
+    for (const auto part : {&State::length, &State::material, &State::delayed}) {
+        take(this->*part, from.*part, first, beyond - first);
+    }
+    for (const auto part :
+         {&State::bristle, &State::slip_speed, &State::lagged_speed, &State::place}) {
+        take(this->*part, from.*part, cable.first_contact, cable.contacts);
+    }
+    take(track, from.track, cable.first_pulley, cable.pulleys);
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+        const Index surface = topology.pulleys[p].surface;
+        if (surface >= 0) covered[surface] = from.covered[surface];
+    }
+    for (const Index end : {2 * c, 2 * c + 1}) {
+        const Index drum = topology.ends[end].drum;
+        if (drum >= 0) drums[drum] = from.drums[drum];
+    }
+    if (!middles.empty()) take(middles, from.middles, cable.first_node, cable.elements + 1);
 }
 
 std::size_t State::size(const Sizes& sizes) {

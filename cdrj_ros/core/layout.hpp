@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <memory>
 #include <span>
+#include <vector>
 
 #include "robot_records.hpp"
 
@@ -46,6 +48,23 @@ struct Grid {
 /// A table of numbers by rows.
 using Table = Grid<double>;
 
+/// What a cable depends on; all lists are increasing.
+struct CablePath {
+    std::vector<Index> terms;   // that are added to its spans and wraps
+    std::vector<Index> frames;  // that move its nodes
+    std::vector<Index> joints;  // that move these frames, or of these terms
+    std::vector<Index> axes;    // its motors, then these joints, among all motors and joints
+};
+
+/// What follows from the connections of a robot.
+struct Paths {
+    std::vector<CablePath> of_cable;
+    std::vector<std::vector<Index>> joints_of_frame;  // that move it, increasing
+    std::vector<std::vector<Index>> cables_of_axis;   // that depend on it, of motors, then joints
+    std::vector<Index> frames;                        // all of them
+    std::vector<Index> axes;
+};
+
 /// Connections of a robot.
 struct Topology {
     explicit Topology(const Index* packed);
@@ -59,6 +78,7 @@ struct Topology {
     std::span<const NodeTopology> nodes;
     std::span<const ResidualTopology> residuals;
     std::span<const ResidualInputTopology> residual_inputs;
+    std::shared_ptr<const Paths> paths;
 
     /// First segment of a cable, and the one after its last.
     struct Segments {
@@ -103,7 +123,8 @@ struct State {
 
     static std::size_t size(const Sizes& sizes);
 
-    double* started;                // 0 before the first sample, then 1
+    double* started;                // 0 before the first sample, then 1; a cable starts in the first
+                                    // pose that is possible for it, and holds no material before
     std::span<double> length;       // geometric, of every segment with its share of the arcs [m]
     std::span<double> material;     // unstretched length of every segment [m]
     std::span<double> delayed;      // delayed strain of every segment [-], (E24)
@@ -119,6 +140,12 @@ struct State {
     std::span<Drum> drums;          // of every end that takes up cable
     std::span<ArcMiddle> middles;   // of every node
     std::span<ResidualInput> residual_inputs;
+
+    /// Whether a cable has a history, by its first segment.
+    bool holds(Index first_segment) const { return material[first_segment] > 0.0; }
+
+    /// Copy all that belongs to one cable.
+    void take_cable(const Topology& topology, Index cable, const State& from) const;
 
     /// 1 + strain of a segment; 1 where it is slack.
     double stretch(Index segment) const {
@@ -156,14 +183,15 @@ struct Estimate {
     std::span<double> trust;         // share of it that applies there, (R3)
 };
 
-/// Intermediate values of a sample.
+/// Intermediate values of a sample. The memory begins with zeros, as what no path leads over stays zero.
 struct Workspace {
     Workspace(const Sizes& sizes, double* scratch);
 
     static std::size_t size(const Sizes& sizes);
 
     std::span<double> element_length;  // geometric, with its share of the arcs [m]
-    Table lever_arm;                   // of every element about every joint [m], (E27)
+    Table lever_arm;                   // of every element about every joint [m], (E27); written for
+                                       // those of its path
     std::span<Vector3> direction;      // unit vectors of routed elements in the base
     std::span<double> wrap;            // of every pulley [rad]
     std::span<double> arc;             // length of cable on every pulley [m]
@@ -174,7 +202,7 @@ struct Workspace {
     std::span<Segment> segments;
     std::span<Contact> contacts;
     std::span<Pose> pose;              // of every frame
-    Grid<Twist> twist;                 // of every frame by every joint
+    Grid<Twist> twist;                 // of every frame by every joint; written for those that move it
     std::span<Touch> touches;          // of every node
     std::span<ArcMiddle> middles;      // of every node
     std::span<double> products;        // of rows and columns of (R1), as the weights

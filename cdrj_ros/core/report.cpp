@@ -40,8 +40,8 @@ double drum_lever(const Step& step, Index c, Index end) {
 
 }  // namespace
 
-void report_cable(const Step& step, Index c, bool solved) {
-    const auto& [topology, constants, before, after, estimate, work] = step;
+void report_cable(Step& step, Index c, bool solved) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const CableTopology& cable = topology.cables[c];
     const CableConstants& own = constants.cables[c];
     const Index first = cable.first_element, last = first + cable.elements;
@@ -52,16 +52,6 @@ void report_cable(const Step& step, Index c, bool solved) {
         estimate.tension[e] = t;
         estimate.status[e] = solved ? OK : INVALID;
         set_load(estimate.status[e], t, own);
-        for (Index j = 0; j < topology.sizes.joints; ++j) {
-            estimate.joint_effort[j] -= t * work.lever_arm(e, j);
-        }
-    }
-    for (const Index end : {Index{0}, Index{1}}) {
-        const Index motor = topology.ends[2 * c + end].motor;
-        if (motor < 0) continue;
-        const double pull = estimate.tension[end == 0 ? first : last - 1];
-        const double winding = constants.ends[2 * c + end].winding;
-        estimate.motor_effort[motor] -= winding * drum_lever(step, c, end) * pull;
     }
     for (Index p = pulley; p < beyond; ++p) {
         const PulleyTopology& own = topology.pulleys[p];
@@ -91,15 +81,40 @@ void report_cable(const Step& step, Index c, bool solved) {
     }
 }
 
-void add_axes(
-    const Step& step, std::span<const double> motor_angle,
-    std::span<const double> joint_angle) {
+double motor_arm(const Step& step, Index c, Index end) {
+    return step.constants.ends[2 * c + end].winding * drum_lever(step, c, end);
+}
+
+namespace {
+
+/// Effort of the cables on an axis (E12), without its own friction and spring.
+double effort_of_cables(const Step& step, Index axis) {
     const auto& [topology, constants, before, after, estimate, work] = step;
+    const Index joint = axis - topology.sizes.motors;
+    double effort = 0.0;
+    for (const Index c : topology.paths->cables_of_axis[axis]) {
+        const CableTopology& cable = topology.cables[c];
+        const std::span tension = estimate.tension.subspan(cable.first_element, cable.elements);
+        for (Index k = 0; joint >= 0 && k < cable.elements; ++k) {
+            effort -= tension[k] * work.lever_arm(cable.first_element + k, joint);
+        }
+        for (const Index end : {Index{0}, Index{1}}) {
+            if (topology.ends[2 * c + end].motor != axis) continue;
+            effort -= motor_arm(step, c, end) * (end == 0 ? tension.front() : tension.back());
+        }
+    }
+    return effort;
+}
+
+}  // namespace
+
+void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles& angles) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const Index motors = topology.sizes.motors;
     const bool started = *before.started != 0.0;
-    for (Index a = 0; a < topology.sizes.axes(); ++a) {
+    for (const Index a : axes) {
         const AxisConstants& axis = constants.axes[a];
-        const double angle = a < motors ? motor_angle[a] : joint_angle[a - motors];
+        const double angle = a < motors ? angles.motor[a] : angles.joint[a - motors];
         const double turned = started ? angle - before.angle[a] : 0.0;
         const double most = axis.bearing_torque;
         double friction = before.bearing_friction[a] + axis.bearing_stiffness * turned;
@@ -109,7 +124,7 @@ void add_axes(
         after.bearing_friction[a] = friction;
         double& effort =
             a < motors ? estimate.motor_effort[a] : estimate.joint_effort[a - motors];
-        effort = axis.effort_sign * (effort + torque);
+        effort = axis.effort_sign * (effort_of_cables(step, a) + torque);
     }
 }
 

@@ -71,8 +71,8 @@ inline double trust_in(std::span<const ResidualInput> inputs) {
 }
 
 /// Add the learned corrections to the estimate `values`; without effect unless the cables are solved.
-inline void correct_outputs(const Step& step, double dt, bool solved, double* values) {
-    const auto& [topology, constants, before, after, estimate, work] = step;
+inline void correct_outputs(Step& step, double dt, bool solved, double* values) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const bool started = *before.started != 0.0;
     for (Index k = 0; k < topology.sizes.residual_inputs; ++k) {
         const auto [axis, column] = topology.residual_inputs[k];

@@ -17,15 +17,17 @@ constexpr int MOST_ROUNDS = 12;
 /// Greatest magnitude of any number of a state, in SI units.
 constexpr double LARGEST_IN_STATE = 1e9;
 
-/// Spans, wraps and lever arms from constants and tables over joint angle; no arcs yet.
+/// Spans, wraps and lever arms of a cable from constants and tables over joint angle; no arcs yet.
 void read_tables(
-    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
-    Workspace& work) {
-    const Sizes& sizes = topology.sizes;
-    for (Index e = 0; e < sizes.elements; ++e) work.element_length[e] = constants.elements[e].span;
-    for (Index p = 0; p < sizes.pulleys; ++p) work.wrap[p] = constants.pulleys[p].wrap;
-    std::fill_n(work.lever_arm.data, sizes.elements * sizes.joints, 0.0);
-    for (Index k = 0; k < sizes.terms; ++k) {
+    const Topology& topology, const Constants& constants, Index c,
+    std::span<const double> joint_angle, Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    const CablePath& path = topology.paths->of_cable[c];
+    for (Index e = cable.first_element; e < cable.first_element + cable.elements; ++e) {
+        work.element_length[e] = constants.elements[e].span;
+        for (const Index j : path.joints) work.lever_arm(e, j) = 0.0;
+    }
+    for (const Index k : path.terms) {
         const auto [adds_to_wrap, target, joint] = topology.terms[k];
         const JointConstants& grid = constants.joints[joint];
         const double position = (joint_angle[joint] - grid.lower) / grid.interval;
@@ -69,6 +71,25 @@ void add_arcs(const Topology& topology, const Constants& constants, Index c, Wor
     }
 }
 
+/// Geometry of one cable; false if its path is impossible. Its frames have been placed.
+bool shape_cable(
+    const Topology& topology, const Constants& constants, Index c,
+    std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+        work.wrap[p] = constants.pulleys[p].wrap;
+    }
+    bool possible = true;
+    if (cable.routed == Route::tables) {
+        read_tables(topology, constants, c, joint_angle, work);
+        add_arcs(topology, constants, c, work);
+    } else {
+        possible = route_cable(topology, constants, c, motor_angle, joint_angle, work);
+    }
+    divide_arcs(topology, c, work);
+    return possible;
+}
+
 /// Angle through which an end has wound cable in: by its motor, its frame and its tangent (E3).
 double wound_angle(const Step& step, Index end, std::span<const double> motor_angle) {
     const Index motor = step.topology.ends[end].motor;
@@ -81,8 +102,8 @@ double wound_angle(const Step& step, Index end, std::span<const double> motor_an
 /// Start a cable without friction history: its material determines one tension throughout.
 ///
 /// Returns false if no material is left because the cable is wound in entirely.
-bool start_cable(const Step& step, Index c, std::span<const double> motor_angle) {
-    const auto& [topology, constants, before, after, estimate, work] = step;
+bool start_cable(Step& step, Index c, std::span<const double> motor_angle) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const CableTopology& cable = topology.cables[c];
     const CableConstants& own = constants.cables[c];
     const auto [first, beyond] = topology.segments_of(c);
@@ -120,8 +141,8 @@ struct Fluxes {
     double last;   // leaves at the last node
 };
 
-Fluxes turn_drums(const Step& step, Index c, std::span<const double> motor_angle) {
-    const auto& [topology, constants, before, after, estimate, work] = step;
+Fluxes turn_drums(Step& step, Index c, std::span<const double> motor_angle) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const auto [first, beyond] = topology.segments_of(c);
     Fluxes fluxes{0.0, 0.0};
     for (const Index end : {Index{0}, Index{1}}) {
@@ -139,8 +160,8 @@ Fluxes turn_drums(const Step& step, Index c, std::span<const double> motor_angle
 }
 
 /// Lengthen the material of every segment by what it has crept since the sample before (E24).
-void yield(const Step& step, Index c, double dt) {
-    const auto& [topology, constants, before, after, estimate, work] = step;
+void yield(Step& step, Index c, double dt) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const CableConstants& own = constants.cables[c];
     const Creep law{own.creep_share, own.creep_time, own.flow_time};
     const bool none = law.share == 0.0 && std::isinf(law.flow_time) && law.flow_time > 0.0;
@@ -169,8 +190,8 @@ void spread_evenly(const Cable& cable) {
 }
 
 /// Advance a cable with a friction history; false if its fluxes could not be solved.
-bool move_cable(const Step& step, Index c, std::span<const double> motor_angle, double dt) {
-    const auto& [topology, constants, before, after, estimate, work] = step;
+bool move_cable(Step& step, Index c, std::span<const double> motor_angle, double dt) {
+    auto& [topology, constants, before, after, estimate, work] = step;
     const CableTopology& own = topology.cables[c];
     const auto [first, beyond] = topology.segments_of(c);
     const auto [first_flux, last_flux] = turn_drums(step, c, motor_angle);
@@ -218,68 +239,85 @@ bool move_cable(const Step& step, Index c, std::span<const double> motor_angle, 
     return solved;
 }
 
+/// Keep the state of a cable whose path is impossible, and report no numbers.
+void keep_cable(Step& step, Index c) {
+    auto& [topology, constants, before, after, estimate, work] = step;
+    after.take_cable(topology, c, before);
+    estimate.iterations[c] = estimate.residual[c] = 0.0;
+    report_cable(step, c, false);
+    const CableTopology& cable = topology.cables[c];
+    std::fill_n(
+        estimate.status.begin() + cable.first_element, cable.elements,
+        static_cast<double>(INVALID));
+}
+
 }  // namespace
+
+Step::Step(const Robot& robot, const double* before_state, double* out)
+    : topology(robot.topology),
+      constants(robot.constants),
+      before(topology.sizes, const_cast<double*>(before_state)),
+      after(topology.sizes, out),
+      estimate(topology.sizes, out + robot.state_size()),
+      work(topology.sizes, out + robot.state_size() + robot.estimate_size()) {
+    if (topology.sizes.surfaces == 0) return;
+    std::copy_n(before_state, robot.state_size(), work.history);
+    before = State(topology.sizes, work.history);
+}
 
 bool Robot::shape(
     std::span<const double> motor_angle, std::span<const double> joint_angle,
     Workspace& work) const {
     bool possible = true;
-    read_tables(topology, constants, joint_angle, work);
-    place_frames(topology, constants, joint_angle, work);
+    place_frames(topology, constants, topology.paths->frames, joint_angle, work);
     for (Index c = 0; c < topology.sizes.cables; ++c) {
-        const CableTopology& cable = topology.cables[c];
-        if (cable.routed == Route::tables) {
-            add_arcs(topology, constants, c, work);
-        } else {
-            possible =
-                route_cable(topology, constants, c, motor_angle, joint_angle, work) && possible;
-        }
+        possible = shape_cable(topology, constants, c, motor_angle, joint_angle, work) && possible;
     }
-    divide_arcs(topology, work);
     return possible;
 }
 
-bool Robot::advance(
-    const double* before_state, std::span<const double> motor_angle,
-    std::span<const double> joint_angle, double dt, double* out) const {
-    const Sizes& sizes = topology.sizes;
-    State before(sizes, const_cast<double*>(before_state));
-    State after(sizes, out);
-    Estimate estimate(sizes, out + state_size());
-    Workspace work(sizes, out + state_size() + estimate_size());
-    if (!shape(motor_angle, joint_angle, work)) {  // keep the state, report nothing
-        std::copy_n(before_state, state_size(), out);
-        std::fill_n(out + state_size(), estimate_size(), 0.0);
-        std::ranges::fill(estimate.status, static_cast<double>(INVALID));
+bool advance_cable(Step& step, Index c, const SampleAngles& angles) {
+    auto& [topology, constants, before, after, estimate, work] = step;
+    if (!shape_cable(topology, constants, c, angles.motor, angles.joint, work)) {
+        keep_cable(step, c);
         return false;
     }
-    follow_arcs(topology, constants, before, after, work);
-    if (sizes.surfaces > 0) {  // the state before, by the contact cells of this sample
-        cover_surfaces(topology, constants, before_state, after, work);
-        before = State(sizes, work.history);
+    follow_arcs(topology, constants, c, before, after, work);
+    if (topology.sizes.surfaces > 0) cover_surfaces(topology, constants, c, before, after, work);
+    const CableTopology& cable = topology.cables[c];
+    const auto [first, beyond] = topology.segments_of(c);
+    for (Index e = first; e < beyond; ++e) after.length[e] = work.segments[e].length;
+    if (!work.middles.empty()) {
+        std::copy_n(
+            work.middles.begin() + cable.first_node, cable.elements + 1,
+            after.middles.begin() + cable.first_node);
     }
-    for (Index e = 0; e < sizes.segments(); ++e) after.length[e] = work.segments[e].length;
-    std::ranges::copy(work.middles, after.middles.begin());
-    for (Index c = 0; c < sizes.cables; ++c) {
-        place_contacts(topology, constants, c, before, after, work);
+    place_contacts(topology, constants, c, before, after, work);
+    friction_losses(topology, constants, c, before, work);
+    for (const Index end : {2 * c, 2 * c + 1}) {
+        const Index drum = topology.ends[end].drum;
+        if (drum >= 0) after.drums[drum] = before.drums[drum];
     }
-    friction_losses(topology, constants, before, work);
-    const bool started = *before.started != 0.0;
-    *after.started = 1.0;
-    std::ranges::copy(before.drums, after.drums.begin());
-    std::ranges::fill(estimate.motor_effort, 0.0);
-    std::ranges::fill(estimate.joint_effort, 0.0);
-    const Step step{topology, constants, before, after, estimate, work};
-    bool solved_all = true;
-    for (Index c = 0; c < sizes.cables; ++c) {
-        const bool solved =
-            started ? move_cable(step, c, motor_angle, dt) : start_cable(step, c, motor_angle);
-        report_cable(step, c, solved);
-        solved_all = solved_all && solved;
+    const bool solved = before.holds(first) ? move_cable(step, c, angles.motor, angles.dt)
+                                            : start_cable(step, c, angles.motor);
+    report_cable(step, c, solved);
+    return solved;
+}
+
+bool Robot::advance(
+    const double* before, std::span<const double> motor_angle,
+    std::span<const double> joint_angle, double dt, double* out) const {
+    Step step(*this, before, out);
+    const SampleAngles angles{motor_angle, joint_angle, dt};
+    place_frames(topology, constants, topology.paths->frames, joint_angle, step.work);
+    bool solved = true;
+    for (Index c = 0; c < topology.sizes.cables; ++c) {
+        solved = advance_cable(step, c, angles) && solved;
     }
-    add_axes(step, motor_angle, joint_angle);
-    correct_outputs(step, dt, solved_all, out + state_size());
-    return solved_all;
+    report_efforts(step, topology.paths->axes, angles);
+    correct_outputs(step, dt, solved, out + state_size());
+    *step.after.started = 1.0;
+    return solved;
 }
 
 bool Robot::is_state(std::span<const double> numbers) const {
@@ -290,81 +328,90 @@ bool Robot::is_state(std::span<const double> numbers) const {
     std::vector<double> copy(numbers.begin(), numbers.end());
     const State state(topology.sizes, copy.data());
     if (*state.started == 0.0) return true;
-    return std::ranges::all_of(state.drums, [](const Drum& drum) {
-        return drum.points >= 1.0 && drum.points <= CAPACITY && drum.points == std::floor(drum.points);
-    });
+    for (Index end = 0; end < 2 * topology.sizes.cables; ++end) {
+        const Index drum = topology.ends[end].drum;
+        if (drum < 0 || !state.holds(topology.segments_of(end / 2).first)) continue;
+        const double points = state.drums[drum].points;
+        if (!(points >= 1.0 && points <= CAPACITY && points == std::floor(points))) return false;
+    }
+    return true;
 }
 
 // -------------------------------------------------------------------------------------------------
 // Histories that are assumed, not computed: friction before the start, and drums that slip
 
-void Robot::impose_friction(std::span<const double> share, double* out) const {
-    const Sizes& sizes = topology.sizes;
-    State after(sizes, out);
-    Workspace work(sizes, out + state_size() + estimate_size());
-    for (Index c = 0; c < sizes.cables; ++c) {
-        const CableTopology& cable = topology.cables[c];
-        if (cable.law == Law::none) continue;
-        const Elasticity elastic = elasticity_of(constants.cables[c]);
-        const auto [first, beyond] = topology.segments_of(c);
-        double total = 0.0, span = 0.0;
-        for (Index e = first; e < beyond; ++e) {
-            total += after.material[e];
-            span += after.length[e];
+void impose_friction(Step& step, Index c, std::span<const double> share) {
+    auto& [topology, constants, before, after, estimate, work] = step;
+    const CableTopology& cable = topology.cables[c];
+    if (cable.law == Law::none) return;
+    const Elasticity elastic = elasticity_of(constants.cables[c]);
+    const auto [first, beyond] = topology.segments_of(c);
+    double total = 0.0, span = 0.0;
+    for (Index e = first; e < beyond; ++e) {
+        total += after.material[e];
+        span += after.length[e];
+    }
+    const double mean = tension_of(elastic, span, total);
+    if (!(mean > 0.0)) return;
+    // compute the ratios of the tensions, then the common factor that keeps the elongation
+    double ratio = 1.0;
+    work.segments[first].tension = ratio;
+    double weighted = after.length[first];
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+        const PulleyTopology& own = topology.pulleys[p];
+        for (Index q = own.first_contact; q < own.first_contact + own.cells; ++q) {
+            const Contact& contact = work.contacts[q];
+            const double hold = 1.0 - contact.loss - contact.drag / (mean + contact.drag);
+            ratio *= std::pow(std::max(hold, 1e-3), -share[p]);
+            work.segments[q + c + 1].tension = ratio;
+            weighted += after.length[q + c + 1] * ratio;
         }
-        const double mean = tension_of(elastic, span, total);
-        if (!(mean > 0.0)) continue;
-        // compute the ratios of the tensions, then the common factor that keeps the elongation
-        double ratio = 1.0;
-        work.segments[first].tension = ratio;
-        double weighted = after.length[first];
-        for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
-            const PulleyTopology& own = topology.pulleys[p];
-            for (Index q = own.first_contact; q < own.first_contact + own.cells; ++q) {
-                const Contact& contact = work.contacts[q];
-                const double hold = 1.0 - contact.loss - contact.drag / (mean + contact.drag);
-                ratio *= std::pow(std::max(hold, 1e-3), -share[p]);
-                work.segments[q + c + 1].tension = ratio;
-                weighted += after.length[q + c + 1] * ratio;
-            }
-        }
-        double scale = mean * span / weighted;
-        const int rounds = elastic.bedding_strain == 0.0 ? 3 : MOST_ROUNDS;
-        for (int round = 0; round < rounds; ++round) {
-            double held = 0.0, slope = 0.0;
-            for (Index e = first; e < beyond; ++e) {
-                ratio = work.segments[e].tension;
-                const double stretch = 1.0 + strain_at(elastic, scale * ratio);
-                const double modulus = modulus_at(elastic, scale * ratio);
-                held += after.length[e] / stretch;
-                slope -= after.length[e] * ratio / (modulus * stretch * stretch);
-            }
-            scale -= (held - total) / slope;
-        }
+    }
+    double scale = mean * span / weighted;
+    const int rounds = elastic.bedding_strain == 0.0 ? 3 : MOST_ROUNDS;
+    for (int round = 0; round < rounds; ++round) {
+        double held = 0.0, slope = 0.0;
         for (Index e = first; e < beyond; ++e) {
             ratio = work.segments[e].tension;
-            after.material[e] = after.length[e] / (1.0 + strain_at(elastic, scale * ratio));
-            if (e > first) {
-                after.bristle[e - 1 - c] = scale * (ratio - work.segments[e - 1].tension);
-            }
+            const double stretch = 1.0 + strain_at(elastic, scale * ratio);
+            const double modulus = modulus_at(elastic, scale * ratio);
+            held += after.length[e] / stretch;
+            slope -= after.length[e] * ratio / (modulus * stretch * stretch);
         }
+        scale -= (held - total) / slope;
+    }
+    for (Index e = first; e < beyond; ++e) {
+        ratio = work.segments[e].tension;
+        after.material[e] = after.length[e] / (1.0 + strain_at(elastic, scale * ratio));
+        if (e > first) {
+            after.bristle[e - 1 - c] = scale * (ratio - work.segments[e - 1].tension);
+        }
+    }
+}
+
+void Robot::impose_friction(std::span<const double> share, double* out) const {
+    Step step(*this, out, out);
+    for (Index c = 0; c < topology.sizes.cables; ++c) cdrj::impose_friction(step, c, share);
+}
+
+void forget_drums(const Robot& robot, Index c, State& now) {
+    const Topology& topology = robot.topology;
+    const auto [first, beyond] = topology.segments_of(c);
+    if (!now.holds(first)) return;
+    for (const Index end : {Index{0}, Index{1}}) {
+        const Index number = topology.ends[2 * c + end].drum;
+        if (number < 0) continue;
+        Drum& drum = now.drums[number];
+        const int top = static_cast<int>(drum.points) - 1;
+        const double rate = robot.constants.ends[2 * c + end].radius /
+                            now.stretch(end == 0 ? first : beyond - 1);
+        start_drum(drum, drum.angle[top], drum.material[top], rate);
     }
 }
 
 void Robot::forget_drums(double* state) const {
     State now(topology.sizes, state);
-    for (Index c = 0; c < topology.sizes.cables; ++c) {
-        const auto [first, beyond] = topology.segments_of(c);
-        for (const Index end : {Index{0}, Index{1}}) {
-            const Index number = topology.ends[2 * c + end].drum;
-            if (number < 0) continue;
-            Drum& drum = now.drums[number];
-            const int top = static_cast<int>(drum.points) - 1;
-            const double rate = constants.ends[2 * c + end].radius /
-                                now.stretch(end == 0 ? first : beyond - 1);
-            start_drum(drum, drum.angle[top], drum.material[top], rate);
-        }
-    }
+    for (Index c = 0; c < topology.sizes.cables; ++c) cdrj::forget_drums(*this, c, now);
 }
 
 }  // namespace cdrj

@@ -8,6 +8,8 @@
 
 namespace cdrj {
 
+struct Step;
+
 /// A robot: its topology, which members of an ensemble share, and its constants.
 class Robot {
 public:
@@ -31,11 +33,11 @@ public:
     /// One sample: (state, angles) -> (state, estimate).
     ///
     /// `before` begins with the state and does not change; `out` has the new state, the estimate and
-    /// the workspace, of `out_size` numbers. `dt`: time since the state [s]; 0 for the first sample or
+    /// the workspace, of `out_size` numbers, all zero at first. `dt`: time since the state [s]; 0 for the first sample or
     /// where it is unknown.
     ///
-    /// Returns false where the geometry is impossible (the state is then kept) or the fluxes of some
-    /// cable could not be solved; the elements concerned are INVALID.
+    /// Returns false where the path of some cable is impossible (its state is then kept) or its fluxes
+    /// could not be solved; its elements are INVALID.
     bool advance(
         const double* before, std::span<const double> motor_angle,
         std::span<const double> joint_angle, double dt, double* out) const;
@@ -62,16 +64,45 @@ public:
     Constants constants;
 };
 
+/// Everything that one sample reads and writes.
+struct Step {
+    /// `before` and `out` as of `Robot::advance`.
+    Step(const Robot& robot, const double* before, double* out);
+
+    const Topology& topology;
+    const Constants& constants;
+    State before;
+    State after;
+    Estimate estimate;
+    Workspace work;
+};
+
+/// Angles of a sample, and the time since the state before it.
+struct SampleAngles {
+    std::span<const double> motor;  // [rad]
+    std::span<const double> joint;  // [rad], of prismatic joints [m]
+    double dt;                      // [s]; 0 for the first sample or where it is unknown
+};
+
+/// Advance one cable, which depends on nothing but its path; the frames on it have been placed.
+///
+/// State and estimate of the cable are written. Returns as `Robot::advance`, for this cable.
+bool advance_cable(Step& step, Index cable, const SampleAngles& angles);
+
+/// As `Robot::impose_friction` and `Robot::forget_drums`, of one cable.
+void impose_friction(Step& step, Index cable, std::span<const double> share);
+void forget_drums(const Robot& robot, Index cable, State& state);
+
 // -------------------------------------------------------------------------------------------------
 // The stages of a sample, in their order
 
-/// Pose of every frame, and its velocity per joint (G1).
+/// Pose of some frames, parents first, and their velocity per joint (G1).
 ///
 /// A rolling frame follows two equal circles (5): it rolls about its z axis and
 /// starts on its x axis.
 void place_frames(
-    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
-    Workspace& work);
+    const Topology& topology, const Constants& constants, std::span<const Index> frames,
+    std::span<const double> joint_angle, Workspace& work);
 
 /// Lengths, arcs, middles, directions and lever arms of one cable; false if its path is impossible.
 ///
@@ -81,28 +112,28 @@ bool route_cable(
     const Topology& topology, const Constants& constants, Index cable,
     std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work);
 
-/// Lengths of the segments from those of the elements: the arc of every pulley in equal cells.
+/// Lengths of a cable's segments from those of its elements: the arc of every pulley in equal cells.
 ///
 /// An element ends in the middle of an arc, its outer segment in the middle of the first cell, and
 /// has no part in what lies on an end.
-void divide_arcs(const Topology& topology, Workspace& work);
+void divide_arcs(const Topology& topology, Index cable, Workspace& work);
 
-/// Move the places of the middles of all arcs along their bodies (E26), from the tracks and middles of
+/// Move the places of the middles of a cable's arcs along their bodies (E26), from the tracks and middles of
 /// `before` to the tracks of `after`.
 ///
 /// Where the cable comes to touch a body in this sample, its wrap is set to 0: the contact holds no
 /// friction yet.
 void follow_arcs(
-    const Topology& topology, const Constants& constants, const State& before, State& after,
-    Workspace& work);
+    const Topology& topology, const Constants& constants, Index cable, const State& before,
+    State& after, Workspace& work);
 
-/// Lay the arcs of a sample onto the cells of their surfaces (E29).
+/// Lay the arcs of a cable onto the cells of their surfaces (E29).
 ///
-/// `before`: the state before the sample; `after`: with the tracks of the sample, `place` and `covered`
-/// are written; `work`: with the geometry of the sample; the contacts of the cells, the lengths of the
-/// segments and `history` are written.
+/// `before`: the state before the sample, which becomes that by the contact cells of this sample;
+/// `after`: with the tracks of the sample, `place` and `covered` are written; `work`: with the geometry
+/// of the sample; the contacts of the cells and the lengths of the segments are written.
 void cover_surfaces(
-    const Topology& topology, const Constants& constants, const double* before, State& after,
+    const Topology& topology, const Constants& constants, Index cable, State& before, State& after,
     Workspace& work);
 
 /// Constants and places of the contacts of one cable, and the shift of (E25).
@@ -112,34 +143,28 @@ void place_contacts(
     const Topology& topology, const Constants& constants, Index cable, const State& before,
     State& after, Workspace& work);
 
-/// Loss of every contact: (37), (41), their blend for the pulley, (E28) for its cells.
+/// Loss of every contact of a cable: (37), (41), their blend for the pulley, (E28) for its cells.
 ///
 /// Constant wraps use losses computed beforehand. Static friction fades with the slip speed delayed
 /// by `stribeck_lag` (E10), frictional memory. With the speed of the sample itself, friction would
 /// fall while the cable slips; a massless cable then has several solutions or none, and would jump
 /// from sample to sample.
 void friction_losses(
-    const Topology& topology, const Constants& constants, const State& before, Workspace& work);
+    const Topology& topology, const Constants& constants, Index cable, const State& before,
+    Workspace& work);
 
-/// Everything that one sample reads and writes.
-struct Step {
-    const Topology& topology;
-    const Constants& constants;
-    const State& before;
-    State& after;
-    Estimate& estimate;
-    Workspace& work;
-};
-
-/// Write tensions, status, slip speeds, nodal forces (38) and share in the efforts (E12) of a cable.
+/// Write tensions, status, slip speeds and nodal forces (38) of a cable.
 ///
 /// Tensions are those of the free spans; a pulley's slip speed is the mean of its cells'. `solved`:
 /// whether the fluxes of the cable were found; otherwise its elements are INVALID.
-void report_cable(const Step& step, Index cable, bool solved);
+void report_cable(Step& step, Index cable, bool solved);
 
-/// Add friction and spring of every motor and joint to the efforts (E13), and apply their signs.
-void add_axes(
-    const Step& step, std::span<const double> motor_angle, std::span<const double> joint_angle);
+/// Moment arm of a cable at one of its ends about the axis of its motor [m]: its share in the
+/// motor's effort per newton (E12), (E27).
+double motor_arm(const Step& step, Index cable, Index end);
+
+/// Write the efforts of some axes: those of their cables (E12), friction and spring (E13), and the sign.
+void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles& angles);
 
 /// Set SLACK and OVERLOAD in an element's status by its tension.
 inline void set_load(double& status, double tension, const CableConstants& cable) {

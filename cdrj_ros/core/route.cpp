@@ -145,14 +145,11 @@ double place_nodes(const Path& path, std::span<const Pose> poses) {
 
 /// Turn of an end's frame about its axis by all joints [rad]; exact for parallel axes.
 double turn_of_frame(
-    Index frame, const Grid<Twist>& twists, const Touch& touch,
+    Index frame, std::span<const Index> joints, const Grid<Twist>& twists, const Touch& touch,
     std::span<const double> joint_angle) {
     const Vector3 axis = axis_of(touch.basis);
     double turned = 0.0;
-    for (std::size_t j = 0; j < joint_angle.size(); ++j) {
-        const Twist& twist = twists(frame, static_cast<Index>(j));
-        turned += dot(axis, twist.angular) * joint_angle[j];
-    }
+    for (const Index j : joints) turned += dot(axis, twists(frame, j).angular) * joint_angle[j];
     return turned;
 }
 
@@ -298,9 +295,9 @@ bool measure_cable(const Path& path, const CableTopology& own, double size, Work
 }  // namespace
 
 void place_frames(
-    const Topology& topology, const Constants& constants, std::span<const double> joint_angle,
-    Workspace& work) {
-    for (Index f = 0; f < topology.sizes.frames; ++f) {
+    const Topology& topology, const Constants& constants, std::span<const Index> frames,
+    std::span<const double> joint_angle, Workspace& work) {
+    for (const Index f : frames) {
         const FrameConstants& frame = constants.frames[f];
         const auto [parent, motion, joint] = topology.frames[f];
         Pose& pose = work.pose[f];
@@ -311,9 +308,8 @@ void place_frames(
             pose.rotation = product(carrier.rotation, frame.rotation);
             origin = carrier.origin + rotated(carrier.rotation, frame.origin);
         }
-        for (Index j = 0; j < topology.sizes.joints; ++j) {
-            work.twist(f, j) =
-                parent >= 0 ? work.twist(parent, j) : Twist{ZERO, ZERO};
+        for (const Index j : topology.paths->joints_of_frame[f]) {
+            work.twist(f, j) = parent >= 0 ? work.twist(parent, j) : Twist{ZERO, ZERO};
         }
         if (joint >= 0) {
             const double q = frame.multiplier * joint_angle[joint] + frame.offset;
@@ -367,7 +363,9 @@ bool route_cable(
     for (const Index k : {Index{0}, last}) {
         if (!path.winds(k)) continue;
         path.touches[k].twisted =
-            turn_of_frame(path.topology[k].frame, work.twist, path.touches[k], joint_angle);
+            turn_of_frame(
+                path.topology[k].frame, topology.paths->joints_of_frame[path.topology[k].frame],
+                work.twist, path.touches[k], joint_angle);
     }
     bool possible = find_path(path, size);
     possible = measure_cable(path, own, size, work) && possible;
@@ -390,7 +388,7 @@ bool route_cable(
         const Touch &begin = path.touches[e], &end = path.touches[e + 1];
         // the length between two points of one frame does not change
         const bool rigid = left == right && begin.touching == 1.0 && end.touching == 1.0;
-        for (Index j = 0; j < topology.sizes.joints; ++j) {
+        for (const Index j : topology.paths->of_cable[cable].joints) {
             double& lever_arm = work.lever_arm(own.first_element + e, j);
             lever_arm = 0.0;
             if (rigid) continue;

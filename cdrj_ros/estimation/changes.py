@@ -174,19 +174,21 @@ def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
     if known is None:
         return None
     index = {path: k for k, path in enumerate(known.parameters)}
-    errors = np.eye(len(index))  # those of the numbers, from those before
+    covariance = known.covariance.copy()
     stated = [k < known.stated for k in index.values()]
-    for path in changed.keys() & index.keys():
+    for path in sorted(changed.keys() & index.keys()):
         k, own = index[path], 0.0
         stddev = float(np.sqrt(known.covariance[k, k]))
         if path.endswith((".preload", ".radius")) and stddev > 0.0:
             now = CALLIPER if path.endswith(".radius") else SPRING_SCALE_NOW * changed[path]
             own = min(1.0, now / stddev)
-        errors[k] *= own
         zero = index.get(path.replace(".reference_angle", ".offset"), k)
+        for errors in (covariance, covariance.T):  # the number's own error is reduced or replaced
+            errors[k] *= own
+            if zero != k:
+                errors[k] += errors[zero]
         if zero != k:
-            errors[k, zero], stated[k] = 1.0, stated[zero]
-    covariance = errors @ known.covariance @ errors.T
+            stated[k] = stated[zero]
     order = sorted(index.values(), key=lambda k: not stated[k])
     return replace(
         known, parameters=tuple(known.parameters[k] for k in order),

@@ -32,7 +32,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot, Uncertainty
 
 LAST_STAMP: Final = 1
-"""Index of the last sample's stamp in the ensemble's progress."""
+"""Index of the last sample's stamp in the ensemble's progress; that of the last update follows."""
 
 UNSURE_SHARE: Final = 0.1
 """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or of
@@ -52,15 +52,6 @@ def stddev_columns(layout: Layout) -> NDArray[np.int64]:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts]).astype(np.int64)
 
 
-def _elements_of(layout: Layout) -> NDArray[np.int64]:
-    """An element of each spread column's cable; -1 for efforts, to which all cables contribute."""
-    cables = [name.rsplit("/", 1)[0] for name in layout.elements]
-    elements = [cables.index(cable) for cable in cables]
-    pulleys = [cables.index(name.rsplit("/", 1)[0]) for name in layout.pulleys]
-    efforts = [-1] * (len(layout.motors) + len(layout.joints))
-    return np.array(elements + pulleys + efforts, dtype=np.int64)
-
-
 def new_members(model: Model, draws: Draws) -> _core.Ensemble:
     """Members before their first sample."""
     robot, members = model.robot, len(draws.constants)
@@ -77,12 +68,11 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         slipping=(np.arange(members) // 2 % 2 == 1) & unsure,
         effort_error=draws.effort_error,
         reading_error=draws.reading_error,
+        zero_error=draws.zero_error,
         unseen_share=draws.unseen_share,
         offset_gain=offset_gain(model),
         length_share=length_share(model),
         span=np.array(spans).T.copy(),
-        index=stddev_columns(model.layout),
-        element=_elements_of(model.layout),
         unmodelled=error,
     )
 
@@ -127,7 +117,7 @@ class Ensemble:
         self.states = self.core.states
         """Shape (members, state_size)."""
         self.stamps = self.core.stamps
-        """Of every member's last update [ns], shape (members,)."""
+        """Of the last update of every member's cables [ns], shape (members, cables)."""
         self.deviation = self.core.deviation
         """Differences from the estimate, shape (members, columns)."""
         self.variance = self.core.variance
@@ -139,8 +129,7 @@ class Ensemble:
     @property
     def started(self) -> bool:
         """Whether the members have had a sample since the last reset."""
-        updates, _, _ = self.core.progress
-        return bool(updates > 0)
+        return bool(self.core.progress[0] > 0)
 
     def restore_preloads(self) -> None:
         """Discard the members' history, and all corrections of their preloads."""
@@ -170,6 +159,7 @@ class Ensemble:
             "member_stamps": self.stamps,
             "member_constants": self.constants,
             "progress": self.core.progress,
+            "unsolved": self.core.unsolved,
             "last_angle": self.core.angle,
             "intervals": self.core.intervals,
             "last_unseen": self.core.unseen,
@@ -204,9 +194,8 @@ class Ensemble:
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
         self.stamps += by_ns
-        progress = self.core.progress
-        if progress[LAST_STAMP] >= 0:
-            progress[LAST_STAMP] += by_ns
+        stamps = self.core.progress[LAST_STAMP:]
+        stamps[stamps >= 0] += by_ns
 
     def step(self, state: State, sample: Sample) -> tuple[State, Estimate]:
         """``step`` and ``update`` in one call.

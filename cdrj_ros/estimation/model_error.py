@@ -32,31 +32,32 @@ def unmodelled(model: Model) -> Table:
     slack = robot.per_element([cable.slack_tension for cable in robot.cables])
     given = dict(robot.uncertainty.model_error) if robot.uncertainty is not None else {}
     error = _tension_errors(robot, shape, given) if given else np.zeros(slack.size)
-    known = _through(robot, shape, error)
+    known = _through(model, shape, error)
     names = [f"tension/{name}" for name in model.layout.elements]
     names += [""] * len(model.layout.pulleys)
     names += [f"effort/{name}" for name in (*model.layout.motors, *model.layout.joints)]
     for k, name in enumerate(names):
         known[k] = given.get(name, known[k])
-    return np.stack([known**2, _through(robot, shape, slack)])
+    return np.stack([known**2, _through(model, shape, slack)])
 
 
-def motor_arms(robot: Robot, name: str) -> Vector:
-    """Effort on a motor per newton in every element [m], shape (elements,)."""
-    arms = []
-    for cable in robot.cables:
-        own = np.zeros(len(cable.element_names))
-        for node, element in ((cable.nodes[0], 0), (cable.nodes[-1], -1)):
-            if isinstance(node, Winch) and node.motor == name:
-                own[element] = node.radius
-        arms.append(own)
-    return np.concatenate(arms)
+def _arms(robot: Robot, shape: Shape) -> Table:
+    """Magnitude of every axis's effort per newton in an element [m], shape (elements, axes)."""
+    motors = {motor.name: m for m, motor in enumerate(robot.motors)}
+    arms = np.zeros((len(shape.length), len(robot.axes)))
+    for cable, part in zip(robot.cables, robot.parts, strict=True):
+        for node, element in ((cable.nodes[0], part.start), (cable.nodes[-1], part.stop - 1)):
+            if isinstance(node, Winch):
+                arms[element, motors[node.motor]] = node.radius
+    levers = np.abs(shape.lever_arm)
+    least = LEAST_ARM * np.maximum(levers.max(axis=0, initial=0.0), 1e-300)
+    arms[:, len(motors) :] = np.where(levers > least, levers, 0.0)
+    return arms
 
 
-def _joint_arms(shape: Shape, joint: int) -> Vector:
-    """Effort on a joint per newton in every element [m], shape (elements,)."""
-    arms: Vector = np.abs(shape.lever_arm[:, joint])
-    return np.where(arms > LEAST_ARM * max(float(arms.max(initial=0.0)), 1e-300), arms, 0.0)
+def _by_cable(robot: Robot, of_elements: Table) -> Table:
+    """Sums over the elements of every cable, shape (cables, ...)."""
+    return np.add.reduceat(of_elements, [part.start for part in robot.parts], axis=0)
 
 
 def stiffness(robot: Robot, shape: Shape) -> Table:
@@ -65,13 +66,10 @@ def stiffness(robot: Robot, shape: Shape) -> Table:
     Without friction and at high tension; shape (cables, axes).  A cable of length L that an axis
     lengthens by the arm r takes E A r / L per radian.
     """
-    motors = [motor_arms(robot, motor.name) for motor in robot.motors]
-    arms = np.abs(np.column_stack([*motors, shape.lever_arm]))
-    rows = [
-        cable.axial_stiffness * arms[own].sum(axis=0) / float(shape.length[own].sum())
-        for cable, own in zip(robot.cables, robot.parts, strict=True)
-    ]
-    return np.stack(rows)
+    arms = _arms(robot, shape)
+    arms[:, len(robot.motors) :] = np.abs(shape.lever_arm)
+    stiffness = [cable.axial_stiffness for cable in robot.cables]
+    return _by_cable(robot, arms) * (stiffness / _by_cable(robot, shape.length))[:, None]
 
 
 def offset_gain(model: Model) -> Table:
@@ -81,16 +79,16 @@ def offset_gain(model: Model) -> Table:
     """
     robot = model.robot
     shape = shape_at(model, robot.reference_pose)
-    per_element = robot.per_element(stiffness(robot, shape))
-    return np.stack([_through(robot, shape, one, together=True) for one in per_element.T], axis=1)
+    tension = robot.per_element(stiffness(robot, shape))
+    efforts = np.einsum("ea,eb->ab", _arms(robot, shape), tension)
+    return np.concatenate([tension, _forces(model, shape, tension), efforts])
 
 
 def length_share(model: Model) -> Vector:
     """Length of every element by that of its cable, in the reference pose, shape (elements,)."""
     robot = model.robot
     shape = shape_at(model, robot.reference_pose)
-    shares = [shape.length[own] / float(shape.length[own].sum()) for own in robot.parts]
-    return np.concatenate(shares)
+    return shape.length / robot.per_element(_by_cable(robot, shape.length))
 
 
 def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vector:
@@ -102,13 +100,12 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
     """
     parts = robot.parts
     sources: list[dict[int, float]] = [{} for _ in parts]
-    efforts = [(f"effort/{motor.name}", motor_arms(robot, motor.name)) for motor in robot.motors]
-    efforts += [
-        (f"effort/{joint.name}", _joint_arms(shape, j)) for j, joint in enumerate(robot.joints)
-    ]
-    for name, arms in efforts:
+    efforts = {f"effort/{axis.name}": k for k, axis in enumerate(robot.axes)}
+    all_arms = _arms(robot, shape)
+    for name in efforts.keys() & given.keys():
+        arms = all_arms[:, efforts[name]]
         acting = [c for c, part in enumerate(parts) if arms[part].any()]
-        for c in acting if name in given else ():
+        for c in acting:
             own = arms[parts[c]]
             error = given[name] / (float(own.sum()) * np.sqrt(len(acting)))
             for element in np.flatnonzero(own).tolist():
@@ -132,19 +129,15 @@ def _tension_errors(robot: Robot, shape: Shape, given: dict[str, float]) -> Vect
     return np.concatenate(errors)
 
 
-def _through(robot: Robot, shape: Shape, tension: Vector, *, together: bool = False) -> Vector:
-    """What errors of the tensions are in all columns; cables err independently, or all together."""
-    forces = []
-    at = 0
-    for cable, part in zip(robot.cables, robot.parts, strict=True):
-        count = len(cable.pulleys)
-        lever = 2.0 * np.abs(np.sin(0.5 * shape.wrap[at : at + count]))
-        own = tension[part]
-        forces.append(lever * 0.5 * (own[:-1] + own[1:]))
-        at += count
-    arms = [motor_arms(robot, motor.name) for motor in robot.motors]
-    arms += [_joint_arms(shape, j) for j in range(len(robot.joints))]
-    own = np.array([[arm[part] @ tension[part] for part in robot.parts] for arm in arms])
-    own = own.reshape(len(arms), len(robot.cables))
-    efforts = own.sum(axis=1) if together else np.linalg.norm(own, axis=1)
-    return np.concatenate([tension, *forces, efforts])
+def _forces(model: Model, shape: Shape, tension: Table) -> Table:
+    """What errors of the tensions are in the forces on all pulleys, shape (pulleys, ...)."""
+    before = model.layout.element_before
+    lever = np.abs(np.sin(0.5 * shape.wrap)).reshape(-1, *(1,) * (tension.ndim - 1))
+    return np.asarray(lever * (tension[before] + tension[before + 1]))
+
+
+def _through(model: Model, shape: Shape, tension: Vector) -> Vector:
+    """What errors of the tensions are in all columns, where cables err independently."""
+    own = _by_cable(model.robot, _arms(model.robot, shape) * tension[:, None])
+    efforts = np.linalg.norm(own, axis=0)
+    return np.concatenate([tension, _forces(model, shape, tension), efforts])

@@ -123,6 +123,45 @@ def channels_of(robot: Robot, cables: Collection[int]) -> set[str]:
     return tensions | {f"effort/{name}" for name in axes - elsewhere}
 
 
+class Owners:
+    """To which group of cables a number of the robot file belongs."""
+
+    def __init__(self, robot: Robot, groups: Groups) -> None:
+        """Follow every cable of ``robot``.
+
+        Args:
+            robot: the robot.
+            groups: of its cables, as of ``connected_cables``.
+        """
+        self._of: dict[str, set[int]] = {}
+        for g, members in enumerate(groups):
+            for cable in (robot.cables[c] for c in members):
+                frames = {frame.name for frame in _frames_of(robot, cable)}
+                parts = {f"cables.{cable.name}"}
+                parts |= {f"motors.{name}" for name in motors_of(cable)}
+                parts |= {f"joints.{name}" for name in joints_of(robot, cable)}
+                parts |= {f"frames.{name}" for name in frames}
+                parts |= {
+                    f"joints.{entry['joint']}"  # coupled to others
+                    for entry in robot.document.get("frames", ())
+                    if entry["name"] in frames and "joint" in entry
+                }
+                for part in parts:
+                    self._of.setdefault(part, set()).add(g)
+
+    def group(self, path: str) -> int | None:
+        """Index of the only group with a number on its cables' paths; None if there are several.
+
+        Args:
+            path: of the number; one of the whole robot, such as ``friction.mu_c``, is of no group.
+        """
+        part = path
+        while part not in self._of and "." in part:
+            part = part.rpartition(".")[0]
+        found = self._of.get(part, set())
+        return min(found) if len(found) == 1 else None
+
+
 def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Document:
     """What the block ``uncertainty`` states of the numbers and channels of a part."""
     stated: Any = robot.document["uncertainty"]

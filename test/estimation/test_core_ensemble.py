@@ -31,6 +31,7 @@ def _differences(
     unsure = known is not None and not known.drums_hold
     robots = [_core.Robot(model.topology, constants.copy()) for constants in ensemble.constants]
     errors, shares = ensemble.core.reading_error, ensemble.core.friction_share
+    zeros = ensemble.core.zero_error
     angle = np.concatenate([samples.motor_angle, samples.joint_angle], axis=1)
     motors = samples.motor_angle.shape[1]
     states = [initial_state(model)] * MEMBERS
@@ -39,7 +40,7 @@ def _differences(
         found[k] = found[k - 1]
         for _ in range(1 if k else MEMBERS):  # one in turn; with the first sample, all
             member = updates % MEMBERS
-            reading = angle[k] + errors[updates % len(errors)]
+            reading = angle[k] + (errors[updates % len(errors)] + zeros[member])
             updates += 1
             read, own = (reading[:motors], reading[motors:]), robots[member]
             if k == 0:

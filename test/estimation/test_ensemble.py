@@ -7,11 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from support.places import ROBOT, ROBOTS, ROOT
 
-from cdrj_ros.estimation.draws import (
-    draw_members,
-)
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import ALL_SEEN, Sample, Samples, initial_state, run, step
+from cdrj_ros.estimation.parameter_draws import Streams, draw_members
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.recordings.recording import Topics
@@ -57,7 +55,7 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     path = _path(model, bag)
     known = model.robot.uncertainty
     assert known is not None
-    drawn = draw_members(model.robot, known, runs, generator, lambda one: prepare(one, False))
+    drawn = draw_members(model.robot, known, runs, Streams(seed), lambda one: prepare(one, False))
     truths = [one or model for one in drawn]
     generator.shuffle(truths)
     ensembles = [Ensemble(model, seed=k) for k in range(4)]
@@ -180,9 +178,7 @@ def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
     model = load_model(str(ROBOTS / "wrist.yaml"))
     known = model.robot.uncertainty
     assert known is not None
-    drawn = draw_members(
-        model.robot, known, MEMBERS, np.random.default_rng(0), lambda one: prepare(one, False)
-    )
+    drawn = draw_members(model.robot, known, MEMBERS, Streams(0), lambda one: prepare(one, False))
     robots = [one.robot for one in drawn if one is not None]
     stddev = np.sqrt(np.diag(known.covariance))
     for k, path in enumerate(known.parameters):

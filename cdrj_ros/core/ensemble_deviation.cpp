@@ -1,0 +1,180 @@
+// Standard deviations of an ensemble, from its members' deviations and from what no member shows.
+// docs/uncertainty.md.
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "ensemble.hpp"
+
+namespace cdrj {
+
+/// Compare all quantities of the member in turn.
+void Ensemble::compare(
+    Nanoseconds stamp, std::span<const double> own, std::span<const double> nominal) {
+    const Index member = next_member();
+    const auto count = static_cast<double>(members());
+    for (std::size_t q = 0; q < quantities.size(); ++q) {
+        const Quantity& one = quantities[q];
+        if (is_invalid(nominal, one) || is_invalid(own, one)) continue;
+        double& deviation = memory.deviation[member * std::ssize(quantities) + q];
+        double now = own[one.index] - nominal[one.index];
+        if (one.residual >= 0) now += learned(nominal, one.residual, 0);
+        memory.variance[q] += (now * now - deviation * deviation) / count;
+        deviation = now;
+    }
+    ++memory.progress.updates;
+    memory.progress.last_update = stamp;
+    if (member + 1 < members()) return;
+    for (std::size_t q = 0; q < quantities.size(); ++q) renew_variance(q);
+}
+
+/// Compare the quantities of one cable of a member that `step` holds; the efforts follow from the tensions.
+void Ensemble::compare_cable(const Step& step, Index member, Index c) {
+    const auto& [topology, constants, before, after, estimate, work] = step;
+    const auto own = std::span<const double>(out_).subspan(robot_.state_size(), estimate_.size());
+    if (is_invalid(own, c) || is_invalid(estimate_, c)) return;
+    double* const deviation = memory.deviation.data() + member * std::ssize(quantities);
+    const auto compared = [&](Index q) {
+        const auto& [index, cable, axis, residual, unmodelled, slack] = quantities[q];
+        const double now = own[index] - estimate_[index] +
+                           (residual >= 0 ? learned(estimate_, residual, 0) : 0.0);
+        return now - std::exchange(deviation[q], now);
+    };
+    const Index motors = topology.sizes.motors;
+    const auto [first, beyond] = tensions_of(c);
+    for (Index q = first; q < beyond; ++q) {
+        const double change = compared(q);
+        for (const Index j : topology.paths->of_cable[c].joints) {
+            const double sign = constants.axes[motors + j].effort_sign;
+            deviation[effort_of(motors + j)] -= sign * work.lever_arm(q, j) * change;
+        }
+        for (const Index end : {Index{0}, Index{1}}) {
+            const Index motor = topology.ends[2 * c + end].motor;
+            if (motor < 0 || q != (end == 0 ? first : beyond - 1)) continue;
+            const double sign = constants.axes[motor].effort_sign;
+            deviation[effort_of(motor)] -= sign * motor_arm(step, c, end) * change;
+        }
+    }
+    const auto [force, after_forces] = forces_of(c);
+    for (Index q = force; q < after_forces; ++q) compared(q);
+}
+
+/// Compute a variance (U1) from all deviations, so that rounding errors do not accumulate.
+void Ensemble::renew_variance(Index q) {
+    double total = 0.0;
+    for (Index k = 0; k < members(); ++k) {
+        const double deviation = memory.deviation[k * std::ssize(quantities) + q];
+        total += deviation * deviation;
+    }
+    memory.variance[q] = total / static_cast<double>(members());
+}
+
+/// Note the mean tensions of all cables, and what errors of clocks may add to each of them, (U13).
+void Ensemble::bound_clocks() {
+    for (Index c = 0; c < cables(); ++c) {
+        if (memory.unsolved[c] != 0) continue;
+        const auto [first, beyond] = tensions_of(c);
+        double mean = 0.0, swung = 0.0;
+        for (Index e = first; e < beyond; ++e) mean += draws.length_share[e] * estimate_[e];
+        double &lowest = memory.swing[2 * c], &highest = memory.swing[2 * c + 1];
+        lowest = std::min(lowest, mean);
+        highest = std::max(highest, mean);
+        for (const auto& [axis, gain] : draws.gains[first]) {
+            const double part = gain * memory.offset[2 * axes() + axis];
+            swung += part * part;
+        }
+        const double seen = DEVIATION * (highest - lowest);
+        possible_[c] = swung > seen * seen ? seen * seen / swung : 1.0;
+    }
+}
+
+void Ensemble::take_offset(std::span<const double> offset) {
+    std::ranges::copy(offset, memory.offset.begin());
+    for (std::size_t q = 0; q < quantities.size(); ++q) {
+        memory.lasting[q] = quantities[q].unmodelled_variance;
+        memory.late[q] = 0.0;
+        for (const auto& [axis, gain] : draws.gains[q]) {
+            const double slipped_part = gain * memory.offset[axis];
+            const double late_part = gain * memory.offset[axes() + axis];
+            memory.lasting[q] += slipped_part * slipped_part;  // (U12)
+            memory.late[q] += late_part * late_part;
+        }
+    }
+}
+
+void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
+    for (std::size_t q = 0; q < quantities.size(); ++q) {
+        const double slack = quantities[q].slack;
+        double total = std::max(shown(q, nominal) + hidden(q), memory.least_variance[q]);
+        if (std::abs(nominal[quantities[q].index]) <= slack) total = std::max(total, slack * slack);
+        stddev[q] = std::sqrt(total);
+    }
+}
+
+/// Variance of a quantity, but for what is small between readings and for slack cables.
+double Ensemble::shown(Index q, std::span<const double> nominal) const {
+    const auto& [index, cable, axis, residual, unmodelled, slack] = quantities[q];
+    double possible = cable < 0 ? 0.0 : possible_[cable];
+    if (cable < 0) {
+        for (const Index c : robot_.topology.paths->cables_of_axis[axis]) {
+            possible = std::max(possible, possible_[c]);
+        }
+    }
+    double total = std::max(memory.variance[q], 0.0) + memory.lasting[q];
+    total += memory.late[q] * possible;  // (U13)
+    if (residual >= 0) {  // (U14)
+        const double more = robot_.constants.residuals[residual].variance - unmodelled;
+        total += more > 0.0 ? more : more * learned(nominal, residual, 1);
+    }
+    return total;
+}
+
+/// Variance of what is small between readings (U17), which members do not show.
+double Ensemble::hidden(Index q) const {
+    const Quantity& one = quantities[q];
+    if (!any_small_ || (one.cable >= 0 && walked_[one.cable] != 0)) return 0.0;
+    double total = 0.0;
+    for (const auto& [axis, gain] : draws.gains[q]) {
+        if (one.cable >= 0 || walked_axis_[axis] == 0) total += gain * gain * small_[axis];
+    }
+    return total;
+}
+
+double Ensemble::learned(std::span<const double> estimate, Index residual, Index part) const {
+    const Index residuals = robot_.topology.sizes.residuals;
+    return estimate.last(2 * residuals)[part * residuals + residual];
+}
+
+/// Whether a cable that a quantity depends on is INVALID in an estimate.
+bool Ensemble::is_invalid(std::span<const double> estimate, const Quantity& quantity) const {
+    if (quantity.cable >= 0) return is_invalid(estimate, quantity.cable);
+    const auto& own = robot_.topology.paths->cables_of_axis[quantity.axis];
+    return std::ranges::any_of(own, [&](Index c) { return is_invalid(estimate, c); });
+}
+
+bool Ensemble::is_invalid(std::span<const double> estimate, Index cable) const {
+    const Sizes& sizes = robot_.topology.sizes;
+    const double status = estimate[sizes.elements + robot_.topology.cables[cable].first_element];
+    return (static_cast<int>(status) & INVALID) != 0;
+}
+
+/// The quantities that are tensions of a cable: the first, and the one after the last.
+std::pair<Index, Index> Ensemble::tensions_of(Index c) const {
+    const CableTopology& cable = robot_.topology.cables[c];
+    return {cable.first_element, cable.first_element + cable.elements};
+}
+
+/// Those that are forces of a cable on its pulleys.
+std::pair<Index, Index> Ensemble::forces_of(Index c) const {
+    const CableTopology& cable = robot_.topology.cables[c];
+    const Index first = robot_.topology.sizes.elements + cable.first_pulley;
+    return {first, first + cable.pulleys};
+}
+
+/// The quantity that is the effort of an axis.
+Index Ensemble::effort_of(Index axis) const {
+    const Sizes& sizes = robot_.topology.sizes;
+    return sizes.elements + sizes.pulleys + axis;
+}
+
+}  // namespace cdrj

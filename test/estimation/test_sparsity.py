@@ -1,0 +1,179 @@
+"""A cable depends on the axes and the numbers on its path, and on nothing else: so do costs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.fingers import WRIST, finger, hand
+
+from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
+from cdrj_ros.estimation.estimator import Sample, initial_state
+from cdrj_ros.estimation.model_error import offset_gain
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.model.prepared import Model, prepare
+
+START_NS = 1_700_000_000 * 10**9
+NAMES = tuple("abcdefghijklmnopqrst")
+DRUM, MCP, PIP = 0.006, 0.008, 0.006
+"""Radii of drums and of the pulleys on both axes of a finger [m]."""
+
+
+def fingers(count: int) -> Model:
+    return prepare(hand(*(finger(name) for name in NAMES[:count])))
+
+
+def angles(model: Model, angle: Vector) -> Table:
+    """All joints at the same angles [rad], motors that keep up with them; (n, axes)."""
+    far = (MCP + PIP) / DRUM * angle
+    motors = [
+        far if name.endswith("motor0") else MCP / DRUM * angle for name in model.layout.motors
+    ]
+    return np.stack([*motors, *(angle for _ in model.layout.joints)], axis=1)
+
+
+def feed(model: Model, rate: float, rows: Table) -> tuple[list[int], LiveEstimator]:
+    """The steps of cables that every sample takes after the first one."""
+    live = LiveEstimator(model)
+    assert live.ensemble is not None
+    core, taken = live.ensemble.core, []
+    for k, row in enumerate(rows):
+        before = core.cable_steps
+        live.feed(
+            "both",
+            START_NS + round(k * 1e9 / rate),
+            (*model.layout.motors, *model.layout.joints),
+            row,
+        )
+        taken.append(core.cable_steps - before)
+    return taken[taken.index(MEMBERS * len(model.robot.cables)) + 1 :], live
+
+
+@pytest.mark.parametrize("rate", [1000.0, 500.0, 100.0, 50.0])
+@pytest.mark.parametrize("frequency", [0.2, 1.0, 3.0])
+def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequency: float) -> None:
+    time = np.arange(0.0, 0.6 if rate > 100.0 else 1.5, 1.0 / rate)
+    angle = 0.5 + 0.4 * np.sin(2.0 * np.pi * frequency * time)
+    alone = []
+    for name in NAMES[:4]:
+        model = prepare(hand(finger(name)))
+        alone.append(feed(model, rate, angles(model, angle))[0])
+    model = fingers(4)
+    taken, _ = feed(model, rate, angles(model, angle))
+    assert taken == np.sum(alone, axis=0).tolist()
+    if rate >= 500.0 or frequency <= 1.0:
+        assert max(taken) == len(model.robot.cables), "what is small moves no member"
+
+
+def test_twenty_fingers_take_twenty_times_the_steps_of_one() -> None:
+    angle = 0.5 + 0.4 * np.sin(2.0 * np.pi * np.arange(0.0, 0.6, 0.01))
+    one, twenty = (
+        feed(model, 100.0, angles(model, angle))[0] for model in (fingers(1), fingers(20))
+    )
+    assert twenty == (20 * np.array(one)).tolist()
+
+
+def samples(model: Model, count: int, unseen: dict[int, float]) -> list[Sample]:
+    """A slow motion at 100 Hz; the last sample has deviations midway, by axis [rad]."""
+    axes, motors = len(model.robot.axes), len(model.robot.motors)
+    rows = angles(model, 0.5 + 0.1 * np.sin(0.05 * np.arange(count)))
+    found = [Sample(START_NS + k * 10**7, r[:motors], r[motors:]) for k, r in enumerate(rows)]
+    deviations = np.zeros((2, axes))
+    for axis, deviation in unseen.items():
+        deviations[1, axis] = deviation
+    return [*found[:-1], found[-1]._replace(unseen=deviations)]
+
+
+def followed(model: Model, unseen: dict[int, float]) -> tuple[Vector, Ensemble, int]:
+    """Standard deviations at the last of some samples, and the steps of cables it took."""
+    ensemble, state = Ensemble(model), initial_state(model)
+    stddev, before = np.empty(0), 0
+    for sample in samples(model, 40, unseen):
+        before = ensemble.core.cable_steps
+        state, estimate = ensemble.step(state, sample)
+        assert estimate.stddev is not None
+        stddev = estimate.stddev
+    return stddev, ensemble, ensemble.core.cable_steps - before
+
+
+def test_small_deviations_move_no_member_and_enter_the_variance_through_their_gain() -> None:
+    model = fingers(2)
+    plain, _, steps = followed(model, {})
+    motor, joint = 2, len(model.robot.motors) + 2
+    deviations = {motor: 2e-4, joint: 1e-4}
+    widened, _, same = followed(model, deviations)
+    assert same == steps == len(model.robot.cables)
+    gain = offset_gain(model)
+    expected = sum((gain[:, axis] * size) ** 2 for axis, size in deviations.items())
+    assert expected.max() > 1e-4
+    np.testing.assert_allclose(widened**2 - plain**2, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_large_deviations_are_walked_by_the_cables_on_whose_path_the_axis_lies_alone() -> None:
+    model = prepare(hand(finger("a", "palm"), finger("b", "palm"), **WRIST))
+    plain, _, _ = followed(model, {})
+    joints = {name: len(model.robot.motors) + k for k, name in enumerate(model.layout.joints)}
+    walk = 4 * MEMBERS
+    for name, cables in {"a_pip": 1, "a_mcp": 2, "wrist": 4}.items():
+        stddev, ensemble, steps = followed(model, {joints[name]: 0.05})
+        assert steps == walk * cables + len(model.robot.cables)
+        touched = np.abs(stddev / plain - 1.0) > 0.02
+        own = [one.startswith("a") or cables == 4 for one in model.layout.elements]
+        assert not np.any(touched[: len(own)] & ~np.array(own)), "a measured wrist joins no cables"
+        assert touched[: len(own)].any()
+        assert (ensemble.core.stamps == START_NS + 39 * 10**7).all(axis=0).sum() == cables
+
+
+def test_efforts_of_walked_cables_follow_from_their_tensions() -> None:
+    """The rest is that the drums of the members differ in their radii."""
+    model = fingers(1)
+    joint = len(model.robot.motors)
+    _, ensemble, _ = followed(model, {joint: 0.05, joint + 1: 0.05})
+    elements, pulleys = len(model.layout.elements), len(model.layout.pulleys)
+    tensions = ensemble.deviation[:, :elements]
+    efforts = ensemble.deviation[:, elements + pulleys :]
+    first = [k for k, name in enumerate(model.layout.elements) if name.endswith("/1")]
+    for motor, element in enumerate(first):
+        torque = -DRUM * tensions[:, element]
+        assert np.corrcoef(efforts[:, motor], torque)[0, 1] > 0.98
+        assert np.std(efforts[:, motor]) == pytest.approx(np.std(torque), rel=0.1)
+
+
+@pytest.mark.parametrize("rate", [500.0, 20.0])
+def test_an_unrelated_finger_changes_no_bit_of_the_others(rate: float) -> None:
+    """Whether it moves fast, has no path, or is not there at all."""
+    time = np.arange(0.0, 0.3 + 10.0 / rate, 1.0 / rate)
+    slow, fast = 0.5 + 0.3 * np.sin(3.0 * time), 0.5 + 0.45 * np.sin(60.0 * time)
+    alone, both = prepare(hand(finger("b"))), prepare(hand(finger("a"), finger("b")))
+    other, calm = angles(prepare(hand(finger("a"))), fast), angles(alone, slow)
+    motors = len(alone.robot.motors)
+    rows = np.concatenate(
+        [other[:, :motors], calm[:, :motors], other[:, motors:], calm[:, motors:]], axis=1
+    )
+    far = rows.copy()
+    far[10:, 0] += 1e4  # all of a cable is wound in
+    expected = results(alone, rate, calm)
+    for hand_rows in (rows, far):
+        found = results(both, rate, hand_rows)
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
+def results(model: Model, rate: float, rows: Table) -> dict[str, Vector]:
+    """Tensions, forces and efforts with standard deviations at all samples, by name."""
+    live, layout = LiveEstimator(model), model.layout
+    names = (*layout.motors, *layout.joints)
+    found = []
+    for k, row in enumerate(rows):
+        found += live.feed("both", START_NS + round(k * 1e9 / rate), names, row)[1]
+    columns = [*layout.elements, *(f"force {name}" for name in layout.pulleys), *names]
+    assert live.ensemble is not None
+    values = np.array([one.values[live.ensemble.columns] for one in found])
+    stddev = np.array([one.stddev for one in found])
+    assert len(found) > 10
+    status = np.array([one.status for one in found])
+    return (
+        dict(zip(columns, values.T, strict=True))
+        | {f"deviation of {name}": one for name, one in zip(columns, stddev.T, strict=True)}
+        | {f"status of {name}": one for name, one in zip(layout.elements, status.T, strict=True)}
+    )
