@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition
+from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition, worth_of
 from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
-from cdrj_ros.foundation.arrays import Series, Stamps
+from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
@@ -146,6 +146,40 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     return replace(
         found, segments=tuple(sorted(found.segments, key=lambda one: -one.stamp_ns.size)[:1])
     )
+
+
+COUNTED: Final = 20_000
+"""Number of readings of an axis from which its counts are found."""
+
+LEAST_WORTH: Final = 0.01
+"""A count that changes a tension by less than this share of its preload is not worth a note."""
+
+
+def unstated_counts(model: Model, recording: Recording) -> list[str]:
+    """Notes on encoders whose counts are worth much, and whose resolution the file leaves out."""
+    robot, notes = model.robot, []
+    if robot.unmeasured:
+        return []
+    for axis, tenth in zip(robot.axes, worth_of(robot), strict=True):
+        readings = {**recording.motors, **recording.joints}[axis.name].value[:COUNTED]
+        count = _count_of(readings[np.isfinite(readings)])
+        share = 0.1 * abs(axis.sensor.scale) * count / tenth
+        if axis.sensor.resolution == 0.0 and share > LEAST_WORTH:
+            notes.append(
+                f"{axis.name} is read in counts of {count:.3g}, each worth {100.0 * share:.0f} % of "
+                "a preload; state its resolution, and a tracking_bandwidth to filter between them."
+            )
+    return notes
+
+
+def _count_of(readings: Vector) -> float:
+    """The step of which all differences of readings are multiples; 0 if there is none."""
+    steps = np.diff(np.unique(readings))
+    if steps.size < 10:  # a few values can have a common divisor by chance
+        return 0.0
+    least = float(steps.min())
+    multiples = steps / least
+    return least if np.all(np.abs(multiples - np.rint(multiples)) < 0.05) else 0.0
 
 
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:

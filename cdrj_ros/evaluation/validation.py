@@ -38,6 +38,7 @@ from cdrj_ros.evaluation.inputs import (
     read_inputs,
     references_in,
     require_axes,
+    unstated_counts,
     with_estimated_joints,
 )
 from cdrj_ros.evaluation.metrics import reversal_zones
@@ -260,6 +261,7 @@ def compare_bag(
     recording, sensors = _read(task, model)
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
+    notes = unstated_counts(model, recording)
     recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:
@@ -291,7 +293,6 @@ def compare_bag(
     }
     if task.preload is not None:
         facts["preload"] = f"{task.preload} N"
-    notes = []
     if jumps := conditioned.clock_jumps:
         notes.append(f"The clock went back {jumps} times; the longest part between was compared.")
     found = validation.result(facts, notes)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from support.places import ROOT
 
+import cdrj_ros as cdrj
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
@@ -55,6 +56,10 @@ def test_every_other_command_runs_as_pasted(tmp_path: Path) -> None:
     assert "command not found" not in ended.stderr
     for made in ("my_bag/metadata.yaml", "report.html", "identified.yaml"):
         assert (tmp_path / made).stat().st_size > 0
+    figures = cdrj.validate(str(tmp_path / "my_arm.yaml"), str(tmp_path / "my_bag"))
+    assert not any("resolution" in note for note in figures.bags[0].notes)
+    assert figures.pooled["tension/flexor/2"].mean_relative_error < 0.01
+    assert min(one.r2 for one in figures.pooled.values()) > 0.98
 
 
 def test_the_folders_that_colcon_builds_are_packages() -> None:
