@@ -6,8 +6,8 @@ assumed to follow the joints such that every cable keeps its preload as well as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from math import degrees
 from typing import Final
@@ -28,8 +28,9 @@ from cdrj_ros.model.laws import (
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.prepared import Model, Shape, shape_at
+from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law
+from cdrj_ros.robot.groups import joints_of, motors_of
 
 
 @dataclass(frozen=True)
@@ -121,21 +122,23 @@ class Inspection:
 
     model: Model
     poses: Matrix
-    """Visited joint angles, shape (poses, joints)."""
+    """Joint angles in which all joints move, shape (poses, joints)."""
     cables: tuple[CableCheck, ...]
     motors: tuple[MotorCheck, ...]
     unmoved: tuple[tuple[float, ...], ...]
     """Poses in which the joints can move without changing the length of any cable."""
 
 
-def pose_text(robot: Robot, pose: Iterable[float]) -> str:
-    """Format a pose: ``elbow = 40.0°, slide = 0.120 m``."""
+def pose_text(robot: Robot, pose: Iterable[float], cable: Cable | None = None) -> str:
+    """Format a pose: ``elbow = 40.0°, slide = 0.120 m``; only the joints that move a cable."""
     positions = robot.prismatic_joints
+    own = None if cable is None else joints_of(robot, cable)
     return ", ".join(
         f"{joint.name} = {fixed(value, 3)} m"
         if joint.name in positions
         else f"{joint.name} = {fixed(degrees(value), 1)}°"
         for joint, value in zip(robot.joints, pose, strict=True)
+        if own is None or joint.name in own
     )
 
 
@@ -155,18 +158,23 @@ LOOSEST: Final = 1e-7
 """Moment arms below this are treated as zero [m]."""
 
 
-def visited_poses(robot: Robot) -> Matrix:
+def visited_poses(robot: Robot, moved: Collection[str]) -> Matrix:
     """Reference pose, then a grid or, for many joints, the corners and random poses.
+
+    Args:
+        robot: the robot.
+        moved: names of the joints that move; the others stay in the reference pose.
 
     Returns:
         Shape (poses, joints).
     """
-    lower = np.array([joint.lower for joint in robot.joints])
-    upper = np.array([joint.upper for joint in robot.joints])
+    own = [j for j, joint in enumerate(robot.joints) if joint.name in moved]
+    lower = np.array([robot.joints[j].lower for j in own])
+    upper = np.array([robot.joints[j].upper for j in own])
     reference = robot.reference_pose[None]
-    count = len(robot.joints)
+    count = len(own)
     if count == 0:
-        return reference.reshape(1, 0)
+        return reference
     if count <= len(POSES_PER_JOINT):
         axis = np.linspace(0.0, 1.0, POSES_PER_JOINT[count - 1])
         shares = np.array(list(product(axis, repeat=count)))
@@ -175,8 +183,9 @@ def visited_poses(robot: Robot) -> Matrix:
         shares = np.random.default_rng(0).random((poses, count))
         if count <= MOST_CORNERS:
             shares = np.vstack([np.array(list(product((0.0, 1.0), repeat=count))), shares])
-    grid: Matrix = np.vstack([reference, lower + shares * (upper - lower)])
-    return grid
+    grid = np.repeat(reference, 1 + len(shares), axis=0)
+    grid[1:, own] = lower + shares * (upper - lower)
+    return np.asarray(grid)
 
 
 def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[float, float]:
@@ -195,34 +204,72 @@ def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[floa
 def inspect_robot(model: Model) -> Inspection:
     """Inspect a prepared robot in many poses of its joint ranges.
 
+    Cables that share motors are inspected together, in poses of the joints that move them.
+
     Args:
         model: the robot.
     """
     robot = model.robot
-    poses = visited_poses(robot)
-    shapes = [shape_at(model, pose) for pose in poses]
-    length = np.array([shape.length for shape in shapes])
-    by_joint = np.array([shape.lever_arm for shape in shapes])
-    whole = np.stack([length[:, part].sum(axis=1) for part in robot.parts], axis=1)
-    whole_by = np.stack([by_joint[:, part].sum(axis=1) for part in robot.parts], axis=1)
-
-    stiffness = stiffness_at_preload(robot, whole[0])
+    cables: dict[str, CableCheck] = {}
+    motors: dict[str, Extent] = {}
+    for group in on_common_motors(robot):
+        own = tuple(robot.cables[c] for c in group)
+        part = prepare(
+            replace(robot, cables=own, residuals=(), uncertainty=None), check_range=False
+        )
+        moved = {name for cable in own for name in joints_of(robot, cable)}
+        checks, angles = _inspected(part, visited_poses(robot, moved))
+        cables |= {check.name: check for check in checks}
+        wound = {name for cable in own for name in motors_of(cable)}
+        motors |= {name: angles[name] for name in wound}
+    poses = visited_poses(robot, [joint.name for joint in robot.joints])
+    arms = [_total_arms(robot, shape_at(model, pose)) for pose in poses]
+    still = Extent(0.0, 0.0, tuple(robot.reference_pose), tuple(robot.reference_pose))
     drums = robot.drums
-    motors, followed = _followed(robot, whole, stiffness, drums)
     return Inspection(
         model,
         poses,
-        tuple(_cables(model, poses, shapes, followed, stiffness, motors)),
+        tuple(cables[cable.name] for cable in robot.cables),
         tuple(
-            MotorCheck(motor.name, _extent(motors[:, m], poses), tuple(drums[:, m].tolist()))
+            MotorCheck(motor.name, motors.get(motor.name, still), tuple(drums[:, m].tolist()))
             for m, motor in enumerate(robot.motors)
         ),
         tuple(
             tuple(pose)
-            for pose, arms in zip(poses.tolist(), whole_by, strict=True)
-            if np.linalg.matrix_rank(_scaled(arms)) < len(robot.joints)
+            for pose, one in zip(poses.tolist(), arms, strict=True)
+            if np.linalg.matrix_rank(_scaled(one)) < len(robot.joints)
         ),
     )
+
+
+def on_common_motors(robot: Robot) -> Iterator[list[int]]:
+    """Indices of cables in groups whose motors wind no other cable."""
+    left = {c: motors_of(cable) for c, cable in enumerate(robot.cables)}
+    while left:
+        first, names = next(iter(left.items()))
+        group = {first}
+        while more := {c for c, own in left.items() if own & names} - group:
+            group |= more
+            names = names.union(*(left[c] for c in more))
+        left = {c: own for c, own in left.items() if c not in group}
+        yield sorted(group)
+
+
+def _total_arms(robot: Robot, shape: Shape) -> Matrix:
+    """Derivatives of every cable's length by every joint, shape (cables, joints)."""
+    return np.stack([shape.lever_arm[part].sum(axis=0) for part in robot.parts])
+
+
+def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str, Extent]]:
+    """The cables of a robot in some poses, and the angles of its motors by name."""
+    robot = model.robot
+    shapes = [shape_at(model, pose) for pose in poses]
+    whole = np.array([[one.length[part].sum() for part in robot.parts] for one in shapes])
+    stiffness = stiffness_at_preload(robot, whole[0])
+    motors, followed = _followed(robot, whole, stiffness, robot.drums)
+    names = [motor.name for motor in robot.motors]
+    angles = {name: _extent(motors[:, m], poses) for m, name in enumerate(names)}
+    return list(_cables(model, poses, shapes, followed, stiffness, motors)), angles
 
 
 def following_motors(model: Model, poses: Matrix) -> Matrix:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.inspection.ranges import following_motors
+from cdrj_ros.inspection.ranges import following_motors, on_common_motors
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
@@ -59,12 +60,39 @@ class Shares:
 def uncertainty_shares(model: Model) -> Shares | None:
     """Share of every cause in the spread of every tension.
 
-    None if no number is uncertain, or more than ``MOST_CAUSES``.
+    Cables that share no motor are compared by themselves, since angles are given.
+
+    None if no number is uncertain, or if a group of cables has more than ``MOST_CAUSES``.
     """
     robot = model.robot
-    known = robot.uncertainty
-    if known is None or not known.parameters or not robot.document:
+    if robot.uncertainty is None or not robot.uncertainty.parameters or not robot.document:
         return None
+    groups = list(on_common_motors(robot))
+    if len(groups) == 1:
+        return _shares_of(model)
+    variance = np.zeros(len(model.layout.elements))
+    found: dict[tuple[str, str], Vector] = {}
+    for group in groups:
+        part = prepare(build_robot(part_of(robot, group), robot.source), check_range=False)
+        shares = _shares_of(part)
+        if shares is None:
+            return None
+        own = np.concatenate([np.r_[robot.parts[c]] for c in group])
+        variance[own] = shares.stddev**2
+        for cause in shares.causes:
+            key = cause.what, cause.measure
+            found.setdefault(key, np.zeros(len(variance)))[own] = cause.share
+    causes = [Cause(*key, share) for key, share in found.items()]
+    causes.sort(key=lambda cause: -float(cause.share @ variance))
+    return Shares(np.sqrt(variance), tuple(causes))
+
+
+def _shares_of(model: Model) -> Shares | None:
+    """The shares of a robot whose cables depend on each other."""
+    robot = model.robot
+    known = robot.uncertainty
+    if known is None:
+        return Shares(np.zeros(len(model.layout.elements)), ())
     stated = known.parameters[: known.stated]
     stddev = np.sqrt(np.diag(known.covariance))
     causes = [

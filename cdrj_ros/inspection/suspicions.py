@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from math import degrees, isinf, pi
 from typing import Any, Final
 
@@ -76,12 +77,13 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     return tuple(sorted(found, key=lambda suspicion: not suspicion.grave))
 
 
-def _at(robot: Robot, pose: tuple[float, ...]) -> str:
-    text = pose_text(robot, pose)
+def _at(robot: Robot, cable: Cable, pose: tuple[float, ...]) -> str:
+    text = pose_text(robot, pose, cable)
     return f" at {text}" if text else ""
 
 
 def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
+    at = partial(_at, robot, cable)
     for pulley, node in zip(check.pulleys, cable.pulleys, strict=True):
         wrap = pulley.wrap
         if node.kind not in ("pulley", "swivel"):  # the cable may leave it, or go round often
@@ -89,31 +91,32 @@ def _geometry(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspici
         if wrap.low < NARROW_WRAP:
             yield Suspicion(
                 pulley.name,
-                f"the wrap falls to {degrees(wrap.low):.1f}°{_at(robot, wrap.low_at)}: the cable "
+                f"the wrap falls to {degrees(wrap.low):.1f}°{at(wrap.low_at)}: the cable "
                 "is about to leave the pulley",
             )
         if cable.placed and WRONG_SENSE < wrap.high <= 2.0 * pi:
             yield Suspicion(
                 pulley.name,
-                f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: is turn "
+                f"the wrap grows to {degrees(wrap.high):.0f}°{at(wrap.high_at)}: is turn "
                 "the other way round?",
             )
         if wrap.high > 2.0 * pi:
             yield Suspicion(
                 pulley.name,
-                f"the wrap grows to {degrees(wrap.high):.0f}°{_at(robot, wrap.high_at)}: more than "
+                f"the wrap grows to {degrees(wrap.high):.0f}°{at(wrap.high_at)}: more than "
                 "a whole turn, so that the cable crosses itself",
             )
     yield from _arms_and_spans(robot, cable, check)
 
 
 def _arms_and_spans(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
+    at = partial(_at, robot, cable)
     for element in check.elements:
         span = element.span
         if span.high > 0.0 and span.low < SHORTEST_SHARE * span.high:
             yield Suspicion(
                 element.name,
-                f"the free span shrinks to {1e3 * span.low:.1f} mm{_at(robot, span.low_at)}, "
+                f"the free span shrinks to {1e3 * span.low:.1f} mm{at(span.low_at)}, "
                 f"{100.0 * span.low / span.high:.0f} % of its longest",
             )
     changing = []
@@ -137,18 +140,19 @@ def _arm(robot: Robot, joint: str, arm: Extent) -> str:
 
 
 def _tension(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
+    at = partial(_at, robot, cable)
     lost = 1.0 - check.transmission_at_rest.low
     if lost > LARGEST_LOSS:
         yield Suspicion(
             cable.name,
             f"friction may reduce its tension by {100.0 * lost:.0f} %"
-            f"{_at(robot, check.transmission_at_rest.low_at)}: errors of the friction parameters "
+            f"{at(check.transmission_at_rest.low_at)}: errors of the friction parameters "
             "will dominate the estimate of the far elements",
         )
     if check.worst.high > cable.maximum_tension:
         yield Suspicion(
             cable.name,
-            f"{check.worst.high:.4g} N at the pulling end{_at(robot, check.worst.high_at)}, "
+            f"{check.worst.high:.4g} N at the pulling end{at(check.worst.high_at)}, "
             f"friction included, is above max_tension {cable.maximum_tension:g} N",
         )
     if cable.preload == 0.0:
@@ -168,7 +172,7 @@ def _tension(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicio
         yield Suspicion(
             cable.name,
             f"the tension falls from the preload {cable.preload:g} N to {check.followed.low:.3g} N"
-            f"{_at(robot, check.followed.low_at)} although the motors follow the joints: {why}",
+            f"{at(check.followed.low_at)} although the motors follow the joints: {why}",
         )
 
 
@@ -270,8 +274,8 @@ def _joints(inspection: Inspection) -> Iterator[Suspicion]:
     if inspection.unmoved and len(moved) == len(robot.joints):
         yield Suspicion(
             ", ".join(moved),
-            f"{_at(robot, inspection.unmoved[0]).strip()} the joints can move without changing any "
-            f"cable's length (in {len(inspection.unmoved)} of {len(inspection.poses)} poses)",
+            f"at {pose_text(robot, inspection.unmoved[0])} the joints can move without changing "
+            f"any cable's length (in {len(inspection.unmoved)} of {len(inspection.poses)} poses)",
         )
     for cable in robot.cables:
         if all(isinstance(node, Anchor) for node in (cable.nodes[0], cable.nodes[-1])):

@@ -12,6 +12,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import Views
 from cdrj_ros.robot.description import Cable, Joint, Robot
+from cdrj_ros.robot.groups import joints_of
 
 LARGEST_ANGLE: Final = 2.0 * pi
 """Joint angle beyond which degrees were probably given as radians [rad]."""
@@ -88,9 +89,6 @@ def _nodes(cable: Cable) -> Iterator[Suspicion]:
 RIM: Final = 1e-6
 """Depth below the rim at which a point counts as on it, over the radius; as in the core."""
 
-NAMED_ANGLES: Final = 12
-"""Joints whose angles are listed in a message."""
-
 
 def reason(robot: Robot, angle: Vector, views: Views) -> str:
     """Message of one line that names the impossible node or element and the joint angles.
@@ -102,19 +100,20 @@ def reason(robot: Robot, angle: Vector, views: Views) -> str:
         angle: of the joints [rad] or [m].
         views: the scratch in this pose, with its geometry.
     """
-    angles = [f"{joint.name} = {a:.4g}" for joint, a in zip(robot.joints, angle, strict=True)]
-    more = ", ..." if len(angles) > NAMED_ANGLES else ""
-    where = f" at {', '.join(angles[:NAMED_ANGLES])}{more}" if angles else ""
-    found = next(_impossible(robot, where, views), f"the geometry is impossible{where}")
+    found = next(_impossible(robot, angle, views), "the geometry is impossible")
     doubt = next(unit_doubts(robot), None)
     begin = f"{doubt.where}: {doubt.text} With it " if doubt else ""
     return f"{begin}{found} ({robot.source})"
 
 
-def _impossible(robot: Robot, where: str, views: Views) -> Iterator[str]:
-    """Impossible nodes and elements, cable by cable."""
+def _impossible(robot: Robot, angle: Vector, views: Views) -> Iterator[str]:
+    """Impossible nodes and elements, cable by cable, with the joints that the cable depends on."""
     node = element = pulley = 0
     for c, cable in enumerate(robot.cables):
+        own = joints_of(robot, cable)
+        pose = zip(robot.joints, angle, strict=True)
+        angles = ", ".join(f"{joint.name} = {a:.4g}" for joint, a in pose if joint.name in own)
+        where = f" at {angles}" if angles else ""
         path, count = f"cables[{c}].nodes", len(cable.nodes)
         if cable.placed:
             yield from _at_nodes(cable, path, where, views.touches[node : node + count])

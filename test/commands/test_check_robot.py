@@ -8,18 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from support.places import PROTOTYPE, ROBOT, ROBOTS
 
 from cdrj_ros.commands import check_robot
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.impossible import Suspicion
 from cdrj_ros.model.prepared import load_model, prepare
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_robot, parse_robot
 from cdrj_ros.robot.writer import with_section
 
+HAND = ROBOTS / "hand.yaml"
 NAMES = sorted(path.stem for path in ROBOTS.glob("*.yaml"))
 
 PLAIN = """\
@@ -68,7 +72,7 @@ def test_every_robot_is_checked_and_written(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "robot.json"
-    assert check_robot.main([str(ROBOTS / f"{name}.yaml"), "--json", str(out)]) == 0
+    assert check_robot.main([str(ROBOTS / f"{name}.yaml"), "--json", str(out), "--all"]) == 0
     printed = capsys.readouterr().out
     robot = load_robot(ROBOTS / f"{name}.yaml")
     for cable in robot.cables:
@@ -80,6 +84,74 @@ def test_every_robot_is_checked_and_written(
     assert [cable["name"] for cable in document["cables"]] == [c.name for c in robot.cables]
     for entry in document["suspicions"]:
         assert entry["text"] in printed
+
+
+def test_a_hand_is_shown_in_a_line_per_cable_the_worst_first(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert check_robot.main(["hand"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) < 60
+    shown = [line.split()[0] for line in lines if "%" in line]
+    model = load_model("hand")
+    shares, checks = uncertainty_shares(model), inspect_robot(model).cables
+    assert shares is not None
+    relative = {
+        check.name: shares.stddev[part].max() / check.followed.high
+        for check, part in zip(checks, model.robot.parts, strict=True)
+    }
+    assert shown == sorted(relative, key=lambda name: -relative[name])
+    assert "--all" in lines[-1]
+    assert "--cable" in lines[-1]
+
+
+def test_one_cable_is_shown_in_detail(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_robot.main(["finger", "--cable", "superficial"]) == 0
+    printed = capsys.readouterr().out
+    for heading in ("length [mm]", "wrap [°]", "η at rest", "passes [mm]", "superficial: shares"):
+        assert heading in printed
+    assert "extensor" not in printed
+    assert check_robot.main(["finger", "--cable", "superfical"]) == 2
+    assert "there are deep, extensor, superficial" in capsys.readouterr().err
+
+
+def fingers(count: int) -> Robot:
+    """The shipped finger several times."""
+    finger = yaml.safe_load((ROBOTS / "finger.yaml").read_text(encoding="utf-8"))
+    kinds = ("motors", "joints", "frames", "cables")
+    uses = [{"prefix": f"f{k}_"} for k in range(count)]
+    part = {kind: finger[kind] for kind in kinds} | {"name": "finger", "used": uses}
+    empty: dict[str, Any] = {kind: [] for kind in kinds}
+    document = {"name": "fingers", "friction": finger["friction"], "parts": [part]}
+    return parse_robot(yaml.safe_dump(empty | document))
+
+
+def test_another_finger_changes_nothing_that_is_found_about_the_first() -> None:
+    one, two = (prepare(fingers(count)) for count in (1, 2))
+    alone, beside = (inspect_robot(model) for model in (one, two))
+    for before, after in zip(alone.cables, beside.cables, strict=False):
+        assert after.worst.high == before.worst.high
+        assert after.worst.high_at[:2] == before.worst.high_at
+        assert after.length.low == before.length.low
+    found = [uncertainty_shares(model) for model in (one, two)]
+    assert found[0] is not None
+    assert found[1] is not None
+    size = len(one.layout.elements)
+    assert np.array_equal(found[1].stddev[:size], found[0].stddev)
+    shares = {cause.what: cause.share for cause in found[1].causes}
+    for cause in found[0].causes:
+        assert np.array_equal(shares[cause.what][:size], cause.share)
+
+
+def test_an_impossible_pose_is_told_by_the_joints_of_its_cable_alone() -> None:
+    text = HAND.read_text(encoding="utf-8").replace("[38, 0, 0]", "[4, 0, 0]")
+    with pytest.raises(RobotFileError) as error:
+        prepare(parse_robot(text))
+    message = str(error.value)
+    for name in ("thumb_pip_flexor", "deviation = ", "wrist = ", "thumb_side = ", "thumb_pip = "):
+        assert name in message
+    assert "index_" not in message
+    assert "..." not in message
 
 
 def test_figures_of_an_installed_robot_go_to_the_terminal(
@@ -96,7 +168,7 @@ def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(
     text = PLAIN.replace("{name: m}", "{name: m, resolution: 0.001}")
     path = tmp_path / "plain.yaml"
     path.write_text(text)
-    assert check_robot.main([str(path)]) == 0
+    assert check_robot.main([str(path), "--all"]) == 0
     stiffness = 100e9 * np.pi / 4 * 1e-6 / 0.93 * 0.01
     slip, unsure = 0.002, 2.0 / stiffness
     words = f"up to {slip:.2g} rad ({slip * stiffness:.2g} N) is not seen, beyond {unsure:.2g} rad"
@@ -225,7 +297,7 @@ def test_a_stiffening_cable_is_inspected_with_its_own_law(
         assert check.slack_after[0] > 5.0 * linear.slack_after[0]
     path = tmp_path / "soft.yaml"
     path.write_text(text, "utf-8")
-    check_robot.main([str(path)])
+    check_robot.main([str(path), "--cable", "a"])
     assert "EA 7.854e+04 N, bedding 0.002 at 10 N" in capsys.readouterr().out
 
 
