@@ -284,7 +284,7 @@ void bind_conditioner(nb::module_& core) {
             return names_where(c, [](const Channel& channel) { return channel.steps.alternates(); });
         })
         .def_prop_ro("stuck", [](const Conditioner& c) {
-            return names_where(c, [](const Channel& channel) { return channel.stuck; });
+            return names_where(c, [](const Channel& channel) { return channel.steps.repeats(); });
         })
         .def_prop_ro("lagging", [](const Conditioner& c) {
             nb::dict found;

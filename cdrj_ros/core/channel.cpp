@@ -177,7 +177,8 @@ Cause Channel::complaint(const Axis& axis, Raw raw) const {
     const double angle = unwrap(axis, raw.reading).angle;
     if (!is_in_range(axis, angle)) return Cause::out_of_range;
     if (last_ns >= 0) {
-        const Nanoseconds ahead_ns = raw.stamp_ns - last_ns;
+        const Nanoseconds known_ns = steps.repeats() ? steps.repeated_since_ns() : last_ns;
+        const Nanoseconds ahead_ns = raw.stamp_ns - known_ns;
         const double most = axis.max_speed * (ahead_ns * 1e-9);
         if (ahead_ns > 0 && std::abs(angle - last) > most) return Cause::implausible;
     }
@@ -209,14 +210,25 @@ bool Channel::is_regular() const {
     return 0 < longest_ns && longest_ns < REGULAR * shortest_ns;
 }
 
-Timing Channel::timing(Nanoseconds stamp_ns, std::span<const Channel> channels) {
+Timing Channel::timing(const Axis& axis, Raw raw, std::span<const Channel> channels) {
+    const Nanoseconds stamp_ns = raw.stamp_ns;
     if (last_ns < 0) return straggles(stamp_ns, channels) ? Timing::late : Timing::usable;
     const Nanoseconds ahead_ns = stamp_ns - last_ns;
-    if (ahead_ns == 0 || (off && stamp_ns == off->stamp_ns)) return Timing::repeated;
-    if (off && 0 < ahead_ns && stamp_ns < off->stamp_ns) return Timing::late;
-    if (0 < ahead_ns && ahead_ns <= patience_ns()) return Timing::usable;
-    const bool distant = ahead_ns > 0 || ahead_ns < -MAX_GAP_NS;
-    return distant || !held.empty() ? Timing::another_time : Timing::late;
+    if (ahead_ns > (off ? off->stamp_ns - last_ns : 0) && ahead_ns <= patience_ns()) {
+        return Timing::usable;
+    }
+    if (ahead_ns > patience_ns() || ahead_ns < -MAX_GAP_NS || (ahead_ns < 0 && !held.empty())) {
+        return Timing::another_time;
+    }
+    const bool with_off = off && stamp_ns == off->stamp_ns;
+    if (std::abs(raw.reading) <= LARGEST) {  // else it is no angle
+        const double angle = unwrap(axis, raw.reading).angle;
+        if (with_off ? steps.differs(motion, angle, unwrap(axis, off->reading).angle)
+                     : steps.contradicts(motion, {stamp_ns, angle})) {
+            return Timing::contradictory;
+        }
+    }
+    return ahead_ns == 0 || with_off ? Timing::repeated : Timing::late;
 }
 
 /// Whether the first reading after the clock went back has a stamp from before the jump.
@@ -230,6 +242,12 @@ bool Channel::straggles(Nanoseconds stamp_ns, std::span<const Channel> channels)
     if (stragglers_ >= STRAGGLERS || stamp_ns - newest_ns <= MAX_GAP_NS) return false;
     ++stragglers_;
     return true;
+}
+
+void Channel::resume(const Axis& axis, double angle) {
+    lost_way = axis.worth > 0.0 && std::abs(angle - last) > axis.worth;
+    steps.restart();
+    motion = motion.elsewhen();
 }
 
 void Channel::note_implausible(const Axis& axis, Raw raw) {

@@ -66,7 +66,7 @@ struct Unwrapped {
 };
 
 /// Result of comparing a stamp with the last one accepted.
-enum class Timing { usable, repeated, late, another_time };
+enum class Timing { usable, repeated, contradictory, late, another_time };
 
 /// How far the readings of an axis lag those of the others, by their stamps when they arrive.
 ///
@@ -150,8 +150,11 @@ public:
     /// Whether the first accepted reading and the held ones have a regular rate.
     bool is_regular() const;
 
-    /// Compares a stamp with the last one accepted; this is one of `channels`.
-    Timing timing(Nanoseconds stamp_ns, std::span<const Channel> channels);
+    /// Compares a reading's stamp with the last one accepted; this is one of `channels`.
+    Timing timing(const Axis& axis, Raw raw, std::span<const Channel> channels);
+
+    /// Notes that readings no longer repeat an old one: the next one shows what the axis did meanwhile.
+    void resume(const Axis& axis, double angle);
 
     /// Records a reading that the axis cannot have reached: a glitch, a step, or another publisher's.
     void note_implausible(const Axis& axis, Raw raw);
@@ -162,7 +165,9 @@ public:
     bool note_plausible(const Axis& axis, Point next, bool off);
 
     /// Whether readings may be wrong because their sensor has stepped, is stuck, or not the only one.
-    bool is_doubtful() const { return steps.memory.stepped || steps.alternates() || stuck; }
+    bool is_doubtful() const {
+        return steps.memory.stepped || steps.alternates() || steps.repeats();
+    }
 
     /// Whether an error of the stamps by the lag would count: in the fastest motion so far it would be
     /// worth half of what makes tensions UNSURE.
@@ -205,8 +210,7 @@ public:
     StepDetector steps;
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so
-    bool stuck = false;           // whether readings repeat while other axes move on, (C12)
-    std::vector<double> others;   // angles of all axes since readings repeat; empty if they do not
+    bool lost_way = false;        // whether the motion up to the next reading is unknown
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 
 private:

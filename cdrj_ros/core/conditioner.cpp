@@ -82,9 +82,10 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arr
         channel.go_on_turning(raw.stamp_ns);
         cause = channel.complaint(axis, raw);
         if (cause != Cause::out_of_range) {
-            switch (channel.timing(raw.stamp_ns, channels_)) {
+            switch (channel.timing(axis, raw, channels_)) {
                 case Timing::another_time: return hold(k, raw);
                 case Timing::repeated: cause = Cause::repeated; break;
+                case Timing::contradictory: cause = Cause::contradictory; break;
                 case Timing::late: cause = Cause::late; break;
                 case Timing::usable: break;
             }
@@ -93,6 +94,7 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arr
     if (cause != Cause::none) {
         refuse(k, cause, raw);
         if (cause == Cause::implausible) channel.note_implausible(axis, raw);
+        if (cause == Cause::contradictory) note_contradiction(k, raw.stamp_ns);
         return false;
     }
     drop_held(k);
@@ -110,6 +112,7 @@ bool Conditioner::judge(std::size_t k, Raw raw) {
     const Axis& axis = axes_[k];
     Channel& channel = channels_[k];
     const Point next{raw.stamp_ns, channel.unwrap(axis, raw.reading).angle};
+    if (channel.steps.repeats() && next.angle != channel.last) channel.resume(axis, next.angle);
     if (channel.off) {
         const Raw off = *std::exchange(channel.off, std::nullopt);
         if (!channel.steps.returns({off.stamp_ns, channel.unwrap(axis, off.reading).angle}, next)) {
@@ -137,18 +140,38 @@ bool Conditioner::judge(std::size_t k, Raw raw) {
 void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off) {
     Channel& channel = channels_[k];
     const Unwrapped unwrapped = channel.unwrap(axes_[k], raw.reading);
+    const bool alternated = channel.steps.alternates();
     if (channel.note_plausible(axes_[k], {raw.stamp_ns, unwrapped.angle}, off)) ++steps;
-    note_stuck(channel);
-    if (channel.is_doubtful() != channel.in_doubt) {
-        channel.in_doubt = channel.is_doubtful();
-        if (channel.in_doubt) {
-            time_line_.begin_doubt(k, since_ns);
-        } else {
-            time_line_.end_doubt(k, raw.stamp_ns);
-        }
-    }
+    if (alternated && !channel.steps.alternates()) channel.lost_way = true;
+    if (channel.steps.repeats()) since_ns = channel.steps.repeated_since_ns();
+    tell_doubt(k, since_ns, raw.stamp_ns);
     time_line_.take(axes_[k], channel, raw, unwrapped, shown_by_others(k, raw.stamp_ns));
     ++accepted;
+}
+
+/// Notes that a refused reading contradicts an accepted one, which may be wrong as well.
+void Conditioner::note_contradiction(std::size_t k, Nanoseconds stamp_ns) {
+    Channel& channel = channels_[k];
+    channel.steps.note_contradiction();
+    const std::deque<Reading>& readings = channel.readings;
+    Nanoseconds since_ns = stamp_ns - 1;
+    for (const Reading& reading : readings) {
+        if (reading.stamp_ns < stamp_ns) since_ns = reading.stamp_ns;
+    }
+    tell_doubt(k, since_ns, stamp_ns);
+}
+
+/// Tells the time line if an axis comes to be in doubt, since the reading after `since_ns`, or no
+/// longer is, from `stamp_ns` on.
+void Conditioner::tell_doubt(std::size_t k, Nanoseconds since_ns, Nanoseconds stamp_ns) {
+    Channel& channel = channels_[k];
+    if (channel.is_doubtful() == channel.in_doubt) return;
+    channel.in_doubt = channel.is_doubtful();
+    if (channel.in_doubt) {
+        time_line_.begin_doubt(k, since_ns);
+    } else {
+        time_line_.end_doubt(k, stamp_ns);
+    }
 }
 
 /// What the other axes show of the motion of an axis up to its next reading, (C13).
@@ -169,22 +192,6 @@ LeastMotion Conditioner::shown_by_others(std::size_t k, Nanoseconds stamp_ns) co
         least.acceleration = std::max(least.acceleration, ratio * motion.acceleration);
     }
     return least;
-}
-
-/// Notes whether an axis repeats a reading while another one moves on by what its worth is, (C12).
-void Conditioner::note_stuck(Channel& channel) {
-    if (!channel.steps.repeats()) {
-        channel.others.clear();
-        channel.stuck = false;
-        return;
-    }
-    const bool begins = channel.others.empty();
-    channel.others.resize(channels_.size());
-    for (std::size_t k = 0; k < channels_.size(); ++k) {
-        if (begins) channel.others[k] = channels_[k].last;
-        const double moved = std::abs(channels_[k].last - channel.others[k]);
-        if (axes_[k].worth > 0.0 && moved > axes_[k].worth) channel.stuck = true;
-    }
 }
 
 /// Refuses a reading that was to be judged by the next one, which belongs to another time.
@@ -228,6 +235,12 @@ void Conditioner::drop_held(std::size_t k) {
 /// Holds a reading with a distant stamp; uses all held ones once enough have followed.
 bool Conditioner::hold(std::size_t k, Raw raw) {
     Channel& channel = channels_[k];
+    if (!channel.held.empty() && raw.stamp_ns == channel.held.back().stamp_ns) {
+        const bool equal = raw.reading == channel.held.back().reading;
+        refuse(k, equal ? Cause::repeated : Cause::contradictory, raw);
+        if (!equal) note_contradiction(k, raw.stamp_ns);
+        return false;
+    }
     if (!channel.held.empty() && !channel.follows(raw.stamp_ns)) drop_held(k);
     channel.held.push_back(raw);
     const bool regular = channel.is_regular();

@@ -98,7 +98,8 @@ private:
     void begin();
     bool admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arrival arrival);
     bool judge(std::size_t k, Raw raw);
-    void note_stuck(Channel& channel);
+    void note_contradiction(std::size_t k, Nanoseconds stamp_ns);
+    void tell_doubt(std::size_t k, Nanoseconds since_ns, Nanoseconds stamp_ns);
     LeastMotion shown_by_others(std::size_t k, Nanoseconds stamp_ns) const;
     void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
     void refuse(std::size_t k, Cause cause, Raw raw);

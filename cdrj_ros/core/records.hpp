@@ -40,6 +40,7 @@ enum class Cause {
     unknown_name,
     not_finite,
     repeated,
+    contradictory,
     late,
     future,
     out_of_range,
@@ -51,8 +52,8 @@ inline constexpr std::size_t CAUSES = static_cast<std::size_t>(Cause::none);
 
 /// Names of the causes, in their order.
 inline constexpr std::array<std::string_view, CAUSES> CAUSE_NAMES{
-    "malformed",  "empty",    "unstamped", "unknown_name", "not_finite",
-    "repeated",   "late",     "future",    "out_of_range", "implausible",
+    "malformed",     "empty", "unstamped", "unknown_name", "not_finite",  "repeated",
+    "contradictory", "late",  "future",    "out_of_range", "implausible",
 };
 
 /// A motor or joint: how its sensor's readings become angles, and what these must satisfy.

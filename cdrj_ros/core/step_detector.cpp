@@ -15,9 +15,10 @@ constexpr double PLAIN = 10.0;     // deviation that no noise causes, by the sen
 constexpr double LATELY = 1.0 / 64.0;  // weight of a reading in the share of alternating ones
 constexpr double OFTEN = 0.1;      // from this share on two motions alternate,
 constexpr double SELDOM = 0.02;    // down to this one
-constexpr double MISSED = 5.0;     // readings repeat if the axis would have moved so many times as far
-constexpr double STEADY = 0.7;     // as it last did, at a velocity that had not fallen below this share
-constexpr std::size_t LONGEST = 32;  // of that before; within so many readings
+constexpr double MISSED = 1.5;     // readings repeat if the axis would have moved so many times as far
+constexpr double MISSED_COUNTS = 10.0;  // as it last did, and by more counts than at a crest (8),
+constexpr double STEADY = 0.7;     // at a velocity that had not fallen below this share of that before;
+constexpr std::size_t LONGEST = 32;  // within so many readings
 
 double seconds(Point from, Point to) {
     return (to.stamp_ns - from.stamp_ns) * 1e-9;
@@ -75,13 +76,14 @@ bool StepDetector::take(const Motion& motion, double worth, Point next, bool off
     if (count_ > 0 && next.stamp_ns - points_[2].stamp_ns > WITHIN_NS) restart();
     follow(motion, next);
     const bool found = count_ == 3 && !alternates_ && is_step(motion, worth, next);
+    double side = 0.0;
     if (is_judged(next)) {
         const double deviation = bend(next);
         if (!off && !found) memory.bend = std::max(memory.bend, std::abs(deviation));
-        const bool plain = is_plain(motion, next, deviation);
-        alternate(plain && deviation * side_ < 0.0);
-        side_ = plain ? deviation : 0.0;
+        if (is_plain(motion, next, deviation)) side = deviation;
     }
+    alternate(side * side_ < 0.0);
+    side_ = side;
     if (motion.windows > 0.0) {
         sudden_ = 0.0;
     } else if (count_ > 0) {
@@ -113,9 +115,36 @@ bool StepDetector::is_step(const Motion& motion, double worth, Point next) {
     return false;
 }
 
+bool StepDetector::differs(const Motion& motion, double one, double other) {
+    return std::abs(one - other) > std::max(2.0 * motion.band, motion.negligible);
+}
+
+bool StepDetector::contradicts(const Motion& motion, Point earlier) const {
+    for (std::size_t i = latest_.size(); i-- > 0;) {
+        const Point& before = latest_[i];
+        if (before.stamp_ns > earlier.stamp_ns) continue;
+        if (before.stamp_ns == earlier.stamp_ns) {
+            return differs(motion, earlier.angle, before.angle);
+        }
+        if (i + 1 == latest_.size() || latest_[i + 1].stamp_ns - before.stamp_ns > WITHIN_NS) break;
+        const double line =
+            before.angle + velocity(before, latest_[i + 1]) * seconds(before, earlier);
+        return differs(motion, earlier.angle, line) &&
+               std::abs(earlier.angle - line) > BEYOND * memory.bend;
+    }
+    return false;
+}
+
+void StepDetector::note_contradiction() {
+    share_ = std::max(share_, OFTEN);
+    alternates_ = true;
+}
+
 /// Compares the readings that are equal with as many before them, and those with as many before, (C12).
 void StepDetector::follow(const Motion& motion, Point next) {
-    equal_ = !latest_.empty() && next.angle == latest_.back().angle ? equal_ + 1 : 0;
+    const double change = latest_.empty() ? 0.0 : std::abs(next.angle - latest_.back().angle);
+    if (change > 0.0) count_size_ = std::min(count_size_, change);
+    equal_ = !latest_.empty() && change == 0.0 ? equal_ + 1 : 0;
     if (equal_ == 0) compared_ = repeats_ = false;
     latest_.push_back(next);
     if (latest_.size() > 3 * LONGEST + 1) latest_.pop_front();
@@ -125,9 +154,13 @@ void StepDetector::follow(const Motion& motion, Point next) {
     const double rate = velocity(before, still), earlier = velocity(ago(3 * equal_), before);
     const double missed = std::abs(rate) * seconds(still, next);
     const double last = std::abs(still.angle - ago(equal_ + 1).angle);
-    compared_ = missed > std::max(PLAIN * motion.band, MISSED * last);
-    const bool steady = rate * earlier > 0.0 && std::abs(rate) > STEADY * std::abs(earlier);
-    repeats_ = compared_ && steady;
+    compared_ =
+        missed > std::max({PLAIN * motion.band, MISSED_COUNTS * count_size_, MISSED * last});
+    const double late = velocity(ago(equal_ + (equal_ + 1) / 2), still);
+    const bool slows_down = STEADY * std::max(earlier * rate, rate * rate) >
+                            std::min(rate * rate, late * rate);
+    repeats_ = compared_ && !slows_down;
+    if (repeats_) repeated_since_ns_ = still.stamp_ns;
 }
 
 void StepDetector::alternate(bool does) {

@@ -47,6 +47,15 @@ public:
     /// Notes an outlier.
     void note_outlier() { alternate(true); }
 
+    /// Whether two readings for one time differ by more than errors of the sensor.
+    static bool differs(const Motion& motion, double one, double other);
+
+    /// Whether a reading that is not later than the last one differs from those accepted at its time.
+    bool contradicts(const Motion& motion, Point earlier) const;
+
+    /// Notes a contradiction: of two readings for one time one is wrong, and nothing tells which.
+    void note_contradiction();
+
     /// Notes a step that other readings have shown.
     void step_by(double by, double worth);
 
@@ -61,6 +70,9 @@ public:
 
     /// Whether the readings repeat one exactly, right after a motion that did not slow down, (C12).
     bool repeats() const { return repeats_; }
+
+    /// Stamp of the reading that they repeat.
+    Nanoseconds repeated_since_ns() const { return repeated_since_ns_; }
 
     StepMemory memory;
 
@@ -80,8 +92,10 @@ private:
     bool alternates_ = false;
     std::deque<Point> latest_;       // more of the last readings, oldest first
     std::size_t equal_ = 0;          // how many of them in a row equal the one before
+    double count_size_ = INFINITE;   // least change from one reading to the next so far
     bool compared_ = false;          // whether these have been compared with those before them
     bool repeats_ = false;
+    Nanoseconds repeated_since_ns_ = -1;
 };
 
 }  // namespace cdrj

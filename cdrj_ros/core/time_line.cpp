@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace cdrj {
 namespace {
@@ -143,6 +144,7 @@ void TimeLine::take(
     if (channel.last_ns >= 0) {
         const Nanoseconds interval_ns = stamp_ns - channel.last_ns;
         curvature = channel.motion.curvature(interval_ns, least);
+        if (std::exchange(channel.lost_way, false)) curvature = INFINITE;
         channel.usual_ns = std::max(interval_ns, channel.usual_ns / 2);
     } else if (0 <= resumed_ns_ && resumed_ns_ < stamp_ns) {
         channel.resumed = channel.motion.curvature(stamp_ns - resumed_ns_);
@@ -258,7 +260,10 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     }
     sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;
-    sample.doubtful = is_doubtful(stamp_ns);
+    const bool undecided = std::any_of(channels.begin(), channels.end(), [](const Channel& channel) {
+        return channel.off.has_value();  // the next reading decides if others have changed, too
+    });
+    sample.doubtful = undecided || is_doubtful(stamp_ns);
     sample.predicted = true;
     return sample;
 }

@@ -205,9 +205,9 @@ class Conditioner(_core.Conditioner):
     without an accepted reading since the last reset, ``ahead`` has the stamp of the last reading of
     every axis less its time of arrival [ns], ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
-    between two motions, ``stuck`` those whose readings repeat while others move on, ``lagging``
-    has the lag of axes whose topic is always late, or whose clock differs, and ``lag_ns`` is the
-    lag of the last sample behind the newest reading.
+    between two motions or contradict each other, ``stuck`` those that repeat an old reading with
+    new stamps, ``lagging`` has the lag of axes whose topic is always late, or whose clock differs,
+    and ``lag_ns`` is the lag of the last sample behind the newest reading.
     """
 
     def __init__(self, robot: Robot, mode: Mode = "wait", tracking: float | None = None) -> None:

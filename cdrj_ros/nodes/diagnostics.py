@@ -150,11 +150,11 @@ def _verdict(
         ),
         (
             health.alternating, warn,
-            f"readings alternate between two motions: {health.alternating}",
+            f"readings contradict each other or alternate between motions: {health.alternating}",
         ),
         (
             live.conditioner.stuck, warn,
-            f"readings repeat while other axes move: {', '.join(live.conditioner.stuck)}",
+            f"readings are old although their stamps are new: {', '.join(live.conditioner.stuck)}",
         ),
         (health.rivals, warn, health.rivals),
         (

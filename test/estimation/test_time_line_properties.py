@@ -119,9 +119,10 @@ def test_a_refused_message_leaves_no_trace() -> None:
 
 
 def _traces(conditioner: Conditioner) -> tuple[object, ...]:
-    """What a message changes that is not refused, or that may show a step of a sensor."""
+    """What a message changes that is not refused, or that puts those before it in doubt."""
     c = conditioner
-    return c.accepted, c.clock_jumps, c.held, c.held_of, c.refused["implausible"]
+    doubts = c.refused["implausible"], c.refused["contradictory"]
+    return c.accepted, c.clock_jumps, c.held, c.held_of, doubts
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import ceil, exp, hypot, inf, isfinite, isinf, log, pi, sqrt
+from math import ceil, exp, hypot, inf, isfinite, isinf, log, nan, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -167,8 +167,11 @@ class Steps:
     alternates: bool = False
     latest: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=97))
     equal: int = 0
+    count: float = inf
+    """Least change from one reading to the next."""
     compared: bool = False
     repeats: bool = False
+    repeated_since: int = -1
 
     @staticmethod
     def between(one: tuple[int, float], other: tuple[int, float]) -> tuple[float, float]:
@@ -209,13 +212,14 @@ class Steps:
             self.restart()
         self.follow(motion, point)
         found = len(self.points) == 3 and not self.alternates and self.has_stepped(motion, point)
+        side = 0.0
         if self.judged(point):
             size = self.bent(point)
             if not (off or found):
                 self.bend = max(self.bend, abs(size))
-            plain = self.plain(motion, point)
-            self.alternate(plain and size * self.side < 0.0)
-            self.side = size if plain else 0.0
+            side = size if self.plain(motion, point) else 0.0
+        self.alternate(side * self.side < 0.0)
+        self.side = side
         if motion.windows > 0.0:
             self.sudden = 0.0
         elif self.points:
@@ -229,8 +233,30 @@ class Steps:
         self.points, self.equal, self.compared, self.repeats = [], 0, False, False
         self.latest.clear()
 
+    @staticmethod
+    def differ(motion: Motion, one: float, other: float) -> bool:
+        return abs(one - other) > max(2.0 * motion.band, motion.negligible)
+
+    def contradicts(self, motion: Motion, stamp: int, angle: float) -> bool:
+        """Whether an earlier reading is off the accepted ones around it."""
+        same = [value for at, value in self.latest if at == stamp]
+        if same:
+            return self.differ(motion, angle, same[-1])
+        around = [two for two in pairwise(self.latest) if two[0][0] < stamp < two[1][0]]
+        if not around or around[0][1][0] - around[0][0][0] > 10**8:
+            return False
+        before, after = around[0]
+        line = before[1] + self.between(before, after)[1] * ((stamp - before[0]) * 1e-9)
+        return self.differ(motion, angle, line) and abs(angle - line) > 2.5 * self.bend
+
+    def note_contradiction(self) -> None:
+        self.share, self.alternates = max(self.share, 0.1), True
+
     def follow(self, motion: Motion, point: tuple[int, float]) -> None:
-        repeated = bool(self.latest) and point[1] == self.latest[-1][1]
+        change = abs(point[1] - self.latest[-1][1]) if self.latest else 0.0
+        if change > 0.0:
+            self.count = min(self.count, change)
+        repeated = bool(self.latest) and change == 0.0
         self.equal = self.equal + 1 if repeated else 0
         self.compared, self.repeats = self.compared and repeated, self.repeats and repeated
         self.latest.append(point)
@@ -240,10 +266,13 @@ class Steps:
         last, still, before, first = (self.latest[-1 - k] for k in (n + 1, n, 2 * n, 3 * n))
         rate, earlier = self.between(before, still)[1], self.between(first, before)[1]
         missed = abs(rate) * self.between(still, point)[0]
-        least = max(10.0 * motion.band, 5.0 * abs(still[1] - last[1]))
-        steady = rate * earlier > 0.0 and abs(rate) > 0.7 * abs(earlier)
+        least = max(10.0 * motion.band, 10.0 * self.count, 1.5 * abs(still[1] - last[1]))
         self.compared = missed > least
-        self.repeats = self.compared and steady
+        late = self.between(self.latest[-1 - n - (n + 1) // 2], still)[1]
+        fastest, slowest = max(earlier * rate, rate * rate), min(rate * rate, late * rate)
+        self.repeats = self.compared and 0.7 * fastest <= slowest
+        if self.repeats:
+            self.repeated_since = still[0]
 
     def has_stepped(self, motion: Motion, point: tuple[int, float]) -> bool:
         first, second, third = self.points
@@ -436,8 +465,8 @@ class Channel:
     usual_ns: int = 0
     held: list[tuple[int, float]] = field(default_factory=list)
     resumed: float = 0.0
-    others: list[float] = field(default_factory=list)
-    stuck: bool = False
+    lost_way: bool = False
+    """Whether the motion up to the next reading is unknown."""
     off: tuple[int, float] | None = None
     agreeing: int = 0
     refused: tuple[int, float] = (-1, 0.0)
@@ -490,28 +519,33 @@ class Channel:
     def complaint(self, stamp: int, reading: float) -> str:
         if not -LARGEST <= reading <= LARGEST:
             return "implausible" if self.upper == inf else "out_of_range"
-        angle, ahead = self.angle_at(reading), stamp - self.last_ns
+        known = self.steps.repeated_since if self.steps.repeats else self.last_ns
+        angle, ahead = self.angle_at(reading), stamp - known
         if not self.in_range(angle):
             return "out_of_range"
         fast = abs(angle - self.last) > self.axis.max_speed * (ahead * 1e-9)
         return "implausible" if self.last_ns >= 0 and ahead > 0 and fast else ""
 
-    def timing(self, stamp: int, newest_ns: int) -> str:
+    def timing(self, stamp: int, reading: float, newest_ns: int) -> str:
         ahead = stamp - self.last_ns
         if self.last_ns < 0:
-            if self.left_behind_ns < 0 or abs(stamp - self.left_behind_ns) > GAP_NS:
-                return ""
-            if self.stragglers >= STRAGGLERS or stamp - newest_ns <= GAP_NS:
+            straggles = self.left_behind_ns >= 0 and abs(stamp - self.left_behind_ns) <= GAP_NS
+            if not straggles or self.stragglers >= STRAGGLERS or stamp - newest_ns <= GAP_NS:
                 return ""
             self.stragglers += 1
             return "late"
-        if ahead == 0 or (self.off is not None and stamp == self.off[0]):
-            return "repeated"
-        if self.off is not None and 0 < ahead < self.off[0] - self.last_ns:
-            return "late"
-        if 0 < ahead <= max(GAP_NS, 3 * self.usual_ns):
+        longest = max(GAP_NS, 3 * self.usual_ns)
+        angle = self.angle_at(reading) if abs(reading) <= LARGEST else nan
+        if self.off is not None and stamp == self.off[0] and 0 < ahead <= longest:
+            differ = self.steps.differ(self.motion, angle, self.angle_at(self.off[1]))
+            return "contradictory" if differ else "repeated"
+        newest = self.last_ns if self.off is None else self.off[0]
+        if newest < stamp and ahead <= longest:
             return ""
-        return "another time" if ahead > 0 or ahead < -GAP_NS or self.held else "late"
+        if ahead > longest or ahead < -GAP_NS or (ahead < 0 and self.held):
+            return "another time"
+        contradicts = self.steps.contradicts(self.motion, stamp, angle)
+        return "contradictory" if contradicts else "late" if ahead else "repeated"
 
     def follows(self, stamp: int) -> bool:
         before = self.held[-2][0] if len(self.held) > 1 else self.last_ns
@@ -680,7 +714,8 @@ class Reference:
                 _, channel.reading, channel.turns = before
             cause = channel.complaint(stamp, reading)
             if cause != "out_of_range":
-                timing = channel.timing(stamp, max(one.last_ns for one in self.channels))
+                newest = max(one.last_ns for one in self.channels)
+                timing = channel.timing(stamp, reading, newest)
                 if timing == "another time":
                     return self._hold(k, stamp, reading)
                 cause = timing or cause
@@ -698,6 +733,10 @@ class Reference:
 
     def _judge(self, channel: Channel, stamp: int, reading: float) -> bool:
         point = stamp, channel.angle_at(reading)
+        if channel.steps.repeats and point[1] != channel.last:
+            channel.lost_way = 0.0 < channel.steps.worth < abs(point[1] - channel.last)
+            channel.steps.restart()
+            channel.motion = channel.motion.elsewhen()
         if channel.off is not None:
             off, channel.off = channel.off, None
             if not channel.steps.returns((off[0], channel.angle_at(off[1])), point):
@@ -722,6 +761,22 @@ class Reference:
         self.refused[cause] += 1
         if cause == "implausible":
             channel.note_implausible(stamp, reading)
+        elif cause == "contradictory":
+            self._note_contradiction(channel, stamp)
+
+    def _note_contradiction(self, channel: Channel, stamp: int) -> None:
+        channel.steps.note_contradiction()
+        before = [at for at, *_ in channel.readings if at < stamp]
+        self._tell_doubt(channel, before[-1] if before else stamp - 1, stamp)
+
+    def _tell_doubt(self, channel: Channel, since: int, stamp: int) -> None:
+        steps = channel.steps
+        if steps.stepped or steps.alternates or steps.repeats:
+            if channel.doubt is None:
+                channel.doubt = Doubt(since)
+                self.doubts.append(channel.doubt)
+        elif channel.doubt is not None:
+            channel.doubt.until_ns, channel.doubt = stamp, None
 
     def _drop_held(self, channel: Channel) -> None:
         for stamp, _ in channel.held:
@@ -730,6 +785,10 @@ class Reference:
 
     def _hold(self, k: int, stamp: int, reading: float) -> bool:
         channel = self.channels[k]
+        if channel.held and stamp == channel.held[-1][0]:
+            equal = reading == channel.held[-1][1]
+            self._refuse(channel, "repeated" if equal else "contradictory", stamp, reading)
+            return False
         if channel.held and not channel.follows(stamp):
             self._drop_held(channel)
         channel.held.append((stamp, reading))
@@ -795,14 +854,12 @@ class Reference:
         self, channel: Channel, stamp: int, reading: float, since_ns: int, off: bool = False
     ) -> None:
         value, turns = channel.angle_at(reading), channel.turns_at(reading)
+        alternated = channel.steps.alternates
         self.steps += channel.has_stepped(stamp, value, off)
-        self._note_stuck(channel)
-        if channel.steps.stepped or channel.steps.alternates or channel.stuck:
-            if channel.doubt is None:
-                channel.doubt = Doubt(since_ns)
-                self.doubts.append(channel.doubt)
-        elif channel.doubt is not None:
-            channel.doubt.until_ns, channel.doubt = stamp, None
+        if alternated and not channel.steps.alternates:
+            channel.lost_way = True
+        repeats = channel.steps.repeats
+        self._tell_doubt(channel, channel.steps.repeated_since if repeats else since_ns, stamp)
         least = self._shown_by_others(channel, stamp)
         since, angle, motion = stamp - channel.last_ns, value, channel.motion
         if channel.bandwidth > 0.0:
@@ -813,6 +870,8 @@ class Reference:
         curvature = 0.0
         if channel.last_ns >= 0:
             curvature = motion.curvature(since, least)
+            if channel.lost_way:
+                curvature, channel.lost_way = inf, False
             channel.usual_ns = max(since, channel.usual_ns // 2)
         elif 0 <= self.resumed_ns < stamp:
             channel.resumed = motion.curvature(stamp - self.resumed_ns)
@@ -826,17 +885,6 @@ class Reference:
                 self.given_out_ns = max(self.given_out_ns, channel.readings[0][0])
         self._extrapolate(channel, stamp, angle)
         self.accepted += 1
-
-    def _note_stuck(self, channel: Channel) -> None:
-        now = [one.last for one in self.channels]
-        if not channel.steps.repeats:
-            channel.others, channel.stuck = [], False
-            return
-        channel.others = channel.others or now
-        channel.stuck = channel.stuck or any(
-            0.0 < one.steps.worth < abs(angle - before)
-            for one, angle, before in zip(self.channels, now, channel.others, strict=True)
-        )
 
     @staticmethod
     def _extrapolate(channel: Channel, stamp: int, angle: float) -> None:
@@ -940,6 +988,7 @@ class Reference:
                 unseen[0, k] = deviation if deviation > channel.negligible else 0.0
         self.ahead_ns = self.ahead_from_ns = stamp
         doubtful = any(doubt.after_ns < stamp < doubt.until_ns for doubt in self.doubts)
+        doubtful = doubtful or any(channel.off is not None for channel in self.channels)
         return self._sample(stamp, angles, unseen, doubtful, predicted=True)
 
     def _sample(

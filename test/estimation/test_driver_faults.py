@@ -1,0 +1,157 @@
+"""What drivers are known to send never leaves a wrong tension with status 0.
+
+The truth is the rig of the file, so that even small errors count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.driver_faults import (
+    Course,
+    Fault,
+    course_of,
+    frozen,
+    judge,
+    messages_of,
+    run,
+    second,
+    twice,
+)
+from support.places import ROBOTS
+
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.simulation import motion
+
+LAW = 0.001
+"""Greatest share of tensions with status 0 beyond five standard deviations."""
+BEGIN = 3.0
+"""Time at which readings freeze: the joints are at speed [s]."""
+
+
+@pytest.fixture(scope="module", params=["prototype", "finger", "wrist"])
+def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Model:
+    """A robot whose numbers are exact where its file states nothing else."""
+    text = (ROBOTS / f"{request.param}.yaml").read_text(encoding="utf-8")
+    if "uncertainty:" not in text:
+        text += "\nuncertainty: {others: exact}\n"
+    path: Path = tmp_path_factory.mktemp("robots") / f"{request.param}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_model(str(path))
+
+
+def swing(model: Model, hertz: float = 0.3) -> Callable[[np.ndarray], np.ndarray]:
+    """Sinusoids of all joints through most of their ranges."""
+
+    def angle(time: np.ndarray) -> np.ndarray:
+        columns = []
+        for k, joint in enumerate(model.robot.joints):
+            centre = 0.5 * (joint.lower + joint.upper)
+            amplitude = 0.35 * (joint.upper - joint.lower)
+            columns.append(motion.sine(amplitude, hertz * (1.0 + 0.13 * k), 0.0, centre)(time))
+        return np.column_stack(columns)
+
+    return angle
+
+
+@pytest.fixture(scope="module")
+def course(robot: Model) -> Course:
+    return course_of(robot, 6.0, swing(robot))
+
+
+def first_joint(model: Model) -> str:
+    return model.robot.joints[0].name
+
+
+@pytest.mark.parametrize("hertz", [1000, 200, 50])
+def test_a_clean_stream_keeps_status_0_and_is_called_nothing(
+    hertz: int, robot: Model, course: Course
+) -> None:
+    def watch(live: LiveEstimator, _message: object) -> None:
+        assert live.conditioner.stuck == live.conditioner.alternating == []
+
+    verdict = judge(course, run(robot, messages_of(robot, course, hertz), watch=watch), 2.0)
+    assert verdict.ratio.size > 0.9 * verdict.judged
+    assert verdict.beyond(5.0) <= LAW
+
+
+@pytest.mark.parametrize("hertz", [1000, 200, 50])
+@pytest.mark.parametrize("mode", ["wait", "predict"])
+def test_old_readings_with_new_stamps_make_everything_unsure_within_50_ms(
+    mode: str, hertz: int, robot: Model, course: Course
+) -> None:
+    named: set[str] = set()
+    messages = frozen(BEGIN)(messages_of(robot, course, hertz))
+    options = Options(conditioning=mode)  # type: ignore[arg-type]
+    outputs = run(robot, messages, options, lambda live, _: named.update(live.conditioner.stuck))
+    assert judge(course, outputs, BEGIN + 0.05).ratio.size == 0
+    assert judge(course, outputs).beyond(5.0) <= LAW
+    assert named & {axis.name for axis in robot.robot.motors}
+
+
+@pytest.mark.parametrize("lasting", [0.3, 1.5])
+def test_readings_that_are_old_for_a_while_leave_no_history_that_is_taken_for_known(
+    lasting: float, robot: Model, course: Course
+) -> None:
+    """The way of the axes meanwhile is unknown, and with it the friction."""
+    messages = frozen(BEGIN, BEGIN + lasting)(messages_of(robot, course, 200))
+    found: list[LiveEstimator] = []
+    outputs = run(robot, messages, watch=lambda live, _: found.append(live))
+    assert judge(course, outputs).beyond(5.0) <= LAW
+    assert found[-1].conditioner.stuck == []
+    assert found[-1].conditioner.displaced == {}, "nor is it taken for a step of a sensor"
+
+
+@pytest.mark.parametrize("hertz", [200, 50])
+@pytest.mark.parametrize("comes_first", [True, False])
+@pytest.mark.parametrize("how", ["equal stamps", "names twice"])
+def test_two_values_for_one_time_contradict_each_other_whichever_comes_first(
+    how: str, comes_first: bool, hertz: int, robot: Model, course: Course
+) -> None:
+    joint = first_joint(robot)
+    fault: Fault = second(first=comes_first)
+    if how == "names twice":
+        fault = twice(joint, first=comes_first)
+    named: list[list[str]] = []
+    messages = fault(messages_of(robot, course, hertz))
+    outputs = run(robot, messages, watch=lambda live, _: named.append(live.conditioner.alternating))
+    assert judge(course, outputs).beyond(5.0) <= LAW
+    assert judge(course, outputs, 1.0).ratio.size == 0
+    assert joint in named[-1]
+
+
+def test_equal_stamps_with_equal_values_change_nothing(robot: Model, course: Course) -> None:
+    messages = messages_of(robot, course, 200)
+    once = run(robot, messages)
+    again = run(robot, [one for message in messages for one in (message, message)])
+    assert [one.values.tobytes() for one in once] == [one.values.tobytes() for one in again]
+
+
+def test_a_late_reading_that_is_off_the_line_of_earlier_ones_contradicts_them(
+    robot: Model, course: Course
+) -> None:
+    """Two publishers with equal stamps, of which one is always a message behind."""
+    messages = messages_of(robot, course, 200)
+    zeros = [one._replace(positions=(0.0,) * len(one.names)) for one in messages]
+    pairs = zip(zeros[1:], messages[:-1], strict=True)
+    live: list[LiveEstimator] = []
+    late = [one for pair in pairs for one in pair]
+    outputs = run(robot, late, watch=lambda one, _: live.append(one))
+    assert judge(course, outputs, 1.0).ratio.size == 0
+    assert first_joint(robot) in live[-1].conditioner.alternating
+    honest = [one for two in zip(messages[1::2], messages[::2], strict=True) for one in two]
+    run(robot, honest, watch=lambda one, _: live.append(one))
+    assert live[-1].conditioner.alternating == [], "those that are only late do not"
+
+
+def test_repeated_messages_do_not_keep_an_estimate_from_going_on_after_a_gap(
+    robot: Model, course: Course
+) -> None:
+    messages = messages_of(robot, course, 200)
+    doubled = [one for message in messages[:200] + messages[600:] for one in (message, message)]
+    outputs = run(robot, doubled)
+    assert outputs[-1].stamp_ns == messages[-1].stamp_ns
