@@ -58,7 +58,7 @@ class Settings:
     """Time at the beginning of each recording that is excluded from the comparison [s]."""
     mean_s: float = 0.0
     """Time over which estimates and references are averaged before they are compared [s]; 0: each
-    reference is compared by itself."""
+    reference is compared by itself.  Only with ``weights`` of ``noise``."""
     coarse: bool = False
     """Whether to skip the last round, which uses all samples."""
     samples: int = 20_000

@@ -15,6 +15,7 @@ from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.identification.alternatives import Misfit, finding
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.problem import Settings
@@ -92,3 +93,17 @@ def test_less_than_a_whole_cycle_shows_nothing(fresh: Document) -> None:
     found = judged(fresh, slips=False, seconds=1.2)
     assert drums_written(found) == "may_slip"
     assert "whole cycle" in found.findings[-1]
+
+
+def test_a_verdict_needs_residuals_and_not_the_priors_alone() -> None:
+    def misfit(squares: float, strain: float) -> Misfit:
+        return Misfit(squares, np.empty(0), strain, np.zeros(1))
+
+    strained = finding(misfit(770.0, 1.0), misfit(7.9, 71.0), 8)
+    assert strained.comment == "the recordings do not decide"
+    strained = finding(misfit(7.9, 71.0), misfit(770.0, 1.0), 8)
+    assert strained.comment == "the recordings do not decide"
+    assert finding(misfit(770.0, 1.0), misfit(7.9, 3.0), 8).drums == "hold"
+    slips = finding(misfit(7.9, 3.0), misfit(770.0, 1.0), 8)
+    assert slips.sentence.startswith("The cable slips")
+    assert "9.9 times as large" in slips.sentence
