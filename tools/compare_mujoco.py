@@ -94,26 +94,29 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
     for _ in range(poses):
         drawn = low + generator.random(mj.njnt) * (high - low)
         data.qpos[:] = mj.qpos0
-        for _, joints, _ in robots.values():
-            data.qpos[mj.jnt_qposadr[joints]] = drawn[joints]
+        for robot in robots.values():
+            robot.pose(mj, drawn, data.qpos)
         for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
             stage(mj, data)
         arms = moment_arms(mj, data)
-        for k, (model, joints, weights) in robots.items():
-            shape = shape_at(model, drawn[joints])
+        for k, robot in robots.items():
+            joints, weights = robot.joints, robot.weights
+            shape = shape_at(robot.model, drawn[joints])
             if not shape.possible:
                 impossible += 1
                 continue
             touched |= {(k, int(p)) for p in np.flatnonzero(shape.wrap > 0.0)}
-            columns = mj.jnt_dofadr[joints]
+            theirs = robot.by_own_joints(arms[k, mj.jnt_dofadr])
             length = max(length, abs(float(weights @ shape.length - data.ten_length[k])))
             own = weights @ shape.lever_arm
-            difference = np.abs(own - arms[k, columns])
+            difference = np.abs(own - theirs)
             arm = max(arm, float(difference.max(initial=0.0)))
             for j in np.flatnonzero(difference > ARM):
                 beyond += 1
-                theirs = slope_of_length(mujoco, mj, data.qpos, k, joints[j])
-                slope = max(slope, abs(float(own[j]) - theirs))
+                slopes = np.zeros(mj.njnt)
+                for joint in (joints[j], *(one for one, _, _ in robot.coupled)):
+                    slopes[joint] = slope_of_length(mujoco, mj, data.qpos, k, joint)
+                slope = max(slope, abs(float(own[j] - robot.by_own_joints(slopes)[j])))
     return Comparison(
         len(spatial), len(found), len(every.document["joints"]), len(touched), length, arm, beyond,
         slope, impossible,
@@ -129,14 +132,34 @@ def joint_ranges(mujoco: Any, mj: Any) -> tuple[NDArray[np.float64], NDArray[np.
     return low, np.where(limited, mj.jnt_range[:, 1], most)
 
 
-def _one(
-    mujoco: Any, mj: Any, path: Path, tendon: int
-) -> tuple[Model, NDArray[np.int64], NDArray[np.float64]]:
-    """The robot of one tendon, through the text of its file.
+@dataclass(frozen=True)
+class Imported:
+    """The robot of one tendon."""
 
-    Returns:
-        The robot, MuJoCo's index of every joint, and the share of every element in MuJoCo's length.
-    """
+    model: Model
+    joints: NDArray[np.int64]
+    """MuJoCo's index of every joint."""
+    coupled: list[tuple[int, NDArray[np.float64], float]]
+    """Of every coupled joint MuJoCo's index, its shares of all joints, and its offset."""
+    weights: NDArray[np.float64]
+    """Share of every element in MuJoCo's length."""
+
+    def pose(self, mj: Any, drawn: NDArray[np.float64], qpos: NDArray[np.float64]) -> None:
+        """Write the angles of its joints, of all that were drawn, into MuJoCo's pose."""
+        qpos[mj.jnt_qposadr[self.joints]] = drawn[self.joints]
+        for joint, shares, offset in self.coupled:
+            qpos[mj.jnt_qposadr[joint]] = offset + shares @ drawn[self.joints]
+
+    def by_own_joints(self, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivatives by its joints from those by all joints of MuJoCo, of which some follow."""
+        found = slopes[self.joints].copy()
+        for joint, shares, _ in self.coupled:
+            found += slopes[joint] * shares
+        return found
+
+
+def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> Imported:
+    """The robot of one tendon, through the text of its file."""
 
     def label(kind: str, index: int) -> str:
         found = mujoco.mj_id2name(mj, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), index)
@@ -161,7 +184,17 @@ def _one(
     if len(cables) != len(divisors):
         raise UsageError("a branch cannot be imported")
     shares = [np.full(len(c.nodes) - 1, 1.0 / d) for c, d in zip(cables, divisors, strict=True)]
-    return model, joints, np.concatenate(shares)
+    own = [joint.name for joint in model.robot.joints]
+    coupled = [
+        (
+            names.index(entry["name"]),
+            np.array([float(entry["coupled"].get(name, 0.0)) for name in own]),
+            float(entry["offset"]),
+        )
+        for entry in model.robot.document["joints"]
+        if "coupled" in entry
+    ]
+    return Imported(model, joints, coupled, np.concatenate(shares))
 
 
 def moment_arms(mj: Any, data: Any) -> NDArray[np.float64]:

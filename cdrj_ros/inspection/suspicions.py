@@ -57,6 +57,9 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     robot = inspection.model.robot
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
     found = [*unit_doubts(robot)]
+    if assumed := robot.document.get("assumed"):
+        text = f"{', '.join(assumed)}: guesses; measure them and take them off the list"
+        found.append(Suspicion("assumed", text))
     for cable, check in zip(robot.cables, inspection.cables, strict=True):
         entry = entries.get(cable.name, {})
         found += _geometry(robot, cable, check)

@@ -99,7 +99,7 @@ def part_of(robot: Robot, cables: Collection[int]) -> Document:
     part = {
         key: [one for one in value if one["name"] in kept[key]] if key in kept else value
         for key, value in document.items()
-        if key not in ("parts", "uncertainty", "residual", "identified", "visuals")
+        if key not in ("parts", "uncertainty", "residual", "identified", "visuals", "assumed")
     }
     if "uncertainty" in document:
         part["uncertainty"] = _known_of(robot, part, channels_of(robot, cables))

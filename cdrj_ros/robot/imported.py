@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, pi
 from pathlib import Path
@@ -30,6 +30,7 @@ from cdrj_ros.robot.urdf import ROOT, held_joints, joints_of, urdf_element
 ASSUMED: Final = {
     "axial_stiffness": "assumed: EA [N], measure it by hanging a weight on the cable",
     "preload": "assumed: tension [N] at rest in the reference pose",
+    "rest_length": "assumed: length [m] without tension",
     "mu_c": "assumed: Coulomb coefficient of the cable on what it touches",
 }
 """Comments on keys that models of other programs do not have."""
@@ -70,10 +71,12 @@ def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
     """
     head = (
         f"Imported from {printable(source)} by import_robot.  Values marked as assumed are",
-        "not in the model.  The drums are assumed: their radii and the sign of winding, and",
-        "the names of the motors; a cable leaves its drum at the tendon's first site.",
+        "not in the model, and listed under assumed; take those that you replace off the list.",
+        "Drums are assumed: their radii and the sign of winding; a cable leaves its drum at the",
+        "tendon's first site.",
     )
-    cables = [line for cable in document["cables"] for line in _cable(cable)]
+    assumed = document.get("assumed", ())
+    cables = [line for cable in document["cables"] for line in _cable(cable, assumed)]
     return "\n".join([*_beginning(document, remarks, head), "cables:", *cables]) + "\n"
 
 
@@ -87,19 +90,25 @@ def _beginning(document: Document, remarks: Sequence[str], head: Sequence[str]) 
         listed = isinstance(entries, list) and entries
         yield f"\n{key}:" if listed else f"\n{key}: {yaml_flow(entries)}"
         yield from (f"  - {yaml_flow(entry)}" for entry in entries if listed)
+    if "assumed" in document:
+        yield f"\nassumed: {yaml_flow(document['assumed'])}"
     yield "\nfriction:"
-    yield from (_assumed(key, value, "  ") for key, value in document["friction"].items())
+    yield from (_marked(key, value, "  ") for key, value in document["friction"].items())
     yield ""
 
 
-def _cable(cable: Document) -> Iterator[str]:
+def _cable(cable: Document, assumed: Collection[str]) -> Iterator[str]:
     yield f"  - name: {cable['name']}"
-    yield from (_assumed(key, cable[key], "    ") for key in ("axial_stiffness", "preload"))
+    for key in ("axial_stiffness", "preload", "rest_length"):
+        if key in cable:
+            marked = f"cables.{cable['name']}.{key}" in assumed
+            line = _marked(key, cable[key], "    ")
+            yield line if marked else line.partition("  #")[0]
     yield "    nodes:"
     yield from (f"      - {yaml_flow(node)}" for node in cable["nodes"])
 
 
-def _assumed(key: str, value: float, indent: str) -> str:
+def _marked(key: str, value: float, indent: str) -> str:
     return f"{indent}{key}: {yaml_flow(value)}  # {ASSUMED[key]}"
 
 

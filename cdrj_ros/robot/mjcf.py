@@ -20,6 +20,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+import numpy as np
+
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.files import InputError, parse_xml, read_regular
 from cdrj_ros.foundation.output import printable
@@ -39,6 +41,9 @@ TIME_S: Final = 15.0
 
 LARGEST_RESULT: Final = 8_000_000
 """Largest accepted size of what is converted, as JSON [bytes]; a robot file has 1e6 at most."""
+
+FARTHEST_M: Final = 1e6
+"""Maximum coordinate or size that is read [m]."""
 
 FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
 """Attributes of ``compiler`` that name folders of files."""
@@ -156,6 +161,23 @@ def _files(root: Any) -> Iterator[tuple[bool, str]]:
                 yield element.tag in ("include", "model"), name
 
 
+def _check_numbers(model: Any, name: str) -> None:
+    """Raise UsageError if a position or size is not finite, or too large for a robot file."""
+    for what, one, values in (
+        ("body", model.body, model.body_pos),
+        ("joint", model.jnt, model.jnt_pos),
+        ("site", model.site, model.site_pos),
+        ("geom", model.geom, np.hstack([model.geom_pos, model.geom_size])),
+    ):
+        wrong = ~(np.abs(values) <= FARTHEST_M).all(axis=1)
+        if wrong.any():
+            k = int(np.flatnonzero(wrong)[0])
+            raise UsageError(
+                f"{printable(name)}: position or size of {what} {printable(one(k).name)!r} "
+                f"must be finite and at most {FARTHEST_M:g} m, got {values[k].tolist()}"
+            )
+
+
 def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> dict[str, Any]:
     """What ``read_mjcf`` returns, or its error, as plain values."""
     try:
@@ -167,7 +189,9 @@ def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> d
         spec = mujoco.MjSpec.from_file(path)
         # Memory for contacts and constraints in motion, of which no use is made: the least.
         spec.memory = spec.njmax = spec.nconmax = -1
-        return asdict(convert(mujoco, spec.compile(), name, tendons))
+        model = spec.compile()
+        _check_numbers(model, name)
+        return asdict(convert(mujoco, model, name, tendons))
     except CdrjError as error:
         return {"error": str(error)}
     except MemoryError:

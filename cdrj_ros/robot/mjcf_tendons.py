@@ -15,6 +15,14 @@ import numpy as np
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.mjcf_drives import (
+    following_joints,
+    other_actuators,
+    other_constraints,
+    rest_length_of,
+    stiffness_of,
+    tendon_actuators,
+)
 
 STIFFNESS: Final = 10_000.0
 """Assumed EA of a tendon without stiffness [N]."""
@@ -27,9 +35,6 @@ DRUM: Final = 0.01
 
 NAMED: Final = 3
 """Number of names that differ from the model's of which a remark tells both."""
-
-FARTHEST_M: Final = 1e6
-"""Maximum coordinate or size that is read [m]."""
 
 
 @dataclass(frozen=True)
@@ -53,27 +58,9 @@ def convert(
         tendons: names of those that become cables; None for all.
 
     Raises:
-        UsageError: none of the tendons can be represented, or a number cannot.
+        UsageError: none of the tendons can be represented.
     """
-    _check_numbers(model, name)
     return _Import(mujoco, model, name).run(tendons)
-
-
-def _check_numbers(model: Any, name: str) -> None:
-    """Raise UsageError if a position or size is not finite, or too large for a robot file."""
-    for what, one, values in (
-        ("body", model.body, model.body_pos),
-        ("joint", model.jnt, model.jnt_pos),
-        ("site", model.site, model.site_pos),
-        ("geom", model.geom, np.hstack([model.geom_pos, model.geom_size])),
-    ):
-        wrong = ~(np.abs(values) <= FARTHEST_M).all(axis=1)
-        if wrong.any():
-            k = int(np.flatnonzero(wrong)[0])
-            raise UsageError(
-                f"{printable(name)}: position or size of {what} {printable(one(k).name)!r} "
-                f"must be finite and at most {FARTHEST_M:g} m, got {_numbers(values[k])}"
-            )
 
 
 def _numbers(values: Any) -> list[float]:
@@ -91,24 +78,29 @@ class _Import:
         self._bodies: dict[int, tuple[str, Any]] = {0: ("base", np.zeros(3))}
         """Frame of every body, and the body's origin in it [m]."""
         self._joints: list[int] = []
+        self._following = following_joints(model, mujoco)
+        self._actuators = tendon_actuators(model, mujoco)
+        self._motors: dict[int, str] = {}
+        """Names of motors by the tendon that they pull."""
+        self._assumed = ["friction.mu_c"]
         self._taken: dict[str, int] = {"base": 1}
 
     def run(self, wanted: Sequence[str] | None) -> Imported:
         """Convert all wanted tendons; remarks name those that cannot be represented."""
         cables: list[Document] = []
-        motors: list[Document] = []
         for tendon in self._tendons(wanted):
             for name, path, divisor in self._branches(tendon):
                 nodes = self._nodes(name, path)
                 if nodes is None:
                     continue
-                motor = self._name(f"{name}_motor")
-                motors.append({"name": motor})
-                nodes[0] = {
-                    "type": "winch", "motor": motor, "winding": 1, "radius": DRUM, **nodes[0],
-                }  # fmt: skip
+                motor = self._motor(tendon, name)
+                begin: Document = {"type": "anchor"}
+                if motor:
+                    begin = {"type": "winch", "motor": motor, "winding": 1, "radius": DRUM}
+                    self._assumed.append(f"cables.{name}.nodes.1.radius")
+                nodes[0] = {**begin, **nodes[0]}
                 nodes[-1] = {"type": "anchor", **nodes[-1]}
-                cables.append(self._cable(tendon, name, nodes))
+                cables.append(self._cable(tendon, name, nodes, passive=not motor))
                 if divisor != 1.0:
                     self._remarks.append(
                         f"{name}: MuJoCo divides the length of this branch by {divisor:g}; here "
@@ -121,11 +113,12 @@ class _Import:
             )
         document = {
             "name": self._name(Path(self._title).stem),
-            "motors": motors,
-            "joints": [self._joint(j) for j in self._joints],
+            "motors": [{"name": name} for name in dict.fromkeys(self._motors.values())],
+            "joints": self._all_joints(),
             "frames": self._frames,
             "friction": {"mu_c": 0.1},
             "cables": cables,
+            "assumed": self._assumed,
         }
         self._remark_on_the_rest()
         return Imported(document, self._remarks)
@@ -309,17 +302,52 @@ class _Import:
             carrier = name
         self._bodies[body] = (carrier, -at)
 
+    def _motor(self, tendon: int, name: str) -> str:
+        """Name of the motor that pulls a tendon; empty for a passive cable."""
+        if tendon not in self._motors:
+            actuators = self._actuators.get(tendon, [])
+            if actuators:
+                names = [self._label("ACTUATOR", one) for one in actuators]
+                self._motors[tendon] = self._name(names[0])
+                if names[1:]:
+                    self._remarks.append(
+                        f"{name} is pulled by {', '.join(names)}: the first one turns its drum"
+                    )
+            elif self._model.nu or rest_length_of(self._model, tendon) > 0.0:
+                return ""
+            else:
+                self._motors[tendon] = self._name(f"{name}_motor")
+                self._remarks.append(f"the model has no actuators: the motor of {name} is assumed")
+        return self._motors[tendon]
+
+    def _all_joints(self) -> list[Document]:
+        """Joints that move frames, and those that they follow."""
+        leaders = [one.leader for j in self._joints if (one := self._following.get(j))]
+        moving = dict.fromkeys([*self._joints, *leaders])
+        others = [j for j, one in self._following.items() if one.leader in moving]
+        found = []
+        for joint in dict.fromkeys([*moving, *others]):
+            own = self._joint(joint)
+            if one := self._following.get(joint):
+                coupled = {self._joint_name(one.leader): one.share}
+                own = {"name": own["name"], "coupled": coupled, "offset": one.offset}
+            found.append(own)
+        return found
+
+    def _joint_name(self, joint: int) -> str:
+        name = re.sub(r"[^A-Za-z0-9_]", "_", self._label("JOINT", joint))
+        return name if name[:1].isalpha() else f"m_{name}"
+
     def _joint(self, joint: int) -> Document:
         model, label = self._model, self._label("JOINT", joint)
         slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
         span = _numbers(model.jnt_range[joint])
-        if not model.jnt_limited[joint]:
+        if not model.jnt_limited[joint] and joint not in self._following:
             span = [-1.0, 1.0] if slides else [-pi, pi]
             self._remarks.append(
                 f"the range of {label} is assumed: {span[0]:g} to {span[1]:g}, for it has no limits"
             )
-        name = re.sub(r"[^A-Za-z0-9_]", "_", label)
-        name = name if name[:1].isalpha() else f"m_{name}"
+        name = self._joint_name(joint)
         if name != label:
             self._renamed.append(f"{printable(label)} is {name}")
         for frame in self._frames:
@@ -332,17 +360,27 @@ class _Import:
             "reference_angle": min(max(reference, span[0]), span[1]),
         }
 
-    def _cable(self, tendon: int, name: str, nodes: list[Document]) -> Document:
-        stiffness = float(np.ravel(self._model.tendon_stiffness[tendon])[0])
-        cable: Document = {"name": name}
-        if stiffness > 0.0:
-            cable["axial_stiffness"] = stiffness * float(self._model.tendon_length0[tendon])
+    def _cable(self, tendon: int, name: str, nodes: list[Document], *, passive: bool) -> Document:
+        stiffness, rest = stiffness_of(self._model, tendon), rest_length_of(self._model, tendon)
+        cable: Document = {"name": name, "axial_stiffness": STIFFNESS}
+        if passive and stiffness > 0.0 and rest > 0.0:
+            cable["axial_stiffness"] = stiffness * rest
             self._remarks.append(
-                f"EA of {name} is its stiffness {stiffness:g} N/m times its length at qpos0"
+                f"{name} is a passive cable: EA is its stiffness {stiffness:g} N/m times its "
+                f"length without tension, {rest:g} m; it is slack below, and not damped"
             )
         else:
-            cable["axial_stiffness"] = STIFFNESS
-        cable["preload"] = PRELOAD
+            self._assumed.append(f"cables.{name}.axial_stiffness")
+            if stiffness > 0.0:
+                self._remarks.append(
+                    f"the stiffness {stiffness:g} N/m of {name} is that of a spring and not of its "
+                    "cable: it is not carried over"
+                )
+        if passive and rest > 0.0:
+            cable["rest_length"] = rest
+        else:
+            cable["preload"] = PRELOAD
+            self._assumed.append(f"cables.{name}.preload")
         cable["nodes"] = nodes
         return cable
 
@@ -354,11 +392,8 @@ class _Import:
                 f"names have letters, digits and _ only: {', '.join(self._renamed[:NAMED])}"
                 + (f", and {more} more with _ in the same way" if more > 0 else "")
             )
-        if model.neq:
-            self._remarks.append(
-                f"{model.neq} equality constraints are not carried over: a coupled joint needs the "
-                "multiplier of its frame"
-            )
+        self._remarks += other_constraints(model, self._mujoco, self._label)
+        self._remarks += other_actuators(model, self._mujoco, self._label)
         loss = [
             self._label("TENDON", k)
             for k in range(model.ntendon)

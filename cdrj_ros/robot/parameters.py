@@ -32,7 +32,7 @@ from cdrj_ros.robot.document import schema
 
 Keys = tuple[str | int, ...]
 
-NOT_PARAMETERS: Final = ("uncertainty", "residual", "identified", "parts")
+NOT_PARAMETERS: Final = ("uncertainty", "residual", "identified", "parts", "assumed")
 """Keys of the file that hold results instead of parameters."""
 
 

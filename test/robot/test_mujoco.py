@@ -9,7 +9,11 @@ import pytest
 from support.page_lines import ROOT, loaded_tool
 
 from cdrj_ros.commands import import_robot
+from cdrj_ros.inspection.ranges import inspect_robot
+from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.robot.description import Anchor, Winch
+from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import load_robot
 
 pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
@@ -128,6 +132,114 @@ def test_lengths_and_moment_arms_are_those_of_mujoco(name: str, tmp_path: Path) 
     assert len(foreign) == (MODELS[name] is ARM)
 
 
+FINGER = """
+<mujoco model="finger">
+  <worldbody>
+    <body name="palm">
+      <geom size="0.02"/>
+      <site name="out" pos="0.03 0.012 0"/> <site name="back" pos="0.03 -0.012 0"/>
+      <body name="first" pos="0.05 0 0">
+        <joint name="mcp" axis="0 0 1" range="-10 80"/> <geom name="roll" type="cylinder" size="0.007 0.01"/>
+        <site name="p" pos="0.02 0.009 0"/> <site name="p_back" pos="0.02 -0.009 0"/>
+        <body name="second" pos="0.04 0 0">
+          <joint name="pip" axis="0 0 1" range="0 90" ref="5"/> <geom size="0.005"/>
+          <site name="m" pos="0.02 0.006 0"/>
+          <body name="third" pos="0.03 0 0">
+            <joint name="dip" axis="0 0.1 1" range="0 80" ref="-4"/> <geom size="0.005"/>
+            <site name="tip" pos="0.015 0.005 0.001"/>
+            <body name="nail" pos="0.02 0 0">
+              <joint name="end" axis="0 0 1"/> <geom size="0.002"/> <site name="last" pos="0.01 0.004 0"/>
+            </body>
+          </body>
+        </body>
+      </body>
+    </body>
+    <body name="slider" pos="0.3 0 0"><joint name="x" type="slide" axis="1 0 0" range="-0.01 0.01"/>
+      <geom size="0.01"/><site name="s"/></body>
+    <body name="loose" pos="0.5 0 0"><joint name="y" axis="1 0 0"/><geom size="0.01"/></body>
+  </worldbody>
+  <tendon>
+    <spatial name="flexor" stiffness="7"><site site="out"/><geom geom="roll"/><site site="p"/><site site="m"/>
+      <site site="tip"/><site site="last"/></spatial>
+    <spatial name="spring" stiffness="300" springlength="0.03"><site site="back"/><site site="p_back"/></spatial>
+    <spatial name="strap" stiffness="2000" springlength="0.26 0.275"><site site="out"/><site site="s"/></spatial>
+    <spatial name="leash" limited="true" range="0 0.29"><site site="back"/><site site="s"/></spatial>
+    <spatial name="cord"><site site="p"/><site site="s"/></spatial>
+  </tendon>
+  <equality>
+    <joint name="distal" joint1="dip" joint2="pip" polycoef="0.05 0.7 0 0 0"/>
+    <joint name="chained" joint1="end" joint2="dip" polycoef="0 0.5 0 0 0"/>
+    <joint name="curved" joint1="x" joint2="mcp" polycoef="0 0.001 0.001 0 0"/>
+    <weld name="glue" body1="loose" body2="slider"/>
+  </equality>
+  <actuator>
+    <position name="pull it" tendon="flexor" kp="10"/> <motor name="push" joint="x"/>
+  </actuator>
+</mujoco>
+"""  # noqa: E501
+
+
+def test_motors_springs_and_couplings_are_those_of_the_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = imported(FINGER, tmp_path)
+    robot = model.robot
+    assert [motor.name for motor in robot.motors] == ["pull_it"]
+    assert [joint.name for joint in robot.joints] == ["mcp", "pip", "x"]
+    flexor, spring, strap, leash, cord = robot.cables
+    assert isinstance(flexor.nodes[0], Winch)
+    for cable, rest in ((spring, 0.03), (strap, 0.275), (leash, 0.29), (cord, 0.0)):
+        assert isinstance(cable.nodes[0], Anchor)
+        assert cable.rest_length == rest
+    assert spring.axial_stiffness == pytest.approx(300.0 * 0.03)
+    assert strap.axial_stiffness == pytest.approx(2000.0 * 0.275)
+    assert set(robot.document["assumed"]) == {
+        "friction.mu_c", "cables.flexor.nodes.1.radius", "cables.flexor.axial_stiffness",
+        "cables.flexor.preload", "cables.leash.axial_stiffness", "cables.cord.axial_stiffness",
+        "cables.cord.preload",
+    }  # fmt: skip
+    for path in robot.document["assumed"]:
+        assert find_number(robot.document, path).given
+    said = capsys.readouterr().out
+    for remark in (
+        "the stiffness 7 N/m of flexor is that of a spring and not of its cable",
+        "equality constraint curved of joint x to mcp is no linear function of another joint",
+        "equality constraint glue holds loose and slider together: it is left out",
+        "push drives the joint x without a cable: it is not among the motors",
+    ):
+        assert remark in said
+    assert "distal" not in said
+    assert "assumed" in [one.where for one in find_suspicions(inspect_robot(model))]
+
+
+def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    path.write_text(FINGER)
+    found = COMPARING.compare(path, 300)
+    assert found.compared == found.tendons == 5
+    assert found.length <= 1e-9
+    assert found.arm <= 1e-7
+
+
+def test_a_spring_has_the_force_of_mujoco_and_is_slack_below_its_length(tmp_path: Path) -> None:
+    model = imported(FINGER, tmp_path)
+    mujoco = pytest.importorskip("mujoco")
+    mj = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    data = mujoco.MjData(mj)
+    for angles in np.random.default_rng(5).uniform([0, 0.1, -0.01], [1.2, 1.4, 0.01], (40, 3)):
+        data.qpos[:] = mj.qpos0
+        data.qpos[[0, 1, 4]] = angles
+        mujoco.mj_forward(mj, data)
+        shape = shape_at(model, angles)
+        for name, stiffness, rest in (("spring", 300.0, 0.03), ("strap", 2000.0, 0.275)):
+            c = [cable.name for cable in model.robot.cables].index(name)
+            length = float(shape.length[model.robot.parts[c]].sum())
+            cable = model.robot.cables[c]
+            own = cable.axial_stiffness * max(length / cable.rest_length - 1.0, 0.0)
+            pull = stiffness * max(float(data.ten_length[c]) - rest, 0.0)
+            assert own == pytest.approx(pull, abs=1e-9)
+
+
 def test_sides_of_random_points_choose_the_way_of_mujoco(tmp_path: Path) -> None:
     draw = np.random.default_rng(7)
     sites, tendons = [], []
@@ -222,13 +334,14 @@ def test_what_cannot_be_represented_is_named(
         "sum is a fixed tendon",
         "tossed is left out: it depends on the ball joint socket",
         "branched_2: MuJoCo divides the length of this branch by 2",
-        "EA of abcd is its stiffness 100 N/m times its length at qpos0",
+        "abcd is a passive cable: EA is its stiffness 100 N/m times its length without tension, ",
+        "the model has no actuators: the motor of branched_1 is assumed",
         "frictionloss of inner is not carried over",
         "names have letters, digits and _ only: shoulder pitch is shoulder_pitch",
     ):
         assert remark in said
     written = (tmp_path / "robot.yaml").read_text()
-    assert written.count("# assumed") == 11
+    assert written.count("# assumed") == 9
     assert "inside: true" in written
     assert "tossed is left out" in written
 

@@ -1,0 +1,129 @@
+"""Actuators, springs and couplings of a compiled MuJoCo model, as a robot file describes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+PULLEY: Final = 2
+"""MuJoCo's code of the beginning of a branch, ``mjWRAP_PULLEY``."""
+
+Label = Callable[[str, int], str]
+"""Name of an object of the model, from its kind in capitals and its index."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """A joint whose angle is a linear function of that of another one."""
+
+    leader: int
+    share: float
+    offset: float
+
+
+def following_joints(model: Any, mujoco: Any) -> dict[int, Following]:
+    """Joints that linear equality constraints couple to joints with angles of their own.
+
+    MuJoCo's polynomial is one of the changes since qpos0: q1 = q1_0 + a0 + a1 (q2 - q2_0).
+    """
+    zero = [float(model.qpos0[address]) for address in model.jnt_qposadr]
+    found: dict[int, Following] = {}
+    for k in np.flatnonzero(_linear(model, mujoco)).tolist():
+        joint, leader = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        first, slope = (float(value) for value in model.eq_data[k, :2])
+        if joint not in found:
+            found[joint] = Following(leader, slope, zero[joint] + first - slope * zero[leader])
+    for joint in [*found]:
+        seen = {joint}
+        while (one := found.get(joint)) and (other := found.get(one.leader)):
+            if one.leader in seen:  # a ring of joints, each of which follows the next one
+                del found[joint]
+                break
+            seen.add(one.leader)
+            found[joint] = Following(
+                other.leader, one.share * other.share, one.offset + one.share * other.offset
+            )
+    return found
+
+
+def _linear(model: Any, mujoco: Any) -> Any:
+    """Which constraints are active and couple one joint linearly to another."""
+    linear = model.eq_type == mujoco.mjtEq.mjEQ_JOINT
+    linear &= (model.eq_active0 != 0) & (model.eq_obj2id >= 0)
+    return linear & (model.eq_data[:, 2:5] == 0.0).all(axis=1) & (model.eq_data[:, 1] != 0.0)
+
+
+def other_constraints(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
+    """What is said of the equality constraints that are not carried over."""
+    kinds = mujoco.mjtEq
+    following = following_joints(model, mujoco)
+    taken: set[int] = set()
+    for k in range(model.neq):
+        kind, first, second = (
+            int(one[k]) for one in (model.eq_type, model.eq_obj1id, model.eq_obj2id)
+        )
+        if _linear(model, mujoco)[k] and first in following and first not in taken:
+            taken.add(first)
+            continue
+        if not model.eq_active0[k]:
+            what = "is not active"
+        elif kind == kinds.mjEQ_JOINT:
+            what = (
+                f"of joint {label('JOINT', first)}"
+                + (f" to {label('JOINT', second)}" if second >= 0 else "")
+                + " is no linear function of another joint: it stays a measured joint"
+            )
+        elif kind in (kinds.mjEQ_WELD, kinds.mjEQ_CONNECT):
+            sites = int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE)
+            bodies = [int(model.site_bodyid[one]) if sites else one for one in (first, second)]
+            names = " and ".join(label("BODY", one) for one in bodies)
+            what = f"holds {names} together: it is left out, and arms count as if both moved freely"
+        else:
+            what = "is not between joints or bodies"
+        yield f"equality constraint {label('EQUALITY', k)} {what}"
+
+
+def tendon_actuators(model: Any, mujoco: Any) -> dict[int, list[int]]:
+    """Actuators by the tendon that they pull."""
+    found: dict[int, list[int]] = {}
+    for k in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON).tolist():
+        found.setdefault(int(model.actuator_trnid[k, 0]), []).append(k)
+    return found
+
+
+def other_actuators(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
+    """What is said of the actuators that pull no tendon."""
+    kinds = mujoco.mjtTrn
+    for k in range(model.nu):
+        kind, target = int(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
+        name = label("ACTUATOR", k)
+        if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+            yield (
+                f"{name} drives the joint {label('JOINT', target)} without a cable: it is not "
+                "among the motors, and the joint is measured"
+            )
+        elif kind != kinds.mjTRN_TENDON:
+            yield f"{name} drives neither a joint nor a tendon: it is left out"
+
+
+def rest_length_of(model: Any, tendon: int) -> float:
+    """Length above which a tendon pulls without an actuator [m]; 0 where it never does.
+
+    It is the upper end of the slack range of its spring, or of the range of its length.  Branches
+    have none, for MuJoCo gives one length to all of them.
+    """
+    first = int(model.tendon_adr[tendon])
+    steps = model.wrap_type[first : first + int(model.tendon_num[tendon])]
+    if (steps == PULLEY).any():
+        return 0.0
+    if stiffness_of(model, tendon) > 0.0:
+        return float(np.ravel(model.tendon_lengthspring[tendon])[-1])
+    return float(model.tendon_range[tendon, 1]) if model.tendon_limited[tendon] else 0.0
+
+
+def stiffness_of(model: Any, tendon: int) -> float:
+    """Stiffness of a tendon's spring [N/m]; its linear part."""
+    return float(np.ravel(model.tendon_stiffness[tendon])[0])
