@@ -131,8 +131,13 @@ def print_results(
     errors: Errors,
     title: str,
     limit_check: LimitCheck | None = None,
+    *,
+    every: bool = True,
 ) -> None:
-    """Print notes, counters and the table, then the names of the files; arguments as above."""
+    """Print notes, counters and the table, then the names of the files; arguments as above.
+
+    With ``every`` all channels are printed, even where they are more than a screen holds.
+    """
     from cdrj_ros.report.table import health_of, print_errors, print_limits
 
     for bag in errors.bags:
@@ -144,7 +149,7 @@ def print_results(
             elif count:
                 words = cause.replace("_", " ")
                 say(f"readings: {bag.path}: {count} {words} (docs/conditioning.md)")
-    print_errors(errors.pooled, title=title)
+    print_errors(errors.pooled, title=title, every=every)
     for line in (line for bag in errors.bags for line in health_of(bag)):
         say(line)
     if limit_check:

@@ -80,6 +80,10 @@ def _parser() -> argparse.ArgumentParser:
         "(default: one per processor, but a single one for less than 16 MB of bags)",
     )  # fmt: skip
     parser.add_argument(
+        "--all", action="store_true",
+        help="print all channels, even where they are more than a screen holds",
+    )  # fmt: skip
+    parser.add_argument(
         "--limits", metavar="FILE",
         help="limits of the figures (YAML, docs/recordings.md); exit code 1 if a figure is outside",
     )  # fmt: skip
@@ -193,7 +197,7 @@ def _body(argv: Sequence[str]) -> int:
     limit_check = check_limits(limits, errors) if limits else None
     title = f"{model.robot.name}: estimate against reference"
     write_files(arguments, model, errors, title, limit_check)
-    print_results(arguments, errors, title, limit_check)
+    print_results(arguments, errors, title, limit_check, every=arguments.all)
     for task in tasks:
         if task.written and task.path not in {one.name for one in failed}:
             say(f"bag: {task.written} (estimates on {', '.join(task.outputs)})")

@@ -9,6 +9,7 @@ Importing this module imports matplotlib, which is slow; import it where picture
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence, Set
+from itertools import accumulate
 from math import degrees, pi
 from typing import Any, Final
 
@@ -25,12 +26,13 @@ from cdrj_ros.inspection.ranges import Inspection
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.scene import LONG_SPAN, Body, Scene, by_cable, inner_size, middle_of, scene_of
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.groups import connected_cables
 
 CABLE_COLOURS: Final = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5e4fa2", "#7f7f7f",
 )  # fmt: skip
 """Colours of cables after Okabe and Ito, distinguishable for colour-blind readers; they repeat if
-there are more cables."""
+there are more."""
 
 INK: Final = "#1c1c1a"
 MUTED: Final = "#62625d"
@@ -57,7 +59,8 @@ MOST_JOINTS: Final = 6
 """Largest number of joints for which the ends of the range are drawn."""
 
 MOST_CABLES: Final = 20
-"""Largest number of cables whose names and elements are written."""
+"""Largest number of cables that have colours of their own, and whose elements are numbered; of more
+cables, those that depend on each other have one colour."""
 
 CIRCLE_POINTS: Final = 49
 """Points of a drawn circle, the first one twice."""
@@ -115,9 +118,27 @@ def write_png(figure: Figure, path: str) -> None:
         figure.savefig(stream, format="png", dpi=144.0)
 
 
-def cable_colour(index: int) -> str:
-    """Colour of the cable with this index in the robot."""
-    return CABLE_COLOURS[index % len(CABLE_COLOURS)]
+def coloured(robot: Robot) -> list[tuple[str, Sequence[int]]]:
+    """Name and cables of everything that has a colour: a cable, or a part such as a finger."""
+    if len(robot.cables) <= MOST_CABLES:
+        return [(cable.name, (c,)) for c, cable in enumerate(robot.cables)]
+    return [(_common_name(robot, group), group) for group in connected_cables(robot, branches=True)]
+
+
+def _common_name(robot: Robot, group: Sequence[int]) -> str:
+    """What the names of some cables have in common, or the names themselves."""
+    names = [robot.cables[c].name for c in group]
+    shared = [one for one in accumulate(names[0]) if all(name.startswith(one) for name in names)]
+    return shared[-1].rstrip("_") if shared else ", ".join(names)
+
+
+def _colours(robot: Robot) -> list[str]:
+    """Colour of every cable."""
+    colours = [""] * len(robot.cables)
+    for k, (_, group) in enumerate(coloured(robot)):
+        for c in group:
+            colours[c] = CABLE_COLOURS[k % len(CABLE_COLOURS)]
+    return colours
 
 
 def _end_poses(robot: Robot) -> Iterator[Vector]:
@@ -150,6 +171,7 @@ def _draw_view(
 ) -> None:  # fmt: skip
     """Draw all poses, the reference pose last and on top."""
     across, up, *directions, title = view
+    colours = _colours(robot)
     projection = np.array(directions).T
     for scene in scenes[::-1]:
         bold = scene is scenes[0]
@@ -158,18 +180,18 @@ def _draw_view(
         for c, (paths, bodies) in enumerate(by_cable(robot, scene)):
             if bold:
                 shown = bodies[(c, 0) in cut : len(bodies) - ((c, -1) in cut)]
-                _draw_bodies(axes, shown, projection, cable_colour(c))
+                _draw_bodies(axes, shown, projection, colours[c])
             for end in (0, -1):
                 if (c, end) in cut:
                     paths[end] = _cut_off(paths[end], end, room)
             for e, path in enumerate(paths):
                 line = path @ projection
                 axes.plot(
-                    *line.T, color=cable_colour(c), linewidth=1.9 if bold else 1.0, alpha=alpha,
+                    *line.T, color=colours[c], linewidth=1.9 if bold else 1.0, alpha=alpha,
                     zorder=4 if bold else 3,
                 )  # fmt: skip
                 if bold and len(robot.cables) <= MOST_CABLES:
-                    _number(axes, line, str(e + 1), cable_colour(c))
+                    _number(axes, line, str(e + 1), colours[c])
     axes.set_aspect("equal", adjustable="datalim")
     axes.spines[["right", "top"]].set_visible(False)
     axes.tick_params(labelsize=FONT_SIZE - 2, labelcolor=MUTED)
@@ -244,10 +266,10 @@ def _number(axes: Axes, line: Points, number: str, colour: str) -> None:
 
 
 def _legend(robot: Robot) -> list[Line2D]:
+    colours = _colours(robot)
     handles = [
-        Line2D([], [], color=cable_colour(c), linewidth=2.2, label=printable(cable.name))
-        for c, cable in enumerate(robot.cables)
-        if len(robot.cables) <= MOST_CABLES
+        Line2D([], [], color=colours[group[0]], linewidth=2.2, label=printable(name))
+        for name, group in coloured(robot)
     ]
     handles.append(Line2D([], [], color=INK, linewidth=1.0, label="winch"))
     handles.append(Line2D([], [], color=MUTED, linewidth=1.0, label="pulley or body"))
@@ -264,7 +286,9 @@ def _ranges(robot: Robot) -> str:
         else f"{joint.name} {degrees(joint.lower):.4g} to {degrees(joint.upper):.4g}°"
         for joint in robot.joints[:MOST_JOINTS]
     ]
-    return f"; faded: {', '.join(ranges)}" if ranges else ""
+    count = len(robot.joints)
+    some = f", the first {len(ranges)} of {count} joints" if count > len(ranges) else ""
+    return f"; faded: {', '.join(ranges)}{some}" if ranges else ""
 
 
 def outlines(body: Body) -> list[Points]:

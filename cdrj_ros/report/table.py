@@ -24,6 +24,7 @@ from cdrj_ros.foundation.output import (
     say,
     scale_for,
 )
+from cdrj_ros.model.packing import TENSION
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -81,6 +82,12 @@ def plain(table: Table) -> str:
         console.print(table)
     return "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
 
+
+MOST_ROWS: Final = 45
+"""Number of channels that fit on one screen."""
+
+WORST: Final = 5
+"""Channels of a quantity other than tension that are printed where all are too many."""
 
 SMALL_ERROR: Final = 0.02
 """Mean relative error that is small [-]."""
@@ -168,8 +175,38 @@ def table_groups(errors: Mapping[str, ChannelError]) -> tuple[Group, ...]:
     return tuple(groups)
 
 
-def errors_table(errors: Mapping[str, ChannelError], *, title: str = "") -> Table:
-    """The figures as a table, one line per channel, grouped by quantity."""
+def worst_channels(errors: Mapping[str, ChannelError]) -> list[str]:
+    """The worst element of every cable, and the ``WORST`` worst channels of other quantities.
+
+    Elements are compared by their mean relative error, others by their RMSE; the worst is first.
+    """
+    found: list[str] = []
+    for quantity in QUANTITIES:
+        figure = "mean_relative_error" if quantity == TENSION else "rmse"
+        own = {
+            name: getattr(error, figure) or 0.0
+            for name, error in errors.items()
+            if quantity_of(name) == quantity
+        }
+        worst = sorted(own, key=own.__getitem__, reverse=True)
+        if quantity == TENSION:
+            cables = dict.fromkeys(name.rpartition("/")[0] for name in worst)
+            found += [next(n for n in worst if n.rpartition("/")[0] == one) for one in cables]
+        else:
+            found += worst[:WORST]
+    return found
+
+
+def errors_table(
+    errors: Mapping[str, ChannelError], *, title: str = "", shown: Sequence[str] | None = None
+) -> Table:
+    """The figures as a table, one line per channel, grouped by quantity.
+
+    Args:
+        errors: by channel name.
+        title: line above the table.
+        shown: names of the channels with a line, in their order; None: all.
+    """
     from rich.text import Text
 
     table = new_table(title)
@@ -178,8 +215,10 @@ def errors_table(errors: Mapping[str, ChannelError], *, title: str = "") -> Tabl
         table.add_column(heading, justify="right", no_wrap=True)
     for group in table_groups(errors):
         table.add_row(Text(group.title, style="bold"))
-        for row in group.rows:
-            table.add_row(*_columns(row))
+        rows = {row.name: row for row in group.rows}
+        for name in rows if shown is None else shown:
+            if name in rows:
+                table.add_row(*_columns(rows[name]))
         if group.summary is not None:
             table.add_row(*_columns(group.summary), style="bold")
         table.add_section()
@@ -198,14 +237,24 @@ def r2_remark(errors: Mapping[str, ChannelError]) -> str:
     return ""
 
 
-def print_errors(errors: Mapping[str, ChannelError], *, title: str = "") -> None:
+def print_errors(
+    errors: Mapping[str, ChannelError], *, title: str = "", every: bool = True
+) -> None:
     """Print the figures.
 
     Args:
         errors: by channel name.
         title: line above the table.
+        every: whether all channels are printed, even if they are more than ``MOST_ROWS``.
     """
-    print_table(errors_table(errors, title=title))
+    brief = not every and len(errors) > MOST_ROWS
+    shown = worst_channels(errors) if brief else None
+    print_table(errors_table(errors, title=title, shown=shown))
+    if brief:
+        say(
+            f"the worst element of every cable, and the {WORST} worst of other quantities; --all "
+            f"prints all {len(errors)} channels"
+        )
     if remark := r2_remark(errors):
         say(remark)
 

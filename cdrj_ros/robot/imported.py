@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 from math import isfinite, pi
 from pathlib import Path
 from typing import Final
@@ -55,10 +56,38 @@ def import_mjcf(
         RobotFileError: the result would be no possible robot.
     """
     imported = read_mjcf(path, tendons)
-    text = robot_text(imported.document, imported.remarks, Path(path).name)
+    remarks = [*said_once(imported.remarks), *_prefix_offered(imported.document)]
+    text = robot_text(imported.document, remarks, Path(path).name)
     parse_robot(text, str(out))
     write_text(out, text)
-    return tuple(imported.remarks)
+    return tuple(remarks)
+
+
+def said_once(remarks: Iterable[str]) -> list[str]:
+    """Remarks that differ in the name at their beginning alone, joined to one with all names."""
+    names: dict[str, list[str]] = {}
+    for remark in remarks:
+        name, _, rest = remark.partition(" ")
+        own = names.setdefault(rest if name.endswith(":") else f" {rest}", [])
+        own += [name.rstrip(":")]
+    return [
+        f"{', '.join(own)}: {rest}" if not rest.startswith(" ")
+        else f"{'each of ' if len(own) > 1 else ''}{', '.join(own)}{rest}"
+        for rest, own in names.items()
+    ]  # fmt: skip
+
+
+def _prefix_offered(document: Document) -> Iterator[str]:
+    """That ``prefix`` may stand for what the names of all motors and joints begin with."""
+    names = [entry["name"] for kind in ("motors", "joints") for entry in document[kind]]
+    begins = accumulate(names[0]) if len(names) > 1 else ()
+    shared = [one for one in begins if all(name.startswith(one) for name in names)]
+    ends = [one for one in shared if one[-1] in "_/" and one not in names]
+    if ends:
+        yield (
+            f"the names of all motors and joints begin with {ends[-1]}: prefix: {ends[-1]} says it "
+            "once, and another prefix makes the file one of another robot"
+        )
 
 
 def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
@@ -209,12 +238,14 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
     )
     links = [one.child for one in joints if one.name not in driven]
     links = links if joints and not joints[0].name else [ROOT, *links]
-    more = ", ..." if len(links) > MOST_LINKS else ""
+    left = len(links) - MOST_LINKS
+    more = f", and {left} more links of the URDF" if left > 0 else ""
     cables = (
         "cables: []",
         "# One entry for each, in place of [], as in docs/tutorial.md, with nodes on the links",
         f"# {printable(', '.join(links[:MOST_LINKS]))}{more}",
     )
+    remarks = [*said_once(remarks), *_prefix_offered(document)]
     write_text(out, "\n".join([*_beginning(document, remarks, head), *cables]) + "\n")
     return tuple(remarks)
 

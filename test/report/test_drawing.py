@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from support.places import ROBOTS
 
 from cdrj_ros.inspection.ranges import inspect_robot
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.report.drawing import draw_robot, write_png
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -73,6 +73,20 @@ def test_a_robot_is_drawn_with_its_names_and_numbers(name: str, tmp_path: Path) 
 def test_a_robot_of_both_kinds_shows_both() -> None:
     figure = draw_robot(inspect_robot(prepare(parse_robot(MIXED))))
     assert {"by_spans", "by_positions"} <= set(texts(figure))
+
+
+def test_many_cables_have_the_colours_and_the_legend_of_their_parts() -> None:
+    figure = draw_robot(inspect_robot(load_model("hand")))
+    (legend,) = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert {"index", "middle", "ring", "little", "thumb"} <= set(labels)
+    assert len(labels) < 14
+    named = {text.get_text(): line.get_color() for text, line in zip(
+        legend.get_texts(), legend.get_lines(), strict=True)}  # fmt: skip
+    assert len({named[name] for name in ("index", "middle", "ring", "little", "thumb")}) == 5
+    drawn = [line.get_color() for line in figure.axes[0].lines if line.get_linewidth() == 1.9]
+    assert drawn.count(named["index"]) == 18, "three elements of six cables"
+    assert "the first 6 of 17 joints" in figure.get_suptitle()
 
 
 def test_the_drums_at_ends_that_are_cut_off_do_not_widen_the_picture() -> None:

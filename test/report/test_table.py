@@ -73,3 +73,30 @@ def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
     monkeypatch.setattr("sys.stdout", narrow)
     print_errors(ERRORS)
     assert narrow.getvalue() == plain(errors_table(ERRORS))
+
+
+def test_many_channels_are_shown_by_the_worst_element_of_every_cable(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    relative = {
+        f"tension/c{c}/{e}": 0.01 * ((7 * c + 3 * e) % 20) for c in range(20) for e in (1, 2)
+    }
+    many = {name: ChannelError(5, 0.1, value, 0.2, 0.5, 0.9) for name, value in relative.items()}
+    many |= {f"effort/m{k}": ChannelError(5, 0.1, 0.1, 0.01 * k, 0.5, 0.9) for k in range(9)}
+    print_errors(many, every=False)
+    lines = capsys.readouterr().out.splitlines()
+    shown = [name for line in lines if "/" in (name := line.split()[0])]
+    worst = [
+        max((f"c{c}/{e}" for e in (1, 2)), key=lambda name: relative[f"tension/{name}"])
+        for c in range(20)
+    ]
+    assert sorted(shown) == sorted(worst)
+    errors = [relative[f"tension/{name}"] for name in shown]
+    assert errors == sorted(errors, reverse=True)
+    assert [line.split()[0] for line in lines if line.startswith("  m")] == [
+        "m8", "m7", "m6", "m5", "m4",
+    ]  # fmt: skip
+    assert "all elements" in "".join(lines)
+    assert "--all prints all 49 channels" in "".join(lines)
+    print_errors(many)
+    assert len(capsys.readouterr().out.splitlines()) > len(many)

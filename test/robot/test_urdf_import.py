@@ -13,6 +13,7 @@ from cdrj_ros.commands import import_robot
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.imported import said_once
 from cdrj_ros.robot.mjcf import load_mujoco
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -233,8 +234,8 @@ def test_floating_and_planar_joints_are_held_and_named(
 ) -> None:
     imported_document(LINKED, tmp_path)
     said = capsys.readouterr().out
-    for name in ("float", "table"):
-        assert f"{name} is a floating or planar joint: it is held at its place in the model" in said
+    held = "is a floating or planar joint: it is held at its place in the model"
+    assert f"each of float, table {held}" in said
 
 
 UNREADABLE = {
@@ -262,3 +263,20 @@ def test_a_model_that_cannot_be_begun_names_what_to_do(
     said = capsys.readouterr().err
     assert message in said
     assert said.count("\n") == 1
+
+
+def test_remarks_of_one_kind_are_said_once_with_all_names() -> None:
+    remarks = ["a is left out: b", "c is left out: b", "d: doubled", "e: doubled", "one more"]
+    assert said_once(remarks) == ["each of a, c is left out: b", "d, e: doubled", "one more"]
+
+
+def test_a_prefix_that_all_names_share_is_offered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = URDF
+    for name in ("winch/1", "m1", "m2", "shoulder", "el-bow", "claw"):
+        text = text.replace(f'"{name}"', f'"left_{name}"')
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    out = str(tmp_path / "arm.yaml")
+    assert import_robot.main([str(tmp_path / "arm.urdf"), "--out", out]) == 0
+    assert "begin with left_: prefix: left_ says it once" in capsys.readouterr().out
