@@ -104,6 +104,11 @@ def status_words(status: int) -> tuple[tuple[str, str], ...]:
     return known or ((f"FLAG {status}", "yellow"),)
 
 
+def severity(status: int) -> int:
+    """Place of the most severe flag in ``STATUS``, beyond the last one where there is none."""
+    return next((k for k, (flag, *_) in enumerate(STATUS) if status & flag), len(STATUS))
+
+
 def status_counts(lines: Iterable[Line]) -> dict[str, list[str]]:
     """Names of the entries by status word, in the order of ``STATUS``, with OK last."""
     found: dict[str, list[str]] = {word: [] for _, word, _ in STATUS}

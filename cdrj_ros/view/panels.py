@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.live_table import SIGMAS, round_scale, status_words
+from cdrj_ros.report.live_table import SIGMAS, round_scale, severity, status_words
 from cdrj_ros.report.scene import Colour
 from cdrj_ros.view.history import Curves, Snapshot
 from cdrj_ros.view.picture import DrawnCable, Picture
@@ -35,6 +35,9 @@ POINTS: Final = 900
 
 SETTLED_S: Final = 2.0
 """Time after which a browser has laid out a plot that has appeared [s]."""
+
+MOST_LINES: Final = 40
+"""Elements that the table shows on one screen."""
 
 MARGIN: Final = 0.08
 """Space above and below the curves, as a share of their range."""
@@ -317,6 +320,9 @@ def css(colour: Colour) -> str:
 def table_of(model: Model, shown: Snapshot, picture: Picture, chosen: str) -> str:
     """Name, bar up to the limit, tension ± 2σ and status of every element.
 
+    Of more than ``MOST_LINES`` elements, the worst of every cable is shown, and all of the chosen
+    element's cable; cables are sorted by the severity of their status, which changes rarely.
+
     Args:
         model: the prepared robot.
         shown: the values.
@@ -328,14 +334,30 @@ def table_of(model: Model, shown: Snapshot, picture: Picture, chosen: str) -> st
         cable.maximum_tension if np.isfinite(cable.maximum_tension) else round_scale(float(largest))
         for cable in model.robot.cables
     ]
+    limit = model.robot.per_element(limits)
+    looks = picture.cables
+    names = [look.name for look in looks]
     rows = [
-        _row(look, shown, e, limit, look.name == chosen)
-        for e, (look, limit) in enumerate(
-            zip(picture.cables, model.robot.per_element(limits).tolist(), strict=True)
-        )
+        _row(looks[e], shown, e, float(limit[e]), names[e] == chosen)
+        for e in _lines(model, shown, np.nan_to_num(shown.tension / limit), names, chosen)
     ]
     style = "width:100%;border-collapse:collapse;font-size:13px;line-height:1.55"
     return f"<div style='padding:0 .8em'><table style='{style}'>{''.join(rows)}</table></div>"
+
+
+def _lines(
+    model: Model, shown: Snapshot, share: NDArray[np.float64], names: Sequence[str], chosen: str
+) -> list[int]:
+    """Indices of the elements that have a line; ``share`` is of the limits."""
+    if len(names) <= MOST_LINES:
+        return list(range(len(names)))
+    grade = [severity(int(status)) for status in shown.status]
+    cables = []
+    for part in model.robot.parts:
+        own = list(range(part.start, part.stop))
+        worst = min(own, key=lambda e: (grade[e], -share[e]))
+        cables.append((grade[worst], own if chosen in names[part] else [worst]))
+    return [e for _, own in sorted(cables, key=lambda one: one[0]) for e in own]
 
 
 def _row(look: DrawnCable, shown: Snapshot, e: int, limit: float, chosen: bool) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -101,6 +103,25 @@ def test_the_table_says_tension_and_status(model: Model, shown: Snapshot) -> Non
     text = table_of(model, shown, picture_of(model, shown), "deep/2")
     assert "INVALID" in text
     assert "18.0 ± 1.0 N" in text
+
+
+def test_the_table_of_a_hand_has_a_line_per_cable_the_worst_first() -> None:
+    hand = load_model("hand")
+    names = hand.layout.elements
+    still = nothing_known(hand)
+    shown = still._replace(tension=np.full(len(names), 9.0), status=np.zeros(len(names), np.uint8))
+    shown.tension[names.index("ring_adductor/2")] = 11.0
+    shown.status[names.index("thumb_pip_flexor/3")] = SLACK
+    chosen = "index_abductor/1"
+    text = table_of(hand, shown, picture_of(hand, shown), chosen)
+    lines = re.findall("[a-z_]+/[0-9]", text)
+    cables = [cable.name for cable in hand.robot.cables]
+    assert lines[0] == "thumb_pip_flexor/3"
+    assert "ring_adductor/2" in lines
+    assert {line.split("/")[0] for line in lines} == set(cables)
+    of_chosen = [name for name in lines if name.startswith("index_abductor/")]
+    assert of_chosen == [f"index_abductor/{e}" for e in (1, 2, 3)]
+    assert len(lines) == len(cables) + 2
 
 
 def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
