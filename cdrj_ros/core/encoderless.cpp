@@ -7,23 +7,93 @@
 #include <utility>
 
 namespace cdrj {
+namespace {
+
+/// The joints in groups that share no cable and no motor, through any number of cables.
+std::vector<EncoderlessGroup> groups_of(
+    const Topology& topology, const std::vector<EncoderlessJoint>& joints) {
+    const Sizes& sizes = topology.sizes;
+    const Paths& paths = *topology.paths;
+    std::vector<char> connects(sizes.axes(), 0), seen(sizes.axes(), 0);
+    std::fill_n(connects.begin(), sizes.motors, 1);
+    for (const EncoderlessJoint& joint : joints) connects[sizes.motors + joint.joint] = 1;
+    std::vector<EncoderlessGroup> groups;
+    for (const EncoderlessJoint& joint : joints) {
+        if (seen[sizes.motors + joint.joint]) continue;
+        EncoderlessGroup group;
+        group.axes = {sizes.motors + joint.joint};
+        seen[group.axes.front()] = 1;
+        for (std::size_t k = 0; k < group.axes.size(); ++k) {  // which grows
+            for (const Index c : paths.cables_of_axis[group.axes[k]]) {
+                group.cables.push_back(c);
+                for (const Index a : paths.of_cable[c].axes) {
+                    if (connects[a] && !std::exchange(seen[a], 1)) group.axes.push_back(a);
+                }
+            }
+        }
+        for (std::vector<Index>* list : {&group.axes, &group.cables}) {
+            std::ranges::sort(*list);
+            list->erase(std::unique(list->begin(), list->end()), list->end());
+        }
+        for (const Index a : group.axes) {
+            if (a < sizes.motors) group.motors.push_back(a);
+        }
+        for (std::size_t k = 0; k < joints.size(); ++k) {
+            if (std::ranges::binary_search(group.axes, sizes.motors + joints[k].joint)) {
+                group.places.push_back(k);
+            }
+        }
+        for (const Index f : paths.frames) {
+            const auto moves = [&](Index c) {
+                return std::ranges::binary_search(paths.of_cable[c].frames, f);
+            };
+            if (std::ranges::any_of(group.cables, moves)) group.frames.push_back(f);
+        }
+        groups.push_back(std::move(group));
+    }
+    return groups;
+}
+
+std::vector<std::unique_ptr<EncoderlessSolver>> solvers_of(
+    const Robot& robot, const std::vector<EncoderlessJoint>& joints,
+    const std::vector<double>& effort_noise) {
+    std::vector<std::unique_ptr<EncoderlessSolver>> solvers;
+    for (EncoderlessGroup& group : groups_of(robot.topology, joints)) {
+        solvers.push_back(
+            std::make_unique<EncoderlessSolver>(robot, joints, std::move(group), effort_noise));
+    }
+    return solvers;
+}
+
+}  // namespace
 
 EncoderlessEstimator::EncoderlessEstimator(
     Ensemble& ensemble, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise)
     : ensemble_(ensemble),
-      solver_(ensemble.robot(), std::move(joints), std::move(effort_noise)),
+      joints_(std::move(joints)),
+      solvers_(solvers_of(ensemble.robot(), joints_, effort_noise)),
+      out_(ensemble.robot().out_size()),
+      angle_(ensemble.robot().topology.sizes.joints),
       history_(before_first_sample()),
       motor_angle_(ensemble.robot().topology.sizes.motors),
-      measured_angle_(measured_joints()),
-      effort_(motor_angle_.size()) {}
+      effort_(motor_angle_.size()) {
+    for (Index j = 0; j < ensemble.robot().topology.sizes.joints; ++j) {
+        if (std::ranges::find(joints_, j, &EncoderlessJoint::joint) == joints_.end()) {
+            measured_.push_back(j);
+        }
+    }
+    measured_angle_.resize(measured_.size());
+}
 
 EncoderlessEstimator::History EncoderlessEstimator::before_first_sample() const {
     const auto members = static_cast<std::size_t>(ensemble_.members());
+    Memory memory;
+    for (const auto& solver : solvers_) memory.groups.emplace_back(solver->group.places.size());
     return {
         .state = std::vector<double>(ensemble_.robot().state_size(), 0.0),
         .stamp_ns = 0,
-        .nominal = EncoderlessMemory(joints()),
-        .members = std::vector<EncoderlessMemory>(members, EncoderlessMemory(joints())),
+        .nominal = memory,
+        .members = std::vector<Memory>(members, memory),
         .deviation = DenseMatrix(members, joints()),
         .variance = std::vector<double>(joints(), 0.0),
     };
@@ -46,16 +116,20 @@ void EncoderlessEstimator::take(
         ensemble_.robot(), none, history_.state, history_.nominal,
         readings.stamp_ns - history_.stamp_ns);
     history_.stamp_ns = readings.stamp_ns;
-    std::ranges::copy(solver_.estimate(), results.estimate.begin());
-    std::ranges::copy(history_.nominal.angle, results.angle.begin());
+    std::ranges::copy(estimate(), results.estimate.begin());
+    for (std::size_t a = 0; a < joints(); ++a) results.angle[a] = angle_[joints_[a].joint];
     const Index members = ensemble_.members();
     const Index updated = first ? members : due ? std::min<Index>(members, 1) : 0;
     for (Index k = 0; k < updated; ++k) update_member(readings, results);
     // (U5) is in the lasting errors of the members' efforts
     ensemble_.write_stddev(results.estimate, results.stddev);
-    for (std::size_t a = 0; a < joints(); ++a) {
-        const double spread = std::max(history_.variance[a], 0.0);
-        results.angle_stddev[a] = std::sqrt(spread + history_.nominal.covariance(a, a));
+    for (std::size_t g = 0; g < solvers_.size(); ++g) {
+        const std::vector<std::size_t>& places = solvers_[g]->group.places;
+        for (std::size_t k = 0; k < places.size(); ++k) {
+            const double spread = std::max(history_.variance[places[k]], 0.0);
+            const double own = history_.nominal.groups[g].covariance(k, k);
+            results.angle_stddev[places[k]] = std::sqrt(spread + own);
+        }
     }
 }
 
@@ -77,14 +151,51 @@ void EncoderlessEstimator::roll_back() {
     ensemble_.roll_back();
 }
 
-/// Solve the readings in `motor_angle_`, `measured_angle_` and `effort_` for one robot.
+/// Solve the readings in `motor_angle_`, `measured_angle_` and `effort_` for one robot, group by group.
 ///
-/// `since`: time since its last sample, if it has had one.
+/// `since`: time since its last sample, if it has had one. Where a cable has no path in any pose that was
+/// tried at the start, state and memory stay as if there had been no sample.
 void EncoderlessEstimator::solve(
-    const Robot& robot, std::span<const double> share, std::span<double> state,
-    EncoderlessMemory& memory, Nanoseconds since) {
+    const Robot& robot, std::span<const double> share, std::span<double> state, Memory& memory,
+    Nanoseconds since) {
     const double dt = memory.started ? static_cast<double>(since) * 1e-9 : 0.0;
-    solver_.solve({robot, share, state, memory, motor_angle_, measured_angle_, effort_, dt});
+    for (std::size_t k = 0; k < measured_.size(); ++k) angle_[measured_[k]] = measured_angle_[k];
+    const auto advance = [&](bool anew) {
+        for (std::size_t g = 0; g < solvers_.size(); ++g) {
+            EncoderlessMemory& own = memory.groups[g];
+            solvers_[g]->solve(
+                {robot, state, own, motor_angle_, measured_angle_, effort_, dt}, anew);
+            const std::vector<std::size_t>& places = solvers_[g]->group.places;
+            for (std::size_t k = 0; k < places.size(); ++k) {
+                angle_[joints_[places[k]].joint] = own.angle[k];
+            }
+        }
+        robot.advance(state.data(), motor_angle_, angle_, dt, out_.data());
+    };
+    if (!memory.started) {
+        std::ranges::fill(state, 0.0);
+        for (std::size_t g = 0; g < solvers_.size(); ++g) {
+            const std::vector<std::size_t>& places = solvers_[g]->group.places;
+            for (std::size_t k = 0; k < places.size(); ++k) {
+                memory.groups[g].angle[k] = joints_[places[k]].start;
+            }
+        }
+        advance(true);
+        const State after(robot.topology.sizes, out_.data());
+        for (Index c = 0; c < robot.topology.sizes.cables; ++c) {
+            if (!after.holds(robot.topology.segments_of(c).first)) return;
+        }
+        robot.impose_friction(share, out_.data());
+        std::copy_n(out_.begin(), state.size(), state.begin());
+    }
+    advance(!memory.started);
+    std::copy_n(out_.begin(), state.size(), state.begin());
+    memory.started = true;
+}
+
+std::span<const double> EncoderlessEstimator::estimate() const {
+    const Robot& robot = ensemble_.robot();
+    return std::span(out_).subspan(robot.state_size(), robot.estimate_size());
 }
 
 /// Update the member whose turn it is, with its own errors of the readings.
@@ -93,7 +204,7 @@ void EncoderlessEstimator::update_member(
     const Index member = ensemble_.next_member();
     const std::span<const double> errors = ensemble_.errors_of(member);
     const std::size_t motors = motor_angle_.size();
-    const std::vector<Index>& measured = solver_.measured_joints();
+    const std::vector<Index>& measured = measured_;
     for (std::size_t m = 0; m < motors; ++m) {
         motor_angle_[m] = readings.motor_angle[m] + errors[m];
         effort_[m] = readings.effort[m] + ensemble_.draws.effort_error[member * motors + m];
@@ -101,7 +212,7 @@ void EncoderlessEstimator::update_member(
     for (std::size_t a = 0; a < measured.size(); ++a) {
         measured_angle_[a] = readings.measured_angle[a] + errors[motors + measured[a]];
     }
-    EncoderlessMemory& memory = history_.members[member];
+    Memory& memory = history_.members[member];
     const Index cables = ensemble_.cables();
     const auto stamps = std::span(ensemble_.memory.stamps).subspan(member * cables, cables);
     const std::size_t pulleys = ensemble_.robot().topology.sizes.pulleys;
@@ -110,11 +221,11 @@ void EncoderlessEstimator::update_member(
         std::span(ensemble_.draws.friction_share).subspan(member * pulleys, pulleys),
         ensemble_.population.state(member), memory, readings.stamp_ns - stamps.front());
     std::ranges::fill(stamps, readings.stamp_ns);
-    ensemble_.compare(readings.stamp_ns, solver_.estimate(), results.estimate);
+    ensemble_.compare(readings.stamp_ns, estimate(), results.estimate);
     const auto members = static_cast<double>(ensemble_.members());
     for (std::size_t a = 0; a < joints(); ++a) {
         double& before = history_.deviation(member, a);
-        const double now = memory.angle[a] - results.angle[a];
+        const double now = angle_[joints_[a].joint] - results.angle[a];
         history_.variance[a] += (now * now - before * before) / members;
         before = now;
     }

@@ -6,6 +6,7 @@
 // spread gives the standard deviations.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -35,59 +36,56 @@ struct EncoderlessJoint {
     double variance() const { return range() * range() / 12.0; }
 };
 
-/// What a robot remembers of its u joints without encoder, beside its state.
+/// What a robot remembers of the u joints of a group, beside its state.
 struct EncoderlessMemory {
     explicit EncoderlessMemory(std::size_t joints)
         : angle(joints, 0.0), load(joints, 0.0), covariance(joints, joints) {}
 
-    bool started = false;        // whether there has been a sample
     double lost = 0.0;           // time since which the efforts have not been explained [s]
+    double left = 0.0;           // what the last search left of their misfit
     std::vector<double> angle;   // [rad] or [m]
     std::vector<double> load;    // efforts of these joints [N m] or [N]
     DenseMatrix covariance;      // of the angles, shape (u, u)
 };
 
+/// Joints without encoder that are solved together, and the cables and motors with which they are connected.
+struct EncoderlessGroup {
+    std::vector<std::size_t> places;  // of the joints among all that have no encoder
+    std::vector<Index> cables, motors, frames;
+    std::vector<Index> axes;  // the motors and these joints
+};
+
 /// One robot, its history and the readings of a sample.
 struct EncoderlessSample {
     const Robot& robot;
-    std::span<const double> share;           // see `Robot::impose_friction`
-    std::span<double> state;                 // before the sample; `solve` replaces it
-    EncoderlessMemory& memory;               // alike
+    std::span<const double> state;           // before the sample
+    EncoderlessMemory& memory;               // `solve` replaces it
     std::span<const double> motor_angle;     // [rad]
     std::span<const double> measured_angle;  // of the joints that have an encoder [rad] or [m]
     std::span<const double> effort;          // of the motors [N m]; NaN where none was heard
     double dt;                               // time since the last update [s]; 0 at the first one
 };
 
-/// Finds the angles of the joints without encoder in one sample.
+/// Finds the angles of a group of joints without encoder in one sample.
 class EncoderlessSolver {
 public:
-    /// `effort_noise`: standard deviation of the measured effort of every motor [N m].
+    /// `joints`: all without encoder. `effort_noise`: standard deviation of the measured effort of every
+    /// motor [N m].
     EncoderlessSolver(
-        const Robot& robot, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise);
+        const Robot& robot, const std::vector<EncoderlessJoint>& joints, EncoderlessGroup group,
+        std::vector<double> effort_noise);
     EncoderlessSolver(const EncoderlessSolver&) = delete;  // views of its own numbers
     EncoderlessSolver& operator=(const EncoderlessSolver&) = delete;
 
-    /// Find the angles; state and memory become those after the sample.
-    ///
-    /// Where the robot is impossible in every pose that was tried at the start, they stay as if
-    /// there had been no sample.
-    void solve(const EncoderlessSample& sample);
+    /// Find the angles, near those before or, with `anew`, anywhere in the joints' ranges; the memory becomes
+    /// that after the sample.
+    void solve(const EncoderlessSample& sample, bool anew);
 
-    /// The estimate of the last sample.
-    std::span<const double> estimate() const {
-        return std::span(out_).subspan(state_size_, estimate_size_);
-    }
-
-    std::size_t joints() const { return joints_.size(); }
-    const std::vector<Index>& measured_joints() const { return measured_; }
+    const EncoderlessGroup group;
 
 private:
-    /// Solve the first sample, without and then with friction.
-    void start(const EncoderlessSample& sample);
-
-    /// Take the present angles and what was evaluated there.
-    void accept(const EncoderlessSample& sample);
+    /// Search the angles, then correct them.
+    void find(const EncoderlessSample& sample);
 
     // Evaluation at the present angles; whether all cables could be solved.
     bool evaluate(const EncoderlessSample& sample);       // efforts and loads
@@ -117,14 +115,12 @@ private:
 
     double& angle_of(std::size_t a) { return angle_[joints_[a].joint]; }
 
-    std::vector<EncoderlessJoint> joints_;  // u joints
-    std::vector<Index> measured_;           // indices of the other joints
+    std::vector<EncoderlessJoint> joints_;  // u joints of the group
+    std::vector<Index> measured_;           // indices of the joints that have an encoder
     std::vector<double> effort_noise_;      // [N m]
     bool any_load_known_;                   // whether anything is known of a load
 
-    std::size_t state_size_;
-    std::size_t estimate_size_;
-    std::vector<double> out_;    // what `Robot::advance` wrote last
+    std::vector<double> out_;    // as of `Robot::advance`, for the cables of the group
     Estimate estimate_;          // parts of it
     Workspace work_;
     std::vector<double> angle_;  // present angles of all joints [rad] or [m]
@@ -159,6 +155,8 @@ public:
     /// `effort_noise`: standard deviation of the measured effort of every motor [N m].
     EncoderlessEstimator(
         Ensemble& ensemble, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise);
+    EncoderlessEstimator(const EncoderlessEstimator&) = delete;
+    EncoderlessEstimator& operator=(const EncoderlessEstimator&) = delete;
 
     /// Estimate a sample.
     ///
@@ -178,29 +176,40 @@ public:
     std::span<const double> state() const { return history_.state; }
 
     const Ensemble& ensemble() const { return ensemble_; }
-    std::size_t joints() const { return solver_.joints(); }
-    std::size_t measured_joints() const { return solver_.measured_joints().size(); }
+    std::size_t joints() const { return joints_.size(); }
+    std::size_t measured_joints() const { return measured_.size(); }
 
 private:
+    /// What a robot remembers beside its state.
+    struct Memory {
+        bool started = false;                   // whether there has been a sample
+        std::vector<EncoderlessMemory> groups;
+    };
+
     /// All that samples change, beside the ensemble.
     struct History {
         std::vector<double> state;               // of the nominal robot
         Nanoseconds stamp_ns;                    // of its last sample
-        EncoderlessMemory nominal;
-        std::vector<EncoderlessMemory> members;
+        Memory nominal;
+        std::vector<Memory> members;
         DenseMatrix deviation;                   // of every member's angles from the estimated ones
         std::vector<double> variance;            // of the angles
     };
 
     History before_first_sample() const;
     void solve(
-        const Robot& robot, std::span<const double> share, std::span<double> state,
-        EncoderlessMemory& memory, Nanoseconds since);
+        const Robot& robot, std::span<const double> share, std::span<double> state, Memory& memory,
+        Nanoseconds since);
+    std::span<const double> estimate() const;
     void update_member(const EncoderlessReadings& readings, const EncoderlessResults& results);
     void write_unknown(const EncoderlessResults& results) const;
 
     Ensemble& ensemble_;
-    EncoderlessSolver solver_;
+    std::vector<EncoderlessJoint> joints_;
+    std::vector<Index> measured_;          // indices of the other joints
+    std::vector<std::unique_ptr<EncoderlessSolver>> solvers_;  // of the groups
+    std::vector<double> out_;              // of `Robot::advance`
+    std::vector<double> angle_;            // of all joints [rad] or [m]
     History history_;
     std::optional<History> kept_;
     std::vector<double> motor_angle_;     // readings with the errors of a member

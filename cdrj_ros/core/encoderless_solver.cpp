@@ -16,6 +16,10 @@ constexpr double LOST = 5.0;
 /// if it lasts this long [s].
 constexpr double LOST_FOR = 0.05;
 
+/// What a search has left of the misfit is that of wrong numbers; only this multiple of it, more, means
+/// that a joint is lost again.
+constexpr double REMAINING = 2.0;
+
 /// Most Gauss-Newton steps of a prediction or a correction.
 constexpr int STEPS = 6;
 
@@ -39,81 +43,72 @@ double squared(double number) { return number * number; }
 }  // namespace
 
 EncoderlessSolver::EncoderlessSolver(
-    const Robot& robot, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise)
-    : joints_(std::move(joints)),
+    const Robot& robot, const std::vector<EncoderlessJoint>& joints, EncoderlessGroup of_group,
+    std::vector<double> effort_noise)
+    : group(std::move(of_group)),
       effort_noise_(std::move(effort_noise)),
-      any_load_known_(std::ranges::any_of(
-          joints_, [](const EncoderlessJoint& one) { return one.load_drift > 0.0; })),
-      state_size_(robot.state_size()),
-      estimate_size_(robot.estimate_size()),
       out_(robot.out_size(), 0.0),
-      estimate_(robot.topology.sizes, out_.data() + state_size_),
-      work_(robot.topology.sizes, out_.data() + state_size_ + estimate_size_),
+      estimate_(robot.topology.sizes, out_.data() + robot.state_size()),
+      work_(robot.topology.sizes, out_.data() + robot.state_size() + robot.estimate_size()),
       angle_(robot.topology.sizes.joints, 0.0),
-      by_effort_(effort_noise_.size(), joints_.size()),
-      by_load_(joints_.size(), joints_.size()),
-      arms_(joints_.size(), 0.0),
-      target_(joints_.size(), 0.0),
-      information_(joints_.size(), joints_.size()),
-      equations_(joints_.size()) {
+      by_effort_(group.motors.size(), group.places.size()),
+      by_load_(group.places.size(), group.places.size()),
+      arms_(group.places.size(), 0.0),
+      target_(group.places.size(), 0.0),
+      information_(group.places.size(), group.places.size()),
+      equations_(group.places.size()) {
+    for (const std::size_t place : group.places) joints_.push_back(joints[place]);
+    any_load_known_ = std::ranges::any_of(
+        joints_, [](const EncoderlessJoint& one) { return one.load_drift > 0.0; });
     for (Index j = 0; j < robot.topology.sizes.joints; ++j) {
-        if (std::ranges::find(joints_, j, &EncoderlessJoint::joint) == joints_.end()) {
+        if (std::ranges::find(joints, j, &EncoderlessJoint::joint) == joints.end()) {
             measured_.push_back(j);
         }
     }
 }
 
-void EncoderlessSolver::solve(const EncoderlessSample& sample) {
+void EncoderlessSolver::solve(const EncoderlessSample& sample, bool anew) {
     EncoderlessMemory& memory = sample.memory;
     for (std::size_t k = 0; k < measured_.size(); ++k) {
         angle_[measured_[k]] = sample.measured_angle[k];
     }
-    if (!memory.started) return start(sample);
     for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = memory.angle[a];
-    if (sample.dt > 0.0) {
-        predict(sample);
-        correct(sample);
-    }
-    evaluate(sample);
-    const double motors = static_cast<double>(sample.effort.size());
-    const bool unexplained = misfit(sample) > LOST * LOST * motors;
-    memory.lost = unexplained ? memory.lost + sample.dt : 0.0;
-    if (memory.lost > LOST_FOR) {
-        search(sample);
-        correct(sample);
+    if (anew) {
+        find(sample);
+    } else {
+        if (sample.dt > 0.0) {
+            predict(sample);
+            correct(sample);
+        }
         evaluate(sample);
-        memory.lost = 0.0;
+        const double motors = static_cast<double>(group.motors.size());
+        const double most = LOST * LOST * motors + REMAINING * memory.left;
+        memory.lost = misfit(sample) > most ? memory.lost + sample.dt : 0.0;
+        if (memory.lost > LOST_FOR) find(sample);
     }
-    accept(sample);
-}
-
-void EncoderlessSolver::start(const EncoderlessSample& sample) {
-    std::ranges::fill(sample.state, 0.0);
-    for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = joints_[a].start;
-    search(sample);
-    correct(sample);
-    evaluate(sample);
-    if (*State(sample.robot.topology.sizes, out_.data()).started == 0.0) return;  // no such pose
-    sample.robot.impose_friction(sample.share, out_.data());
-    std::copy_n(out_.begin(), sample.state.size(), sample.state.begin());
-    search(sample);
-    correct(sample);
-    evaluate(sample);
-    accept(sample);
-}
-
-void EncoderlessSolver::accept(const EncoderlessSample& sample) {
-    sample.memory.started = true;
-    std::copy_n(out_.begin(), sample.state.size(), sample.state.begin());
     for (std::size_t a = 0; a < joints_.size(); ++a) {
-        sample.memory.angle[a] = angle_of(a);
-        sample.memory.load[a] = estimate_.joint_effort[joints_[a].joint];
+        memory.angle[a] = angle_of(a);
+        memory.load[a] = estimate_.joint_effort[joints_[a].joint];
     }
+}
+
+void EncoderlessSolver::find(const EncoderlessSample& sample) {
+    search(sample);
+    correct(sample);
+    evaluate(sample);
+    sample.memory.lost = 0.0;
+    sample.memory.left = misfit(sample);
 }
 
 bool EncoderlessSolver::evaluate(const EncoderlessSample& sample) {
-    return sample.robot.advance(
-        sample.state.data(), sample.motor_angle, angle_, sample.dt, out_.data());
+    const auto& [topology, constants] = sample.robot;
+    const SampleAngles angles{sample.motor_angle, angle_, sample.dt};
+    Step step(sample.robot, sample.state.data(), out_.data());
+    place_frames(topology, constants, group.frames, angle_, step.work);
+    bool solved = true;
+    for (const Index c : group.cables) solved = advance_cable(step, c, angles) && solved;
+    report_efforts(step, group.axes, angles);
+    return solved;
 }
 
 bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
@@ -124,7 +119,9 @@ bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
         angle_of(a) += joints_[a].difference();
         solved = evaluate(sample) && solved;
         angle_of(a) = before;
-        for (std::size_t m = 0; m < motors; ++m) by_effort_(m, a) = estimate_.motor_effort[m];
+        for (std::size_t m = 0; m < motors; ++m) {
+            by_effort_(m, a) = estimate_.motor_effort[group.motors[m]];
+        }
         for (std::size_t b = 0; b < count; ++b) {
             by_load_(b, a) = estimate_.joint_effort[joints_[b].joint];
         }
@@ -133,7 +130,8 @@ bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
     for (std::size_t a = 0; a < count; ++a) {
         const double difference = joints_[a].difference();
         for (std::size_t m = 0; m < motors; ++m) {
-            by_effort_(m, a) = (by_effort_(m, a) - estimate_.motor_effort[m]) / difference;
+            const double effort = estimate_.motor_effort[group.motors[m]];
+            by_effort_(m, a) = (by_effort_(m, a) - effort) / difference;
         }
         for (std::size_t b = 0; b < count; ++b) {
             const double load = estimate_.joint_effort[joints_[b].joint];
@@ -186,7 +184,7 @@ void EncoderlessSolver::predict(const EncoderlessSample& sample) {
 /// since the state. `work_` is that of the angles before.
 void EncoderlessSolver::turn_with_cables(const EncoderlessSample& sample) {
     equations_.clear();
-    for (Index c = 0; c < sample.robot.topology.sizes.cables; ++c) {
+    for (const Index c : group.cables) {
         const double longer = elongation(sample, c);
         equations_.weigh(arms_, -longer, 1.0);
     }
@@ -203,7 +201,7 @@ void EncoderlessSolver::turn_with_cables(const EncoderlessSample& sample) {
 double EncoderlessSolver::elongation(const EncoderlessSample& sample, Index c) {
     const auto& [topology, constants] = sample.robot;
     const CableTopology& cable = topology.cables[c];
-    const State before(topology.sizes, sample.state.data());
+    const State before(topology.sizes, const_cast<double*>(sample.state.data()));
     double longer = 0.0, taken = 0.0;
     std::ranges::fill(arms_, 0.0);
     for (Index e = cable.first_element; e < cable.first_element + cable.elements; ++e) {
@@ -290,17 +288,18 @@ void EncoderlessSolver::weigh_correction(const EncoderlessSample& sample) {
             equations_.matrix(a, b) = information_(a, b);
         }
     }
-    for (std::size_t m = 0; m < effort_noise_.size(); ++m) {
+    for (std::size_t k = 0; k < group.motors.size(); ++k) {
+        const Index m = group.motors[k];
         if (!std::isfinite(sample.effort[m])) continue;
         const double weight = independent / squared(effort_noise_[m]);
-        equations_.weigh(by_effort_.row(m), sample.effort[m] - estimate_.motor_effort[m], weight);
+        equations_.weigh(by_effort_.row(k), sample.effort[m] - estimate_.motor_effort[m], weight);
     }
 }
 
 /// Sum of the squared differences of measured and estimated efforts, in standard deviations.
 double EncoderlessSolver::misfit(const EncoderlessSample& sample) const {
     double total = 0.0;
-    for (std::size_t m = 0; m < effort_noise_.size(); ++m) {
+    for (const Index m : group.motors) {
         if (!std::isfinite(sample.effort[m])) continue;
         total += squared((sample.effort[m] - estimate_.motor_effort[m]) / effort_noise_[m]);
     }

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.fingers import WRIST, finger, hand
 
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
-from cdrj_ros.estimation.estimator import Sample, initial_state
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state
 from cdrj_ros.estimation.model_error import offset_gain
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Table, Vector
@@ -177,3 +180,42 @@ def results(model: Model, rate: float, rows: Table) -> dict[str, Vector]:
         | {f"deviation of {name}": one for name, one in zip(columns, stddev.T, strict=True)}
         | {f"status of {name}": one for name, one in zip(layout.elements, status.T, strict=True)}
     )
+
+
+def without_encoder(*names: str) -> Model:
+    """Fingers whose outer joints have no encoder."""
+    robot = hand(*(finger(name) for name in names))
+    joints = [replace(one, measured=not one.name.endswith("pip")) for one in robot.joints]
+    return prepare(replace(robot, joints=tuple(joints)))
+
+
+def test_an_unrelated_finger_changes_no_bit_of_joints_without_encoder() -> None:
+    alone, both = without_encoder("b"), without_encoder("a", "b")
+    time = 0.002 * np.arange(60)
+    slow, fast = 0.5 + 0.3 * np.sin(3.0 * time), 0.5 + 0.4 * np.sin(20.0 * time)
+    other, calm = angles(prepare(hand(finger("a"))), fast), angles(prepare(hand(finger("b"))), slow)
+    stamps = START_NS + 2_000_000 * np.arange(60)
+    efforts = np.stack(
+        [-0.07 + 0.01 * np.sin(5.0 * time), -0.07 + 0.02 * np.cos(5.0 * time)], axis=1
+    )
+
+    def estimated(model: Model, motor: Table, joint: Table, effort: Table) -> tuple[Vector, ...]:
+        found = EncoderlessEstimator(model).run(Samples(stamps, motor, joint), effort)
+        assert found.angles is not None
+        assert found.stddev is not None
+        own = [k for k, name in enumerate(model.layout.elements) if name.startswith("b")]
+        return (
+            found.angles.value[:, -1], found.angles.stddev[:, -1],
+            found.values[:, own], found.stddev[:, own],
+        )  # fmt: skip
+
+    expected = estimated(alone, calm[:, :2], calm[:, 2:3], efforts)
+    assert np.ptp(expected[0]) > 0.01
+    beside = estimated(
+        both,
+        np.concatenate([other[:, :2], calm[:, :2]], axis=1),
+        np.concatenate([other[:, 2:3], calm[:, 2:3]], axis=1),
+        np.concatenate([2.0 * efforts, efforts], axis=1),
+    )
+    for found, one in zip(beside, expected, strict=True):
+        np.testing.assert_array_equal(found, one)
