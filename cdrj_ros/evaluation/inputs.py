@@ -166,8 +166,8 @@ def unstated_counts(model: Model, recording: Recording) -> list[str]:
         share = 0.1 * abs(axis.sensor.scale) * count / tenth
         if axis.sensor.resolution == 0.0 and share > LEAST_WORTH:
             notes.append(
-                f"{axis.name} is read in counts of {count:.3g}, each worth {share:.0%} of a preload; "
-                "state its resolution, and a tracking_bandwidth to filter between them."
+                f"{axis.name} is read in counts of {count:.3g}, each worth {share:.0%} of a "
+                "preload; state its resolution, and a tracking_bandwidth to filter between them."
             )
     return notes
 
