@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, STALE, UNSURE, Layout
     from cdrj_ros.model.prepared import Model, Shape, shape_at
     from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+    from cdrj_ros.recordings.table import read_table
     from cdrj_ros.robot.description import Robot
     from cdrj_ros.robot.imported import import_mjcf
     from cdrj_ros.simulation.assembly import Truth
@@ -80,6 +81,7 @@ __all__ = [
     "load",
     "make_load",
     "read_recording",
+    "read_table",
     "shape_at",
     "simulate",
     "step",
@@ -100,6 +102,7 @@ _HOMES: Final = {
     "model.prepared": ("Model", "Shape", "shape_at"),
     "model.packing": ("INVALID", "OVERLOAD", "SLACK", "STALE", "UNSURE", "Layout"),
     "recordings.recording": ("Recording", "Topics", "read_recording"),
+    "recordings.table": ("read_table",),
     "robot.description": ("Robot",),
     "robot.imported": ("import_mjcf",),
     "simulation.assembly": ("Truth",),

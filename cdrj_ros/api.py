@@ -24,7 +24,7 @@ from cdrj_ros.model.prepared import Model, load_model
 if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import Errors
     from cdrj_ros.identification.fit import Identification
-    from cdrj_ros.recordings.recording import Topics
+    from cdrj_ros.recordings.recording import Recording, Topics
     from cdrj_ros.simulation.assembly import Truth
 
 
@@ -207,6 +207,14 @@ def _channels(
     kind: str, given: Mapping[str, ArrayLike] | ArrayLike, names: tuple[str, ...], stamps: Stamps
 ) -> dict[str, Series]:
     """Series by name."""
+    if hasattr(given, "columns"):  # a DataFrame, which may have other columns, too
+        frame: Any = given
+        there = [str(name) for name in frame.columns]
+        if missing := [name for name in names if name not in there]:
+            raise UsageError(
+                f"{kind}: there is no column {', '.join(missing)}, only {', '.join(there)}"
+            )
+        given = {name: frame[name] for name in names}
     if isinstance(given, Mapping):
         if set(given) != set(names):
             raise UsageError(f"{kind} must be {', '.join(names)}; got {', '.join(given) or 'none'}")
@@ -233,7 +241,7 @@ def _channels(
 
 def validate(
     model: Model | str | Path,
-    bags: str | Path | Iterable[str | Path],
+    bags: str | Path | Recording | Iterable[str | Path | Recording],
     topics: Topics | None = None,
     *,
     uncertainty: bool = True,
@@ -242,7 +250,7 @@ def validate(
 
     Args:
         model: from ``load``, or what ``load`` takes.
-        bags: rosbag2 folder or MCAP file, or several.
+        bags: rosbag2 folder or MCAP file, or a recording as of ``read_table``, or several.
         topics: names of the recorded topics; None: ``Topics()``.
         uncertainty: whether to estimate standard deviations and their coverage.
 
@@ -255,14 +263,20 @@ def validate(
     """
     from cdrj_ros.evaluation.metrics import errors_of
     from cdrj_ros.evaluation.validation import validate_bag
-    from cdrj_ros.recordings.recording import Topics
+    from cdrj_ros.recordings.recording import Recording, Topics
 
     model = _loaded(model)
-    paths = [bags] if isinstance(bags, (str, Path)) else bags
+    several = [bags] if isinstance(bags, (str, Path, Recording)) else bags
     given = topics or Topics()
     return errors_of(
-        [validate_bag(model, str(bag), given, uncertainty=uncertainty) for bag in paths]
-    )
+        [
+            validate_bag(
+                model, bag if isinstance(bag, Recording) else str(bag), given,
+                uncertainty=uncertainty,
+            )
+            for bag in several
+        ]
+    )  # fmt: skip
 
 
 def draw(model: Model | str | Path, path: str | Path) -> None:
@@ -315,7 +329,7 @@ def write_recording(
 
 def identify(
     model: Model | str | Path,
-    bags: str | Path | Iterable[str | Path],
+    bags: str | Path | Recording | Iterable[str | Path | Recording],
     fit: str,
     *,
     free: Iterable[str] = (),
@@ -326,7 +340,8 @@ def identify(
 
     Args:
         model: from ``load``, or what ``load`` takes; its numbers are where the fit starts.
-        bags: rosbag2 folder or file, or several, which are fitted together.
+        bags: rosbag2 folder or file, or a recording as of ``read_table``, or several, which are
+            fitted together.
         fit: the numbers, as ``identify --fit`` takes them: ``"rho,preload"``, see
             docs/identification.md.
         free: those of which nothing is known before, as ``identify --free`` takes them.
@@ -342,17 +357,22 @@ def identify(
         BagError: a recording cannot be read, or lacks a motor or joint.
         UsageError: ``fit`` names no number of the file, or no reference was recorded.
     """
-    from cdrj_ros.evaluation.inputs import read_inputs
+    from cdrj_ros.evaluation.inputs import read_inputs, require_axes
+    from cdrj_ros.evaluation.tables import of_robot
     from cdrj_ros.identification.fit import identify as identify_numbers
     from cdrj_ros.identification.observations import Recorded
     from cdrj_ros.identification.priors import chosen_unknowns
-    from cdrj_ros.recordings.recording import Topics
+    from cdrj_ros.recordings.recording import Recording, Topics
 
     model = _loaded(model)
     robot, document = model.robot, dict(model.robot.document)
     unknowns = chosen_unknowns(document, robot, fit, free, only=only)
     recordings = []
-    for bag in [bags] if isinstance(bags, (str, Path)) else bags:
-        read = read_inputs(str(bag), topics or Topics(), model)
-        recordings.append(Recorded(Path(bag).name, read.motors, read.joints, read.references))
+    for bag in [bags] if isinstance(bags, (str, Path, Recording)) else bags:
+        if isinstance(bag, Recording):
+            read = of_robot(bag, robot)
+            require_axes(str(bag.path), read, robot)
+        else:
+            read = read_inputs(str(bag), topics or Topics(), model)
+        recordings.append(Recorded(read.path.name, read.motors, read.joints, read.references))
     return identify_numbers(document, robot.source, unknowns, recordings)

@@ -38,6 +38,7 @@ from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.table import Columns
 from cdrj_ros.report.table import print_rows, r2_remark
 from cdrj_ros.robot.document import parse_document
 from cdrj_ros.robot.parameters import with_numbers
@@ -263,12 +264,12 @@ def cross_validated(
     return unseen, tuple(lines)
 
 
-def validated(bags: Sequence[str], topics: Topics, model: Model) -> list[BagComparison]:
+def validated(bags: Sequence[str], topics: Topics | Columns, model: Model) -> list[BagComparison]:
     """The comparisons that ``validate`` makes."""
     return [validate_bag(model, bag, topics) for bag in bags]
 
 
-def _read(bags: Sequence[str], topics: Topics, model: Model) -> list[Recorded]:
+def _read(bags: Sequence[str], topics: Topics | Columns, model: Model) -> list[Recorded]:
     recordings, notes = [], list[str]()
     with ProgressBar("reading", len(bags)) as report:
         for bag in bags:

@@ -19,6 +19,7 @@ from cdrj_ros.identification.residual import FEWEST_BAGS, Learned, learn
 from cdrj_ros.identification.residual_statistics import model_error
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.table import Columns
 from cdrj_ros.robot.description import Residual
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.stated import (
@@ -212,7 +213,7 @@ def fit_errors(found: Identification) -> dict[str, float]:
 
 
 def model_errors(
-    model: Model, unseen: Sequence[BagComparison], topics: Topics, channels: Sequence[str]
+    model: Model, unseen: Sequence[BagComparison], topics: Topics | Columns, channels: Sequence[str]
 ) -> dict[str, float]:
     """Errors of the model by channel [N] or [N m], without channels that the numbers explain.
 

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cdrj_ros.commands.entry import CommandParser
-from cdrj_ros.commands.shared import add_topic_options, topics_of
+from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs
 from cdrj_ros.foundation.output import say
@@ -33,6 +33,7 @@ from cdrj_ros.identification.unknowns import (
 )
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.table import Columns
 from cdrj_ros.robot.document import (
     check_document,
     document_complaints,
@@ -102,6 +103,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--residual", action="store_true", help="learn what the model leaves over")
     add_topic_options(parser)
+    add_columns_option(parser)
     return parser
 
 
@@ -131,7 +133,7 @@ class Task:
     """Numbers of ``--start`` by path [SI]."""
     unknowns: tuple[Unknown, ...]
     settings: Settings
-    topics: Topics
+    topics: Topics | Columns
     bags: tuple[str, ...]
     held_out: tuple[str, ...]
     folds: Mapping[str, tuple[int, ...]]
@@ -167,7 +169,7 @@ def task_of(arguments: argparse.Namespace) -> Task:
         raise UsageError(f"{both.pop().name} cannot be fitted and held out at once")
     return Task(
         path, document, source, start, unknowns, _settings(chosen, arguments.quick),
-        topics_of(arguments), tuple(arguments.bags), held_out, _folds(arguments), chosen,
+        channels_of(arguments), tuple(arguments.bags), held_out, _folds(arguments), chosen,
         arguments.source is not None,
     )  # fmt: skip
 

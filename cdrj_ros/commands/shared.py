@@ -26,6 +26,8 @@ from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import Json, json_text, plain, say
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.table import Columns
+from cdrj_ros.robot.document import read_text, yaml_mapping
 
 
 def add_robot_option(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
@@ -70,6 +72,28 @@ def topic_prefix(arguments: argparse.Namespace) -> str:
     """Prefix of the default topics: empty, or with a leading slash and no trailing one."""
     prefix = str(arguments.topic_prefix).strip("/")
     return f"/{prefix}" if prefix else ""
+
+
+def add_columns_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--columns``, with which a table is read."""
+    parser.add_argument(
+        "--columns", metavar="FILE",
+        help="read tables (CSV) instead of bags, whose columns this file names (YAML, "
+        "docs/tables.md)",
+    )  # fmt: skip
+
+
+def channels_of(arguments: argparse.Namespace) -> Topics | Columns:
+    """Where the channels are: the columns of a table if ``--columns`` is given, or the topics.
+
+    Raises:
+        UsageError, RobotFileError: the file of columns cannot be read or is wrong.
+    """
+    path = arguments.columns
+    if path is None:
+        return topics_of(arguments)
+    what = "the columns of a table"
+    return Columns.of(yaml_mapping(read_text(path, "file of columns"), path, what), path)
 
 
 def topics_of(arguments: argparse.Namespace) -> Topics:

@@ -10,12 +10,13 @@ from pathlib import Path
 
 from cdrj_ros.commands.entry import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
+    add_columns_option,
     add_result_options,
     add_robot_option,
     add_topic_options,
+    channels_of,
     print_results,
     topic_prefix,
-    topics_of,
     write_files,
 )
 from cdrj_ros.evaluation.channels import BagComparison
@@ -63,9 +64,15 @@ def _parser() -> argparse.ArgumentParser:
         "estimates with the recorded references.",
         epilog="Exit code: 0 done, 1 outside the limits, 2 bad usage or input.",
     )
-    parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder or .mcap file")
+    parser.add_argument(
+        "bags",
+        nargs="+",
+        metavar="BAG",
+        help="rosbag2 folder or .mcap file, or a table with --columns",
+    )
     add_robot_option(parser, several=True)
     add_topic_options(parser)
+    add_columns_option(parser)
     parser.add_argument(
         "--start", type=float, default=0.0, metavar="S",
         help="compare from S seconds after the start of the bag; the estimator still processes "
@@ -104,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
     """One for each bag; refuses outputs that cannot be written before any bag is read."""
-    bags, topics = arguments.bags, topics_of(arguments)
+    bags, topics = arguments.bags, channels_of(arguments)
     window = _window(arguments.start, arguments.duration)
     # a bag has the status that the node would publish
     uncertainty = robot.uncertainty is not None or bool(arguments.write_bag)
@@ -180,6 +187,8 @@ def _body(argv: Sequence[str]) -> int:
     if arguments.jobs is not None and not 0 <= arguments.jobs <= MOST_JOBS:
         raise UsageError(f"--jobs must be from 0 to {MOST_JOBS}, got {arguments.jobs}")
     _check_files(arguments)
+    if arguments.write_bag and arguments.columns:
+        raise UsageError("--write-bag needs bags, not tables")
     limits = load_limits(arguments.limits) if arguments.limits else None
     preloads = _preloads(arguments)
     model = prepared_model(arguments.robot, preloads[0])

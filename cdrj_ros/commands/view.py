@@ -8,7 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cdrj_ros.commands.entry import CommandParser, run_command
-from cdrj_ros.commands.shared import add_robot_option, add_topic_options, topics_of
+from cdrj_ros.commands.shared import (
+    add_columns_option,
+    add_robot_option,
+    add_topic_options,
+    channels_of,
+)
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar, say
@@ -28,6 +33,7 @@ def _parser() -> CommandParser:
     parser.add_argument("bag", metavar="BAG", help="rosbag2 folder or file")
     add_robot_option(parser)
     add_topic_options(parser)
+    add_columns_option(parser)
     parser.add_argument(
         "--host", default="localhost",
         help="address to listen on; 0.0.0.0 for the network (default %(default)s)",
@@ -56,7 +62,7 @@ def body(argv: Sequence[str]) -> int:
     from cdrj_ros.view.recorded import Player, recorded_estimates
 
     model = load_model(arguments.robot, arguments.preload)
-    recording = read_inputs(arguments.bag, topics_of(arguments), model)
+    recording = read_inputs(arguments.bag, channels_of(arguments), model)
     for note in recording.notes:
         say(f"note: {arguments.bag}: {note}")
     conditioned = condition_recording(model, recording)

@@ -7,7 +7,7 @@ joints, brought to one time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -295,6 +295,23 @@ class Estimates(Quantities):
         flags = self.status.astype(np.uint8).T
         elements = self.layout.elements
         return named | {f"status/{name}": one for name, one in zip(elements, flags, strict=True)}
+
+    def plot(self, elements: Iterable[str] | None = None) -> Any:
+        """Draw tensions over time with bands of two standard deviations.
+
+        Args:
+            elements: those to draw, such as ``["upper/8"]``; None: the last one of every cable.
+
+        Returns:
+            The ``matplotlib`` figure, for ``savefig``.  Where a status flag is set, the line is
+            dotted.
+
+        Raises:
+            UsageError: an element that the robot does not have.
+        """
+        from cdrj_ros.estimation.plotting import draw_tensions
+
+        return draw_tensions(self, elements)
 
 
 def initial_state(model: Model) -> State:

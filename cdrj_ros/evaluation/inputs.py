@@ -12,6 +12,7 @@ import numpy as np
 from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition, worth_of
 from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
+from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
@@ -21,6 +22,7 @@ from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import Source, open_source
+from cdrj_ros.recordings.table import Columns, table_with
 from cdrj_ros.robot.description import Robot
 
 TAKEN: Final = "References by message type: "
@@ -29,13 +31,13 @@ TAKEN: Final = "References by message type: "
 
 def read_inputs(
     path: str,
-    topics: Topics,
+    topics: Topics | Columns,
     model: Model,
     *,
     motor_efforts: bool = False,
     force_vectors: bool = False,
 ) -> Recording:
-    """Read a bag and check that it has all motors and joints of a robot.
+    """Read a bag, or a table, and check that it has all motors and joints of a robot.
 
     Where the bag has none of the default topics of references, those found by the type of their
     messages are read, and a note names them; see ``reference_topics``.
@@ -49,9 +51,11 @@ def read_inputs(
 
 
 def _read(
-    path: str, topics: Topics, robot: Robot, motor_efforts: bool, force_vectors: bool
+    path: str, topics: Topics | Columns, robot: Robot, motor_efforts: bool, force_vectors: bool
 ) -> Recording:
-    """Read a bag with the references that it has."""
+    """Read a bag with the references that it has, or a table."""
+    if isinstance(topics, Columns):
+        return of_robot(table_with(path, topics), robot)
 
     def read(of: Source | str) -> Recording:
         return read_recording(
@@ -197,7 +201,7 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
     return counts
 
 
-def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
+def read_encoderless(path: str, topics: Topics | Columns, robot: Robot) -> Recording:
     """Read a bag for a robot with joints without encoder.
 
     The efforts of the motors are those on the topic of their angles or, where it has none, the
@@ -207,15 +211,25 @@ def read_encoderless(path: str, topics: Topics, robot: Robot) -> Recording:
     Raises:
         BagError: as ``read_recording``, or no motor has an effort.
     """
-    if not robot.as_read.joints and topics.joints not in open_source(path).channels():
+    if (
+        isinstance(topics, Topics)
+        and not robot.as_read.joints
+        and topics.joints not in open_source(path).channels()
+    ):
         topics = replace(topics, joints=topics.motors)
-    recording = _read(path, topics, robot, True, True)
+    return encoderless_inputs(path, _read(path, topics, robot, True, True), robot)
+
+
+def encoderless_inputs(path: str, recording: Recording, robot: Robot) -> Recording:
+    """``read_encoderless`` of a recording that was read."""
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:
         reference = f"{EFFORT}/{motor.name}"
         if motor.name in recording.motor_efforts:
             efforts[motor.name] = recording.motor_efforts[motor.name]
+            if recording.is_table:
+                del references[reference]
         elif reference in references:
             efforts[motor.name] = references.pop(reference)
             notes.append(f"{reference} is an input here, and not compared.")
@@ -273,7 +287,7 @@ Window = tuple[float, float]
 """Begin and end of the compared references, relative to the start of the recording [s]."""
 
 
-def require_references(path: str, topics: Topics, recording: Recording) -> None:
+def require_references(path: str, topics: Topics | Columns, recording: Recording) -> None:
     """Refuse a recording without references.
 
     Raises:
@@ -354,9 +368,11 @@ def duration_s(recording: Recording, window: Window) -> float:
     return max(min(length, end) - begin, 0.0)
 
 
-def _no_references(path: str, topics: Topics, recording: Recording) -> BagError:
+def _no_references(path: str, topics: Topics | Columns, recording: Recording) -> BagError:
     if recording.references:
         return BagError(f"{path} holds no references in that time")
+    if isinstance(topics, Columns) or recording.is_table:
+        return BagError(f"{path} holds no references; name columns of tensions or efforts")
     if refused := [note for note in recording.notes if _MALFORMED in note]:
         return BagError(f"{path} holds no references; {'; '.join(refused)}")
     source = open_source(recording.path)

@@ -31,6 +31,7 @@ from cdrj_ros.evaluation.inputs import (
     condition_recording,
     counters_of,
     duration_s,
+    encoderless_inputs,
     in_frames_of,
     in_order,
     nothing_beside,
@@ -42,6 +43,7 @@ from cdrj_ros.evaluation.inputs import (
     with_estimated_joints,
 )
 from cdrj_ros.evaluation.metrics import reversal_zones
+from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
@@ -49,6 +51,7 @@ from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import open_source
+from cdrj_ros.recordings.table import Columns
 
 MAX_GAP_NS: Final = 100_000_000
 """References are compared only between estimates at most this far apart [ns]."""
@@ -212,8 +215,8 @@ class BagTask:
     """The work on one bag, with everything that another process needs for it."""
 
     path: str
-    """The bag, as the user named it."""
-    topics: Topics
+    """The bag or table, as the user named it."""
+    topics: Topics | Columns
     robot: str = ""
     """The robot file."""
     preload: str | None = None
@@ -229,6 +232,8 @@ class BagTask:
     """What the health monitor hears: what the node would hear, or also the references."""
     load_cells: str = LOAD_CELLS
     """Topic of the load cells that the node would hear."""
+    read: Recording | None = None
+    """What was read, if anything was."""
 
 
 prepared_model = cache(load_model)
@@ -236,10 +241,12 @@ prepared_model = cache(load_model)
 
 
 def validate_bag(
-    model: Model, path: str, topics: Topics, *, uncertainty: bool = False
+    model: Model, bag: str | Recording, topics: Topics | Columns, *, uncertainty: bool = False
 ) -> BagComparison:
     """``compare_bag`` with a given model; ``uncertainty`` requests standard deviations."""
-    return compare_bag(BagTask(path, topics, uncertainty=uncertainty), model=model)
+    read = bag if isinstance(bag, Recording) else None
+    path = str(bag.path) if isinstance(bag, Recording) else bag
+    return compare_bag(BagTask(path, topics, uncertainty=uncertainty, read=read), model=model)
 
 
 def compare_bag(
@@ -303,6 +310,12 @@ def compare_bag(
 
 def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
     """The recording, and the readings for the health monitor, if it runs."""
+    if task.read is not None:
+        recording = of_robot(task.read, model.robot)
+        if model.robot.unmeasured:
+            recording = encoderless_inputs(task.path, recording, model.robot)
+        require_axes(task.path, recording, model.robot.as_read)
+        return recording, None
     if model.robot.unmeasured:  # has no health monitor, as in the node
         recording = read_encoderless(task.path, task.topics, model.robot)
         require_axes(task.path, recording, model.robot.as_read)
@@ -311,7 +324,9 @@ def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
     recording = read_inputs(
         task.path, task.topics, model, motor_efforts=efforts, force_vectors=True
     )
-    return recording, _sensors(task, model, recording) if efforts else None
+    if recording.is_table or not efforts:
+        return recording, None
+    return recording, _sensors(task, model, recording)
 
 
 def _sensors(task: BagTask, model: Model, recording: Recording) -> Sensors:
@@ -321,10 +336,12 @@ def _sensors(task: BagTask, model: Model, recording: Recording) -> Sensors:
         BagError: the topic of the load cells cannot be read.
     """
     tensions: Mapping[str, Series] = {}
-    if task.load_cells in task.topics.references:
+    topics = task.topics
+    assert isinstance(topics, Topics), "of a bag"
+    if task.load_cells in topics.references:
         tensions = recording.references
     elif task.load_cells in open_source(task.path).channels():
-        topics = replace(task.topics, references=(task.load_cells,))
+        topics = replace(topics, references=(task.load_cells,))
         tensions = read_recording(task.path, topics).references
     also = recording.references if task.health == "references" else {}
     efforts = {name: also.get(f"{EFFORT}/{name}") for name in model.layout.motors}

@@ -91,6 +91,9 @@ class Recording:
     force_frame: str = ""
     """Frame that the messages with force vectors name; empty if they name none, which means that
     of each pulley by the definition of NodalForces."""
+    is_table: bool = False
+    """Whether it is that of `read_table`: names may lack the robot's prefix, and efforts are as
+    published."""
 
 
 def read_recording(

@@ -15,6 +15,7 @@ from support.page_lines import PAGES, ROOT, blocks, fenced, shown_files, write_f
 
 from cdrj_ros.commands.identify_task import load_settings
 from cdrj_ros.evaluation.limits import parse_limits
+from cdrj_ros.recordings.table import Columns
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.rig_file import parse_rig
 
@@ -49,9 +50,9 @@ def test_bash_can_read_every_line_of_commands() -> None:
 
 
 def test_programs_in_python_stand_on_the_page_whose_programs_a_test_runs() -> None:
-    """test/project/test_api.py runs docs/api.md."""
+    """test/project/test_api.py and test/documents/test_tables_page.py run them."""
     with_programs = {page.name for page in PAGES for kind, _ in fenced(page) if kind == "python"}
-    assert with_programs == {"api.md"}
+    assert with_programs == {"api.md", "tables.md"}
 
 
 def test_settings_of_every_page_are_taken_by_their_reader(tmp_path: Path) -> None:
@@ -61,6 +62,7 @@ def test_settings_of_every_page_are_taken_by_their_reader(tmp_path: Path) -> Non
         "docs/simulation.md": parse_rig,
         "docs/tutorial.md": lambda text: _gripper(tmp_path, text),
         "docs/uncertainty.md": _with_uncertainty,
+        "docs/tables.md": lambda text: Columns.of(yaml.safe_load(text), "columns.yaml"),
         "docs/ros2_control.md": _prefixed,
     }
     pages = {str(page.relative_to(ROOT)) for page in PAGES}
