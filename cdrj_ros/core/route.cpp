@@ -231,18 +231,15 @@ void share_line(std::span<Touch> touches, Index p, Index q) {
     }
 }
 
-/// Direction of the straight piece from node p to node q, a unit vector.
+/// Of two nodes with a straight piece of the length `line` between them, the one on whose rim the other
+/// lies; -1 if there is none.
 ///
-/// Where one of them lies on the rim of the other, the piece is too short to have a direction, and the
-/// cable is tangent to the body.
-Vector3 direction_between(const Path& path, Index p, Index q, const Vector3& way, double line) {
+/// Such a piece is too short to have a direction: the cable is tangent to the body.
+Index at_rim(const Path& path, Index p, Index q, double line) {
     for (const Index k : {p, q}) {
-        const Touch& touch = path.touches[k];
-        if (!path.kind(k).fixed() && line <= 2.0 * RIM * path.nodes[k].radius) {
-            return rotated_back(touch.basis, path.kind(k).tangent(path.nodes[k], touch, k == p));
-        }
+        if (line <= 2.0 * RIM * path.nodes[k].radius && !path.kind(k).fixed()) return k;
     }
-    return (1.0 / line) * way;
+    return -1;
 }
 
 /// Lengths (E6) without the arcs of ends, wraps, arcs with their middles, and directions; false if
@@ -259,9 +256,13 @@ bool measure_cable(const Path& path, const CableTopology& own, double size, Work
         const Index q = path.neighbour(p, 1);
         const Vector3 way = touches[q].entry - touches[p].exit;
         const double line = norm(way);
-        const Vector3 unit = direction_between(path, p, q, way, line);
-        const bool points = path.kind(p).fixed() && path.kind(q).fixed();
-        possible = possible && (!(points || q > p + 1) || line > COINCIDENT * size);
+        const Index rim = at_rim(path, p, q, line);
+        Vector3 unit = (1.0 / line) * way;
+        if (rim >= 0) {
+            const Vector3 tangent = path.kind(rim).tangent(path.nodes[rim], touches[rim], rim == p);
+            unit = rotated_back(touches[rim].basis, tangent);
+        }
+        possible = possible && (line > COINCIDENT * size || (rim >= 0 && q == p + 1));
         share_line(touches, p, q);
         double begin = 0.0;
         for (Index e = p; e < q; ++e) {
