@@ -10,7 +10,8 @@ import numpy as np
 
 from cdrj_ros.estimation.conditioner import slips
 from cdrj_ros.foundation.output import counted, fixed
-from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, pose_text
+from cdrj_ros.inspection.poses import pose_text
+from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection
 from cdrj_ros.inspection.shares import Cause, Shares
 from cdrj_ros.model.impossible import Suspicion
 from cdrj_ros.model.packing import EFFORT, TENSION

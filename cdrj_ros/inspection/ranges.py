@@ -6,10 +6,8 @@ assumed to follow the joints such that every cable keeps its preload as well as 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import product
-from math import degrees
 from typing import Final
 
 import numpy as np
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Matrix, Vector
-from cdrj_ros.foundation.output import fixed
+from cdrj_ros.inspection.poses import on_common_motors, visited_poses
 from cdrj_ros.model.laws import (
     RIGID_BRISTLE,
     bearing_drag,
@@ -129,63 +127,8 @@ class Inspection:
     """Poses in which the joints can move without changing the length of any cable."""
 
 
-def pose_text(robot: Robot, pose: Iterable[float], cable: Cable | None = None) -> str:
-    """Format a pose: ``elbow = 40.0°, slide = 0.120 m``; only the joints that move a cable."""
-    positions = robot.prismatic_joints
-    own = None if cable is None else joints_of(robot, cable)
-    return ", ".join(
-        f"{joint.name} = {fixed(value, 3)} m"
-        if joint.name in positions
-        else f"{joint.name} = {fixed(degrees(value), 1)}°"
-        for joint, value in zip(robot.joints, pose, strict=True)
-        if own is None or joint.name in own
-    )
-
-
-POSES_PER_JOINT: Final = (81, 21, 9, 5)
-"""Grid points per joint for a robot with one, two, three or four joints."""
-
-RANDOM_POSES: Final = 1000
-"""Number of random poses for a robot with more joints."""
-
-MOST_ANGLES: Final = 50_000
-"""Largest number of angles in the random poses, of a robot with many joints."""
-
-MOST_CORNERS: Final = 10
-"""Largest number of joints for which all corners of the joint ranges are added."""
-
 LOOSEST: Final = 1e-7
 """Moment arms below this are treated as zero [m]."""
-
-
-def visited_poses(robot: Robot, moved: Collection[str]) -> Matrix:
-    """Reference pose, then a grid or, for many joints, the corners and random poses.
-
-    Args:
-        robot: the robot.
-        moved: names of the joints that move; the others stay in the reference pose.
-
-    Returns:
-        Shape (poses, joints).
-    """
-    own = [j for j, joint in enumerate(robot.joints) if joint.name in moved]
-    lower = np.array([robot.joints[j].lower for j in own])
-    upper = np.array([robot.joints[j].upper for j in own])
-    reference = robot.reference_pose[None]
-    count = len(own)
-    if count == 0:
-        return reference
-    if count <= len(POSES_PER_JOINT):
-        axis = np.linspace(0.0, 1.0, POSES_PER_JOINT[count - 1])
-        shares = np.array(list(product(axis, repeat=count)))
-    else:
-        poses = min(RANDOM_POSES, max(MOST_CORNERS, MOST_ANGLES // count))
-        shares = np.random.default_rng(0).random((poses, count))
-        if count <= MOST_CORNERS:
-            shares = np.vstack([np.array(list(product((0.0, 1.0), repeat=count))), shares])
-    grid = np.repeat(reference, 1 + len(shares), axis=0)
-    grid[1:, own] = lower + shares * (upper - lower)
-    return np.asarray(grid)
 
 
 def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[float, float]:
@@ -240,19 +183,6 @@ def inspect_robot(model: Model) -> Inspection:
             if np.linalg.matrix_rank(_scaled(one)) < len(robot.joints)
         ),
     )
-
-
-def on_common_motors(robot: Robot) -> Iterator[list[int]]:
-    """Indices of cables in groups whose motors wind no other cable."""
-    left = {c: motors_of(cable) for c, cable in enumerate(robot.cables)}
-    while left:
-        first, names = next(iter(left.items()))
-        group = {first}
-        while more := {c for c, own in left.items() if own & names} - group:
-            group |= more
-            names = names.union(*(left[c] for c in more))
-        left = {c: own for c, own in left.items() if c not in group}
-        yield sorted(group)
 
 
 def _total_arms(robot: Robot, shape: Shape) -> Matrix:

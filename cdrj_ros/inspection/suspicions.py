@@ -8,7 +8,8 @@ from math import degrees, isinf, pi
 from typing import Any, Final
 
 from cdrj_ros.inspection.motors import encoderless_suspicions
-from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, PulleyCheck, pose_text
+from cdrj_ros.inspection.poses import pose_text
+from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, PulleyCheck
 from cdrj_ros.model.impossible import Suspicion, unit_doubts
 from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at
 from cdrj_ros.model.untouched import untouched_bodies
