@@ -83,7 +83,7 @@ class Shape:
 
 
 def prepare(robot: Robot, check_range: bool = True) -> Model:
-    """Prepare a robot for stepping, with its unstretched lengths, l_0 of (E2).
+    """Prepare a robot for stepping, with its unstretched lengths, l_0 of (E2) or (E30).
 
     Args:
         robot: the description.
