@@ -67,6 +67,8 @@ class Estimator(LiveEstimator):
         """
         super().__init__(_loaded(model), options)
         self._joints = tuple(joint.name for joint in self.model.robot.as_read.joints)
+        motors, readings = self.model.layout.motors, self.readings.sensors
+        self._effort_names = (*motors, *(name for name in self._joints if name in readings))
         self.estimates: tuple[Estimate, ...] = ()
         """All estimates that the last ``update`` completed, the oldest first."""
 
@@ -90,9 +92,9 @@ class Estimator(LiveEstimator):
             motors: angles by name, or of all motors in the robot's order [rad], as the sensors give
                 them: scale, offset and period of the robot file are applied.
             joints: angles, likewise [rad], of prismatic joints positions [m].
-            efforts: torques of the cables on motors by name [N m]; used with
-                ``Options(track_preload=True)``, and for a robot with joints without encoder.
-            tensions: of load cells by element [N]; used with ``Options(tension_sensors=True)``.
+            efforts: torques of the cables on motors, and on joints whose file gives
+                ``effort_noise``, by name [N m].
+            tensions: of load cells by element [N].
 
         Returns:
             The newest estimate that the readings complete; None if they complete none.
@@ -109,7 +111,7 @@ class Estimator(LiveEstimator):
         readings |= _by_name("joints", joints, self._joints)
         kind: Kind = "joints" if motors is None else "motors" if joints is None else "both"
         cells = _by_name("tensions", tensions, layout.elements)
-        torques = _by_name("efforts", efforts, layout.motors)
+        torques = _by_name("efforts", efforts, self._effort_names)
         if cells:
             self.feed_tensions(stamp_ns, list(cells), list(cells.values()), ())
         if torques:

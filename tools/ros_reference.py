@@ -32,7 +32,7 @@ its inputs as well. Every node also has ROS's own services of parameters, `/roso
 
 NOTES = {
     "estimator": "Some topics and services exist only on request:\n\n"
-    "- `tension_sensors` with the parameter of that name, and `wrenches` for their subscribers;\n"
+    "- `wrenches` for their subscribers;\n"
     "- `joint_angles` and `joint_angles_stddev` for [joints without "
     "encoder](robot_file.md#joints-without-encoder);\n"
     "- with `--managed` the services of the "
@@ -71,9 +71,7 @@ def _nodes():
     from cdrj_ros.nodes.view import ViewNode
     from cdrj_ros.nodes.watch import WatchNode
 
-    estimator = ManagedEstimator(
-        parameter_overrides=_overrides(robot="prototype", tension_sensors=True)
-    )
+    estimator = ManagedEstimator(parameter_overrides=_overrides(robot="prototype"))
     estimator.trigger_configure()
     estimator.trigger_activate()
     yield "estimator", estimator

@@ -25,10 +25,15 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
 from cdrj_ros.estimation.estimator import Estimate, Estimates, Sample, Samples, State, run
-from cdrj_ros.estimation.model_error import length_share, offset_gain, unmodelled
+from cdrj_ros.estimation.model_error import (
+    in_all_quantities,
+    length_share,
+    offset_gain,
+    unmodelled,
+)
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import INVALID, UNSURE, Layout, constant_views
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.robot.description import Robot, Uncertainty
 
 LAST_STAMP: Final = 1
@@ -110,6 +115,8 @@ class Ensemble:
         self.model = model
         self.columns = stddev_columns(model.layout)
         self._drawn = draws.constants
+        self.length_share = length_share(model)
+        """Length of every element by that of its cable, shape (elements,)."""
         self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
         self.constants = self.core.constants
@@ -190,6 +197,17 @@ class Ensemble:
         self.variance_is_old = False
         np.add.reduce(self.deviation * self.deviation, axis=0, out=self.variance)
         self.variance /= len(self.deviation)
+
+    def show_at_least(self, changes: Vector) -> None:
+        """Show no smaller standard deviations than those of changes of mean tensions, (U15).
+
+        Args:
+            changes: of all cables [N], shape (cables,).
+        """
+        robot = self.model.robot
+        shape = shape_at(self.model, robot.reference_pose)
+        least = in_all_quantities(self.model, shape, np.abs(robot.per_element(changes)))
+        self.core.least_variance[:] = least**2
 
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""

@@ -378,8 +378,6 @@ class EarlierRun:
     """[rad], shape (motors,)."""
     joint_angle: Vector
     """[rad], shape (joints,)."""
-    uncorrected: Vector
-    """Values of the state without corrections by other sensors."""
 
     def has_moved(self, sample: Sample) -> bool:
         """Whether the robot has moved along an unknown path until the first sample of this run."""

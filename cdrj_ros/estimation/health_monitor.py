@@ -17,10 +17,10 @@ import numpy as np
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import NEVER, Sample
-from cdrj_ros.estimation.fusion import LARGEST
 from cdrj_ros.estimation.health_changes import Change, changes_of, magnitude, sensor_changes
 from cdrj_ros.estimation.health_evaluation import Evaluation, Reading, Turns, Window, evaluate
 from cdrj_ros.estimation.health_verdict import Report, report
+from cdrj_ros.estimation.sensors import LARGEST
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import Model, prepare

@@ -94,8 +94,9 @@ def unsure_elements(robot: Robot, standing: Evaluation | None, *, corrected: boo
     Args:
         robot: the robot as its file describes it.
         standing: the verdict; None while the robot agrees with its file.
-        corrected: whether efforts or load cells correct the preloads of the estimate; its standard
-            deviation then contains what they leave open, and a change of preload is no reason.
+        corrected: whether efforts or load cells correct the estimate; its standard deviation then
+            contains what they leave open, and only a cable that carries nothing is a reason, or
+            what no change explains.
     """
     flags = robot.per_element(np.zeros(len(robot.cables), dtype=np.bool_))
     if standing is None:
@@ -103,7 +104,7 @@ def unsure_elements(robot: Robot, standing: Evaluation | None, *, corrected: boo
     if not standing.explained:
         return ~flags
     for found in standing.found:
-        if found.matters and not (corrected and found.change.kind == "preload"):
+        if found.matters and not (corrected and found.change.kind != "broken"):
             concerned = _cables(robot, found.change, sole=not found.others)
             flags |= robot.per_element(concerned)
     return flags

@@ -32,13 +32,13 @@ def unmodelled(model: Model) -> Table:
     slack = robot.per_element([cable.slack_tension for cable in robot.cables])
     given = dict(robot.uncertainty.model_error) if robot.uncertainty is not None else {}
     error = _tension_errors(robot, shape, given) if given else np.zeros(slack.size)
-    known = _through(model, shape, error)
+    known = in_all_quantities(model, shape, error)
     names = [f"tension/{name}" for name in model.layout.elements]
     names += [""] * len(model.layout.pulleys)
     names += [f"effort/{name}" for name in (*model.layout.motors, *model.layout.joints)]
     for k, name in enumerate(names):
         known[k] = given.get(name, known[k])
-    return np.stack([known**2, _through(model, shape, slack)])
+    return np.stack([known**2, in_all_quantities(model, shape, slack)])
 
 
 def _arms(robot: Robot, shape: Shape) -> Table:
@@ -136,7 +136,7 @@ def _forces(model: Model, shape: Shape, tension: Table) -> Table:
     return np.asarray(lever * (tension[before] + tension[before + 1]))
 
 
-def _through(model: Model, shape: Shape, tension: Vector) -> Vector:
+def in_all_quantities(model: Model, shape: Shape, tension: Vector) -> Vector:
     """What errors of the tensions are in all columns, where cables err independently."""
     own = _by_cable(model.robot, _arms(model.robot, shape) * tension[:, None])
     efforts = np.linalg.norm(own, axis=0)

@@ -5,7 +5,7 @@ This module is independent of ROS: a node converts messages, calls it and publis
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import inf
@@ -23,6 +23,7 @@ from cdrj_ros.estimation.changes import (
     with_other_numbers,
 )
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
+from cdrj_ros.estimation.corrections import Corrections, exact
 from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import (
     UNSURE_SHARE,
@@ -40,8 +41,7 @@ from cdrj_ros.estimation.estimator import (
     initial_state,
     step,
 )
-from cdrj_ros.estimation.fusion import SensorFusion
-from cdrj_ros.estimation.preloads import START_SHARE, Preloads
+from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -58,10 +58,8 @@ class Options:
     unsure_share: float = UNSURE_SHARE
     """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or
     preload, whichever is greater."""
-    tension_sensors: bool = False
-    """Whether to use load cells; preloads may then drift."""
-    track_preload: bool = False
-    """Whether to correct the preloads with the motors' efforts."""
+    ignored_sensors: tuple[str, ...] = ()
+    """Load cells, and motors and joints whose efforts are not used, by name; ``*`` for all."""
     tracking: float | None = None
     """Bandwidth of the tracking filters [Hz], 0 for none; None: the robot file's."""
 
@@ -76,14 +74,9 @@ class Options:
         if self.tracking is not None and not 0.0 <= self.tracking < inf:
             raise UsageError(f"tracking must be at least 0 Hz, got {self.tracking:g}")
 
-    @property
-    def corrects(self) -> bool:
-        """Whether sensors other than the encoders correct the estimate."""
-        return self.tension_sensors or self.track_preload
-
 
 class LiveEstimator:
-    """Conditioning, estimate, uncertainty and sensor fusion of one robot."""
+    """Conditioning, estimate, uncertainty and corrections by sensors of one robot."""
 
     def __init__(self, model: Model, options: Options | None = None) -> None:
         """Prepare.
@@ -96,13 +89,10 @@ class LiveEstimator:
             UsageError: options that exclude each other or are out of range.
         """
         options = options or Options()
-        if options.corrects and not options.uncertainty:
-            raise UsageError("tension_sensors and track_preload need uncertainty: true")
-        if options.corrects and model.robot.unmeasured:
-            raise UsageError(
-                f"{_without_encoder(model)}: tension_sensors and track_preload are not possible "
-                "for a robot with joints without encoder"
-            )
+        sensors = sensors_of(model)
+        unknown = set(options.ignored_sensors) - {"*", *sensors}
+        if unknown:
+            raise UsageError(f"ignored_sensors names no sensor of the robot: {min(unknown)}")
         self.options = options
         self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
         self.unsolved = 0
@@ -111,8 +101,12 @@ class LiveEstimator:
         """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
         for none.  The health monitor sets it."""
         self.ensemble: Ensemble | None = None
-        self.fusion: SensorFusion | None = None
-        """Load cells and motors' efforts, if the options ask for them."""
+        self.readings = WaitingReadings(sensors, options.ignored_sensors)
+        """Readings of load cells and efforts that wait for a sample."""
+        self.corrections: Corrections | None = None
+        """What they say, from the first of them on."""
+        self._verified: set[str] = set()
+        """Sensors that a spring scale has confirmed."""
         self.encoderless: LiveEncoderless | None = None
         """The estimate of a robot with joints without encoder."""
         self.started = model
@@ -138,16 +132,14 @@ class LiveEstimator:
             self.encoderless = LiveEncoderless(model, self.encoderless)
         elif options.uncertainty:
             known = narrowed(model.robot, self.changes)
-            share = START_SHARE if options.corrects else 0.0
-            before, self.ensemble = self.ensemble, Ensemble(model, preload_share=share, known=known)
+            if self.corrections is not None:
+                sensors = self.readings.sensors = sensors_of(model, self._verified)
+                self.corrections = Corrections(model, known, sensors)
+                known = exact(known)
+            before, self.ensemble = self.ensemble, Ensemble(model, known=known)
             if before is not None:
                 self.ensemble.core.take_offset(before.core.offset)
                 self.ensemble.core.swing[:] = before.core.swing
-        if self.ensemble is not None and options.corrects:
-            if self.fusion is None:
-                self.fusion = SensorFusion(self.ensemble, track_preload=options.track_preload)
-            else:
-                self.fusion.use(self.ensemble)
         self.model = model
         self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
@@ -157,8 +149,6 @@ class LiveEstimator:
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
-        if self.fusion is not None:
-            self.fusion.reset()
         self._restart(known=False)
 
     def _restart(self, *, known: bool) -> None:
@@ -167,35 +157,45 @@ class LiveEstimator:
         """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
         self.state: State = initial_state(self.model)
-        self.uncorrected: State = self.state
-        """The state without corrections by other sensors."""
-        self._uncorrected_values: Vector = np.empty(0)
-        """Its estimate, see ``Estimate.values``."""
         self._predicted = None
-        self.corrected_by: set[str] = self.corrected_by if known else set()
-        """Sensors whose corrections distinguish ``state`` from ``uncorrected``."""
         self.sample: Sample | None = None
         self._watch = RestWatch()
+        self.readings.forget()
         if self.encoderless is not None:
             self.encoderless.reset()
-        if self.ensemble is not None and known:
+        if not known:
+            self._moved = np.zeros(len(self.model.robot.cables))
+            """Changes of mean tensions while nothing was read, as standard deviations [N]."""
+        if self.ensemble is not None:
             self.ensemble.reset()
-        elif self.ensemble is not None:
-            self.ensemble.restore_preloads()
-        if self.fusion is not None:
-            self.fusion.restart(known=known)
+            if not known:
+                self.ensemble.show_at_least(self._moved)
+        if self.corrections is not None and known:
+            self.corrections.restart()
+        elif self.corrections is not None:
+            self.corrections.forget()
 
-    def resume(self, earlier: EarlierRun, corrected_by: Iterable[str] = ()) -> None:
+    def resume(self, earlier: EarlierRun) -> None:
         """Continue from the end of an earlier run at the next sample.
 
         Args:
             earlier: where it ended.
-            corrected_by: sensors whose corrections distinguish its state from the one without them.
         """
         self._earlier = earlier
-        self.corrected_by = set(corrected_by)
         angles = np.concatenate([earlier.motor_angle, earlier.joint_angle])
         self.conditioner.expect(angles, earlier.state.stamp_ns)
+
+    def begin_corrections(self) -> None:
+        """Use sensors from now on: their beliefs hold what the file leaves open, not the members.
+
+        The friction history begins anew.
+        """
+        known = narrowed(self.model.robot, self.changes)
+        sensors = self.readings.sensors
+        self.corrections = Corrections(self.model, known, sensors)
+        self.use(self.model)
+        self.corrections.widen(self._moved)
+        self.state = initial_state(self.model)
 
     def suspend(self) -> None:
         """Discard waiting readings; the next sample continues as after a restart of the process.
@@ -206,7 +206,7 @@ class LiveEstimator:
         if self.sample is None:
             return
         motor, joint = self.sample.motor_angle, self.sample.joint_angle
-        earlier = EarlierRun(self.state, motor, joint, self.uncorrected.values)
+        earlier = EarlierRun(self.state, motor, joint)
         known = self.conditioner.memory()
         members = None if self.ensemble is None else deepcopy(self.ensemble.memory())
         self.conditioner.reset()
@@ -214,7 +214,7 @@ class LiveEstimator:
         self.conditioner.recall(known)
         if self.ensemble is not None and members is not None:
             self.ensemble.recall(members)
-        self.resume(earlier, self.corrected_by)
+        self.resume(earlier)
 
     def _take_up(self, earlier: EarlierRun, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""
@@ -224,15 +224,20 @@ class LiveEstimator:
             state = State(sample.stamp_ns - 1_000_000, state.values)
             if self.ensemble is not None:
                 self.ensemble.shift_clock(late - 1_000_000)
-        self.state, self.uncorrected = state, State(state.stamp_ns, earlier.uncorrected)
-        if self.ensemble is not None:
-            if earlier.has_moved(sample):
-                self.ensemble.reset()
-            # until other sensors narrow it, or ``reset`` confirms the angles
-            preloads = Preloads(self.ensemble)
-            preloads.vary(preloads.mean_tensions(earlier.pose_change(self.model, sample)))
-        if late > 0 and self.fusion is not None:
-            self.fusion.drift_unmeasured(late * 1e-9)
+        self.state = state
+        if self.ensemble is None:
+            return
+        if earlier.has_moved(sample):
+            self.ensemble.reset()
+        # until other sensors narrow it, or ``reset`` confirms the angles
+        change = earlier.pose_change(self.model, sample)
+        shares = self.ensemble.length_share * change
+        mean = np.array([shares[part].sum() for part in self.model.robot.parts])
+        self._moved = np.hypot(self._moved, mean)
+        if self.corrections is not None:
+            self.corrections.widen(mean)
+        else:
+            self.ensemble.show_at_least(self._moved)
 
     def feed(
         self,
@@ -289,35 +294,18 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        estimate = self._step(sample)
-        self._note(sample, estimate)
-        self._mark(sample, estimate)
-        if self.fusion is not None and estimate.solved:
-            self._correct(self.fusion, sample, estimate)
-        return estimate
-
-    def _step(self, sample: Sample) -> Estimate:
-        """The next estimate, with its standard deviations if they are wanted."""
-        ensemble = self.ensemble
-        if ensemble is None:
+        if self.corrections is None and self.readings.heard and self.ensemble is not None:
+            self.begin_corrections()
+        if self.ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
-            return estimate
-        if self.fusion is None:
-            self.state, estimate = ensemble.step(self.state, sample)
-            return estimate
-        model, is_corrected = self.model, self.state is not self.uncorrected
-        if self.state.stamp_ns == NEVER:
-            model = self.fusion.start_model()
-        if model is self.model:
-            self.state, estimate = ensemble.step(self.state, sample)
         else:
-            self.state, estimate = step(model, self.state, sample)
-            estimate.stddev = ensemble.update(sample, estimate)
-        if is_corrected or model is not self.model:
-            self.uncorrected, other = step(self.model, self.uncorrected, sample)
-            self._uncorrected_values = other.values
-        else:
-            self.uncorrected, self._uncorrected_values = self.state, estimate.values
+            self.state, estimate = self.ensemble.step(self.state, sample)
+        self._note(sample, estimate)
+        if self.corrections is not None and self.ensemble is not None and estimate.solved:
+            due = list(self.readings.due(sample.stamp_ns))
+            self.corrections.follow(sample, estimate, due, self.ensemble)
+            self.corrections.correct(estimate, self.ensemble.variance)
+        self._mark(sample, estimate)
         return estimate
 
     def _note(self, sample: Sample, estimate: Estimate) -> None:
@@ -327,29 +315,14 @@ class LiveEstimator:
         if not estimate.solved:
             self.unsolved += 1
 
-    def _correct(self, fusion: SensorFusion, sample: Sample, estimate: Estimate) -> None:
-        """Apply other sensors' measurements; if one of these sensors was wrong, undo all of them.
-
-        The uncorrected state then replaces the state, and the ensemble starts anew.
-        """
-        self.state, wrong = fusion.correct(
-            sample, estimate, self._uncorrected_values, self.state, self.corrected_by
-        )
-        if wrong:
-            self.state = self.uncorrected
-            self.corrected_by.clear()
-            fusion.undo(wrong)
-        if wrong or fusion.sensors.contradicted:
-            mark_elements_unsure(estimate.values, self._everywhere)
-
     def _take_predicted(self, sample: Sample) -> Estimate:
         """``take`` for a predicted sample."""
         self._predicted, estimate = step(self.model, self._predicted or self.state, sample)
         if self.ensemble is not None:
             estimate.stddev = self.ensemble.predict(sample, estimate)
+        if self.corrections is not None and self.ensemble is not None and estimate.solved:
+            self.corrections.correct(estimate, self.ensemble.variance)
         self._mark(sample, estimate)
-        if self.fusion is not None and self.fusion.sensors.contradicted:
-            mark_elements_unsure(estimate.values, self._everywhere)
         return estimate
 
     def _take_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Estimate:
@@ -357,7 +330,7 @@ class LiveEstimator:
         self._earlier = None
         estimate = encoderless.estimate(sample)
         if not sample.predicted:
-            self.state = self.uncorrected = encoderless.state_at(sample.stamp_ns)
+            self.state = encoderless.state_at(sample.stamp_ns)
             self._note(sample, estimate)
         self._mark(sample, estimate)
         if not self.options.uncertainty:
@@ -389,27 +362,29 @@ class LiveEstimator:
             tensions: measured tensions [N].
             stddevs: one standard deviation per name [N]; empty: the robot file's.
         """
-        if self.fusion is None:
-            return
         if len(names) != len(tensions) or len(stddevs) not in (0, len(names)):
             self.conditioner.refuse("malformed")
-            return
-        self.fusion.waiting.feed_tensions(stamp_ns, names, tensions, stddevs)
+        elif self._uses_sensors:
+            self.readings.feed(stamp_ns, names, tensions, stddevs)
 
-    def wants_efforts(self, stamp_ns: int) -> bool:
-        """Whether efforts of this stamp [ns] would be used for any motor, see ``feed_efforts``."""
+    @property
+    def _uses_sensors(self) -> bool:
+        return self.options.uncertainty and self.encoderless is None
+
+    def wants_efforts(self, names: Sequence[str], stamp_ns: int) -> bool:
+        """Whether efforts of this stamp [ns] would be used for any of these axes."""
         if self.encoderless is not None:
             return True
-        return self.fusion is not None and self.fusion.waiting.wants_efforts(stamp_ns)
+        return self._uses_sensors and self.readings.wants(names, stamp_ns)
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
     ) -> None:
-        """Queue measured efforts of motors [N m]; other names are ignored."""
+        """Queue measured efforts of motors and joints [N m]; other names are ignored."""
         if self.encoderless is not None:
             self.encoderless.feed_efforts(stamp_ns, names, efforts)
-        elif self.fusion is not None:
-            self.fusion.waiting.feed_efforts(stamp_ns, names, efforts)
+        elif self._uses_sensors and len(efforts) == len(names):
+            self.readings.feed(stamp_ns, names, efforts)
 
     def tare(self) -> str:
         """Make the current angles the reference pose.
@@ -433,10 +408,14 @@ class LiveEstimator:
     def set_preload(self, preloads: Mapping[str, float]) -> str:
         """Set preloads of cables in the reference pose [N]; the estimate starts anew.
 
+        Sensors that say the same as the spring scale are doubted less from then on.
+
         Raises:
             UsageError: an unknown cable or a tension out of range.
         """
         change = preloads_of(self.model, preloads)
+        if self.corrections is not None:
+            self._verified |= self.corrections.confirmed_by(preloads)
         self.change(change.values)
         return change.words
 

@@ -25,7 +25,7 @@ from cdrj_ros.model.prepared import Model
 KIND: Final = b"cdrj_ros state "
 """First bytes of a state file of any version."""
 
-HEADER: Final = KIND + b"8\n"
+HEADER: Final = KIND + b"9\n"
 """First line of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000
@@ -125,14 +125,12 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
             "digest": _digest(live.model),
             "stamp": np.array([live.state.stamp_ns]),
             "state": live.state.values,
-            "uncorrected": (live.state if live.fusion is None else live.uncorrected).values,
-            "corrected_by": _packed(sorted(live.corrected_by)),
             "motor_angle": live.sample.motor_angle,
             "joint_angle": live.sample.joint_angle,
         }
         arrays |= live.conditioner.memory()
-        if live.fusion is not None:
-            arrays["sensors"] = _packed(live.fusion.memory())
+        if live.corrections is not None:
+            arrays["beliefs"] = _packed(live.corrections.memory())
         if live.ensemble is not None:
             arrays |= live.ensemble.memory()
     buffer = BytesIO()
@@ -205,10 +203,8 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         StateFileError: the content is unusable; the state has not changed then.
     """
     values, stamp = arrays["state"], arrays.get("stamp")
-    uncorrected = arrays.get("uncorrected", values)
-    for one in (values, uncorrected):
-        if one.dtype != np.float64 or not live.model.core.is_state(one):
-            raise StateFileError(f"{path} holds no usable state")
+    if values.dtype != np.float64 or not live.model.core.is_state(values):
+        raise StateFileError(f"{path} holds no usable state")
     if stamp is None or stamp.shape != (1,) or stamp.dtype != np.int64 or stamp[0] <= 0:
         raise StateFileError(f"{path} holds no stamp")
     known = live.conditioner.memory()
@@ -218,18 +214,20 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         there = arrays.get(name)
         if there is None or there.shape != own.shape or there.dtype != own.dtype:
             raise StateFileError(f"{path} holds no usable {name.replace('_', ' ')}")
-    try:
-        corrected_by = [str(name) for name in _unpacked(arrays["corrected_by"])]
-        if live.fusion is not None and "sensors" in arrays:
-            live.fusion.recall(_unpacked(arrays["sensors"]))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise StateFileError(f"{path} holds no usable list of sensors: {error}") from error
+    if "beliefs" in arrays and live.ensemble is not None:
+        live.begin_corrections()
+        assert live.corrections is not None
+        try:
+            live.corrections.recall(_unpacked(arrays["beliefs"]))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            live.corrections.forget()
+            raise StateFileError(f"{path} holds no usable beliefs: {error}") from error
     if live.ensemble is not None and not live.ensemble.recall(arrays):
         live.ensemble.reset()
     state = State(int(stamp[0]), values)
     live.conditioner.recall(arrays)
     motor, joint = arrays["motor_angle"], arrays["joint_angle"]
-    live.resume(EarlierRun(state, motor, joint, uncorrected), corrected_by)
+    live.resume(EarlierRun(state, motor, joint))
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:

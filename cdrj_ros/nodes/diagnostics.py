@@ -29,6 +29,9 @@ LEVELS: Final = {
 }
 """Levels of the health monitor's reports."""
 
+DOUBTED: Final = 0.1
+"""A sensor whose probability of being right is smaller is reported."""
+
 
 @dataclass
 class StepTimes:
@@ -114,6 +117,11 @@ def status_of(
     )
 
 
+def _sensors(live: LiveEstimator) -> dict[str, float]:
+    """Probability that every sensor that was heard is right, by name."""
+    return live.corrections.right if live.corrections is not None else {}
+
+
 def _steps(live: LiveEstimator) -> list[str]:
     return [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
 
@@ -130,9 +138,7 @@ def _verdict(
 ) -> tuple[bytes, str]:
     """Level and message of the most severe cause; requires an estimate."""
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-    others = live.fusion
-    health_of = others.sensors.health.values() if others is not None else ()
-    dropped = [f"sensor {one.name} dropped: {one.dropped}" for one in health_of if one.dropped]
+    doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
     stepped, lagging = _steps(live), _lags(live)
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
@@ -165,7 +171,7 @@ def _verdict(
             lagging, warn,
             f"readings lag: {', '.join(lagging)}; a late topic, or another clock (clock_offset)",
         ),
-        (dropped, warn, "; ".join(dropped)),
+        (doubted, warn, f"sensors that contradict the others or the robot: {', '.join(doubted)}"),
         (health.refusing, warn, health.refusing),
         (flagged[SLACK], warn, f"slack: {', '.join(flagged[SLACK])}"),
         (flagged[UNSURE], warn, f"unsure: {', '.join(flagged[UNSURE])}"),
@@ -204,22 +210,11 @@ def _figures(
         "readings that waited too long": str(conditioner.crowded),
         **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
     }
-    others = live.fusion
-    if others is not None:
-        values["refused: unknown element"] = str(others.waiting.unknown_elements)
-        values["sensor readings not used in time"] = str(others.waiting.overlooked)
-        for one in others.sensors.health.values():
-            state = "used" if one.trusted else "on trial until it follows a motion"
-            if one.dropped:
-                state = f"dropped: {one.dropped}"
-            values[f"sensor {one.name}"] = (
-                f"{state}; {one.used} readings used, {one.refused} refused, "
-                f"{one.changes} sudden changes"
-            )
-        for name, (friction, stddev) in others.sensors.motor_friction.items():
-            values[f"friction of {name} beyond the robot file [N m]"] = (
-                f"{friction:.3g} +- {stddev:.2g}"
-            )
+    values["refused: unknown sensor"] = str(live.readings.unknown)
+    values["sensor readings not used in time"] = str(live.readings.overlooked)
+    if live.corrections is not None:
+        values["sensor readings refused"] = str(live.corrections.refused)
+        values |= {f"sensor {name}": words for name, words in live.corrections.words().items()}
     return values
 
 
@@ -260,7 +255,7 @@ class HealthWatch:
         if self.monitor.model is not live.model:
             self.monitor = self._new()
         # with other sensors the spread is that of a corrected estimate, not of the file
-        self.monitor.follow(live.sample, estimate.stddev if live.fusion is None else None)
+        self.monitor.follow(live.sample, estimate.stddev if live.corrections is None else None)
         self._doubt()
 
     def _doubt(self) -> None:
@@ -269,7 +264,7 @@ class HealthWatch:
         if not self._marks or standing is self._standing:
             return
         self._standing = standing
-        corrected = live.fusion is not None
+        corrected = live.corrections is not None
         doubted = unsure_elements(live.model.robot, standing, corrected=corrected)
         live.always_unsure = doubted if doubted.any() else None
 

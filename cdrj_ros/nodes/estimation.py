@@ -191,10 +191,9 @@ class Estimation:
             topic = self._input(JointState, name, axes)
             topic.subscribe(self.angle_callback(kind, topic))
             inputs.append(topic)
-        if self.live.options.tension_sensors:
-            topic = self._input(CableTensions, TENSION_SENSORS, ())
-            topic.subscribe(self.on_tensions)
-            inputs.append(topic)
+        topic = self._input(CableTensions, TENSION_SENSORS, ())
+        topic.subscribe(self.on_tensions)
+        inputs.append(topic)
         return inputs
 
     def _input(self, message: Any, name: str, axes: tuple[str, ...]) -> InputTopic:
@@ -208,15 +207,13 @@ class Estimation:
         """The callback of a topic of angles: decodes, conditions, steps and publishes."""
         live = self.live
         health = self.health if kind != "joints" else None
-        fed = kind != "joints" and (live.options.track_preload or live.encoderless is not None)
-        message = topic.last = JointStateDecoder(efforts=fed)
+        message = topic.last = JointStateDecoder(efforts=True)
 
         def read_efforts() -> None:
-            stamp_ns = message.stamp_ns
+            stamp_ns, names = message.stamp_ns, message.names
             wanted = health is not None and health.monitor.wants_efforts(stamp_ns)
-            feeds = fed and live.wants_efforts(stamp_ns)
+            feeds = live.wants_efforts(names, stamp_ns)
             if feeds or wanted:
-                names = message.names
                 efforts = efforts_of(live.model.robot, names, message.efforts)
                 if feeds:
                     live.feed_efforts(stamp_ns, names, efforts)

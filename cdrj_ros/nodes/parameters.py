@@ -89,8 +89,12 @@ _SETTINGS: Final = (
         "preload",
         "-", 0.001, 10.0, changeable=True,
     ),
-    Setting("tension_sensors", False, "Whether to use load cells on the topic tension_sensors"),
-    Setting("track_preload", False, "Whether to correct preloads by the efforts in motor_states"),
+    Setting(
+        "ignored_sensors", "",
+        "Sensors that do not correct the estimate, separated by commas: load cells by element, and "
+        "motors and joints whose efforts are published; *: all. The others are used as soon as "
+        "they are heard",
+    ),
     Setting(
         "health", HEALTH[0],
         "What to do if the efforts in motor_states or the load cells show that the robot has "
@@ -153,8 +157,7 @@ def read(node: Node) -> Started:
     options = Options(
         conditioning=values["conditioning"],
         unsure_share=values["unsure_share"],
-        tension_sensors=values["tension_sensors"],
-        track_preload=values["track_preload"],
+        ignored_sensors=tuple(name for name in split_names(values["ignored_sensors"]) if name),
         tracking=_bandwidth(values[TRACKING]),
     )
     given = {name: float(values[name]) for name in (f"friction.{key}" for key in FRICTION)}
@@ -169,6 +172,11 @@ def read(node: Node) -> Started:
         options=options,
         friction={n: _checked_friction(n, value) for n, value in given.items() if value != UNSET},
     )
+
+
+def split_names(text: str) -> list[str]:
+    """Names that are separated by commas."""
+    return [name.strip() for name in text.split(",")]
 
 
 def _bandwidth(value: float) -> float | None:

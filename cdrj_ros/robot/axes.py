@@ -29,6 +29,7 @@ def read_motors(document: Document, refuse: Refusal) -> Iterator[Motor]:
             entry["name"],
             **given(entry, "reference_angle", "max_speed", "effort_noise", "effort_scale"),
             effort_sign=entry.get("effort_sign", Motor.effort_sign),
+            effort_verified=entry.get("effort_verified", Motor.effort_verified),
             passive=_passive(entry),
             sensor=_sensor(f"motors[{k}]", entry, refuse),
         )
@@ -57,8 +58,9 @@ def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
             lower,
             upper,
             reference,
-            **given(entry, "max_speed", "load_drift", "effort_scale"),
+            **given(entry, "max_speed", "load_drift", "effort_noise", "effort_scale"),
             effort_sign=entry.get("effort_sign", Joint.effort_sign),
+            effort_verified=entry.get("effort_verified", Joint.effort_verified),
             passive=_passive(entry),
             sensor=_sensor(f"joints[{k}]", entry, refuse),
             measured=entry.get("measured", Joint.measured),

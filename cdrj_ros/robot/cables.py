@@ -59,6 +59,7 @@ class CableReader:
             **given(
                 entry, "slack_tension", "sensor_noise", "rest_length", maximum_tension="max_tension"
             ),
+            sensor_verified=entry.get("sensor_verified", Cable.sensor_verified),
             law={**layers[0], **layers[1]}.get("law", Cable.law),
         )
 

@@ -167,6 +167,8 @@ class Motor:
     sensor: Sensor = Sensor()
     effort_noise: float = 0.01
     """Standard deviation of measured efforts [N m]."""
+    effort_verified: bool = False
+    """Whether its efforts were compared with a known load."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,10 @@ class Joint:
     """Effort per unit of the published effort [N m], [N] of a prismatic joint; not 0."""
     passive: PassiveTorque = PassiveTorque()
     sensor: Sensor = Sensor()
+    effort_noise: float | None = None
+    """Standard deviation of measured efforts [N m] or [N]; None: they are not used."""
+    effort_verified: bool = False
+    """Whether its efforts were compared with a known load."""
     measured: bool = True
     """Whether it has an encoder."""
     load_drift: float = 0.0
@@ -324,6 +330,8 @@ class Cable:
     """Tension at or below which an element is reported as slack [N]."""
     sensor_noise: float = 0.1
     """Standard deviation of a load cell whose messages do not contain one [N]."""
+    sensor_verified: bool = False
+    """Whether its load cells were compared with a known load."""
     law: str = "elastoplastic"
     """Friction law of all its pulleys, by its name in the robot file."""
     bedding_strain: float = 0.0

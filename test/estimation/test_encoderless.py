@@ -24,7 +24,7 @@ from cdrj_ros.estimation.encoderless import (
     RecentEfforts,
     efforts_at,
 )
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.motors import determined_joints
@@ -97,8 +97,6 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
     assert not live.encoderless.lacks_efforts
     with pytest.raises(UsageError, match="elbow has no encoder"):
         live.tare()
-    with pytest.raises(UsageError, match="elbow has no encoder"):
-        LiveEstimator(prototype, Options(track_preload=True))
 
 
 def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:

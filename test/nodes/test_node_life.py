@@ -247,7 +247,7 @@ KEYS = {
 def test_diagnostics_describe_every_problem(bench: Bench) -> None:
     from cdrj_ros.estimation.refusals import REFUSALS
 
-    estimator = bench.estimator(tension_sensors=True)
+    estimator = bench.estimator()
     said: list[Any] = []
     hear_diagnostics(bench, said)
     assert bench.until(lambda: bool(said))

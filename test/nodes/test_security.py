@@ -74,7 +74,7 @@ def shortened(real: Any, allowed: Any) -> dict[tuple[str, str], set[str]]:
 @pytest.fixture
 def nodes(bench: Bench) -> Bench:
     """One node of each executable with all their topics."""
-    given = {"robot": ROBOT, "tension_sensors": True, "use_sim_time": True}
+    given = {"robot": ROBOT, "use_sim_time": True}
     estimator = ManagedEstimator(parameter_overrides=parameters(given))
     estimator.trigger_configure()
     estimator.trigger_activate()

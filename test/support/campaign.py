@@ -307,11 +307,7 @@ def run(
     Returns:
         The estimates; their stamps are on the clock of the course.
     """
-    options = options or Options(
-        conditioning=faults.mode,
-        tension_sensors=CELL in faults.sensors,
-        track_preload=EFFORT in faults.sensors,
-    )
+    options = options or Options(conditioning=faults.mode)
     live, outputs = LiveEstimator(model, options), []
     restart_ns, tare_ns = faults.restart_ns, faults.tare_ns
     for message in _messages(model, course, faults):

@@ -1,0 +1,426 @@
+"""Corrections of the estimate by sensors, for every group of cables that belong together.
+
+The model's estimate is not touched: what sensors say is added to it, and their beliefs about the
+unknowns are kept beside it.  The members of the ensemble hold the history alone then; what the file
+leaves open is in the beliefs.  See docs/estimation.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdrj_ros.estimation.beliefs import Beliefs
+from cdrj_ros.estimation.changes import SPRING_SCALE_NOW
+from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
+from cdrj_ros.estimation.estimator import Estimate, Sample
+from cdrj_ros.estimation.model_error import unmodelled
+from cdrj_ros.estimation.sensors import LARGEST, Directions, Reading, Sensor
+from cdrj_ros.estimation.signatures import Signatures
+from cdrj_ros.estimation.unknowns import unknowns_of
+from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.groups import connected_cables
+
+HISTORY_NS: Final = 200_000_000
+"""Maximum age of a reading [ns]."""
+
+KEPT: Final = 5_000
+"""Maximum number of past estimates."""
+
+CONFIRMED: Final = 2.0
+"""A spring scale confirms sensors that agree with it within so many standard deviations,"""
+
+TELLING: Final = 0.1
+"""if they know the preload better than by this share."""
+
+SMALLEST_SHARE: Final = 1e-3
+"""Least standard deviation of a corrected quantity, as a share of it."""
+
+
+def exact(known: Uncertainty | None) -> Uncertainty | None:
+    """Standard deviations of no number; what else ``known`` says stays."""
+    if known is None:
+        return None
+    return replace(known, parameters=(), covariance=np.zeros((0, 0)), stated=0)
+
+
+class _Past(NamedTuple):
+    """The model's estimate at a sample."""
+
+    stamp_ns: int
+    values: Vector
+    """Of all quantities, shape (columns,)."""
+    stddev: Vector
+    slopes: list[Table]
+    """Signatures of every group."""
+    direction: Vector
+    """Of the axes' friction, see ``Directions``."""
+
+
+class Group:
+    """Cables that belong together: their unknowns and what the sensors say about them."""
+
+    def __init__(self, model: Model, cables: Sequence[int], known: Uncertainty | None) -> None:
+        """Prepare.
+
+        Args:
+            model: the whole robot.
+            cables: numbers of the group's.
+            known: standard deviations of the robot's numbers.
+        """
+        own = _of_cables(model, cables)
+        names = {model.layout.cables[c] for c in cables}
+        self.cables = list(cables)
+        own_known = _known_of(known, names)
+        self._parameters = own_known.parameters if own_known is not None else ()
+        self.unknowns, self.modes = unknowns_of(own, own_known)
+        """Change of the file's numbers per unit of every mode, see ``unknowns_of``."""
+        self.signatures = Signatures(own, self.unknowns, stddev_columns(own.layout))
+        self.beliefs = Beliefs(self.unknowns)
+        self.columns = _columns_in(model, own)
+        """Index of every quantity of the group among those of the robot."""
+        self.place = {column: k for k, column in enumerate(self.columns.tolist())}
+        self.index: dict[str, int] = {}
+        """Index of every sensor that was heard in ``beliefs``, by name."""
+        self._related: list[NDArray[np.bool_]] = []
+        self._own = own
+        self._cable_of = _cables_of_columns(own)
+
+    def forget(self) -> None:
+        """Forget what sensors have said."""
+        self.beliefs = Beliefs(self.unknowns)
+        self.index.clear()
+        self._related.clear()
+
+    def hear(self, sensor: Sensor) -> int:
+        """Index of a sensor in ``beliefs``, which begin to know it."""
+        if sensor.name not in self.index:
+            self.index[sensor.name] = len(self.index)
+            self.beliefs.hear(sensor)
+            self._relate(sensor)
+        return self.index[sensor.name]
+
+    def _relate(self, sensor: Sensor) -> None:
+        own = [self.cables.index(c) for c in sensor.cables if c in self.cables]
+        self._related.append(np.isin(self._cable_of, [-1, *own]))
+
+    def correction(
+        self, stamp_ns: int, values: Vector, deviation: Table
+    ) -> tuple[Vector, Vector, Vector]:
+        """``Beliefs.correction`` of the group, from quantities and members of the whole robot."""
+        return self.beliefs.correction(
+            stamp_ns, values[self.columns], self.signatures.slopes, deviation[:, self.columns],
+            self.place, np.array(self._related, dtype=np.bool_).reshape(-1, self.columns.size),
+        )  # fmt: skip
+
+    def preload_of(self, cable: str) -> tuple[float, float] | None:
+        """The preload of a cable and its standard deviation [N]; None if it is of another group."""
+        names = self._own.layout.cables
+        if cable not in names:
+            return None
+        change = [one.name for one in self.unknowns].index(f"preload of {cable}")
+        share = np.zeros(self.beliefs.count)
+        share[change] = self.unknowns[change].unit
+        path = f"cables.{cable}.preload"
+        if path in self._parameters:
+            share[: self.modes.shape[1]] = self.modes[self._parameters.index(path)]
+        mean, stddev = self.beliefs.moment_of(share)
+        return self._own.robot.cables[names.index(cable)].preload + mean, stddev
+
+    def recall(self, memory: Mapping[str, Any], sensors: Mapping[str, Sensor]) -> None:
+        """Take up the memory of ``beliefs``, whose errors it raises."""
+        self.beliefs.recall(memory, sensors)
+        self.index = {one.sensor.name: k for k, one in enumerate(self.beliefs.heard)}
+        self._related.clear()
+        for one in self.beliefs.heard:
+            self._relate(one.sensor)
+
+
+class Corrections:
+    """What a robot's sensors say, and the estimate with it."""
+
+    def __init__(
+        self, model: Model, known: Uncertainty | None, sensors: Mapping[str, Sensor]
+    ) -> None:
+        """Prepare; the members of the robot's ensemble are those with ``exact(known)``.
+
+        Args:
+            model: the robot.
+            known: standard deviations of its file's numbers.
+            sensors: all that it may have, by name.
+        """
+        self.model = model
+        self.sensors = sensors
+        self.groups = [Group(model, cables, known) for cables in _groups_of(model, sensors)]
+        self.refused = 0
+        """Readings that are not finite, too large, or too old."""
+        self._columns = stddev_columns(model.layout)
+        self._group_of = {c: group for group in self.groups for c in group.cables}
+        self._directions = Directions(model.robot)
+        self._past: deque[_Past] = deque(maxlen=KEPT)
+        self._shift = np.zeros(self._columns.size)
+        """Change of every quantity by what the sensors say."""
+        self._known = np.zeros(self._columns.size)
+        """Share of the variance of its history that they take away."""
+        self._left = np.zeros(self._columns.size)
+        """Variance that they leave."""
+        limits = [(cable.slack_tension, cable.maximum_tension) for cable in model.robot.cables]
+        self._slack, self._most = model.robot.per_element(limits).T
+        self._least = unmodelled(model)[1]
+
+    def forget(self) -> None:
+        """Forget what sensors have said."""
+        for group in self.groups:
+            group.forget()
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with an unknown history; what is known of robot and sensors is kept."""
+        for group in self.groups:
+            group.signatures.reset()
+            group.beliefs.pause()
+        self._directions.forget()
+        self._past.clear()
+        self._known[:] = 0.0
+
+    def widen(self, changes: Vector) -> None:
+        """Leave open changes of all cables' mean tensions of these sizes [N], shape (cables,)."""
+        for group in self.groups:
+            size = np.zeros(group.beliefs.count)
+            at = {one.name: k for k, one in enumerate(group.unknowns)}
+            for c in group.cables:
+                k = at[f"preload of {self.model.layout.cables[c]}"]
+                size[k] = (changes[c] / group.unknowns[k].unit) ** 2
+            group.beliefs.widen(size)
+
+    def follow(self, sample: Sample, estimate: Estimate, readings: Sequence[Reading],
+               ensemble: Ensemble) -> None:  # fmt: skip
+        """Take a sample, the model's estimate for it, and the readings up to it.
+
+        Args:
+            sample: not a predicted one.
+            estimate: for it, with standard deviations.
+            readings: that have become due.
+            ensemble: whose members have been updated with the sample.
+        """
+        renewed = [group.signatures.follow(sample) for group in self.groups]
+        values = estimate.values[self._columns]
+        angles = np.concatenate([sample.motor_angle, sample.joint_angle])
+        assert estimate.stddev is not None
+        slopes = [group.signatures.slopes for group in self.groups]
+        direction = self._directions.follow(angles)
+        self._past.append(_Past(sample.stamp_ns, values, estimate.stddev, slopes, direction))
+        while sample.stamp_ns - self._past[0].stamp_ns > HISTORY_NS:
+            self._past.popleft()
+        touched = {id(group) for group, new in zip(self.groups, renewed, strict=True) if new}
+        touched |= {id(self._take(reading)) for reading in readings}
+        if not touched:
+            return
+        ensemble.catch_up(sample, estimate)
+        self._shift[:] = self._left[:] = 0.0
+        for group in self.groups:
+            found = group.correction(sample.stamp_ns, values, ensemble.deviation)
+            self._shift[group.columns] += found[0]
+            self._known[group.columns] = found[1]
+            self._left[group.columns] += found[2]
+
+    def _take(self, reading: Reading) -> Group | None:
+        """Take one reading, unless it is refused."""
+        sensor = self.sensors[reading.name]
+        group = self._group_of[sensor.cables[0]]
+        past = self._at(reading.stamp_ns, sensor.column)
+        if past is None or not abs(reading.value) <= LARGEST:
+            self.refused += 1
+            return None
+        h, then = past
+        k = group.hear(sensor)
+        slopes = then.slopes[self.groups.index(group)][:, group.place[sensor.column]]
+        direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
+        group.beliefs.take(
+            k, reading.stamp_ns, reading.value, reading.noise, h, slopes,
+            float(then.stddev[sensor.column]), direction,
+        )  # fmt: skip
+        return group
+
+    def _at(self, stamp_ns: int, column: int) -> tuple[float, _Past] | None:
+        """A quantity by the model at a time, and the sample at or after it; None if too old."""
+        past = self._past
+        if not past or not past[0].stamp_ns <= stamp_ns <= past[-1].stamp_ns:
+            return None
+        k = len(past) - 1
+        while k > 0 and past[k - 1].stamp_ns >= stamp_ns:
+            k -= 1
+        after = past[k]
+        value = float(after.values[column])
+        if after.stamp_ns != stamp_ns:
+            before = past[k - 1]
+            share = (after.stamp_ns - stamp_ns) / (after.stamp_ns - before.stamp_ns)
+            value += share * (float(before.values[column]) - value)
+        return value, after
+
+    def correct(self, estimate: Estimate, history: Vector) -> None:
+        """Change an estimate with standard deviations into that with what the sensors say.
+
+        Args:
+            estimate: of the model, changed.
+            history: variances of its quantities by the members.
+        """
+        layout, values = estimate.layout, estimate.values
+        assert estimate.stddev is not None
+        before = values[self._columns]
+        after = before + self._shift
+        tensions = slice(0, len(layout.elements))
+        pulleys = slice(tensions.stop, tensions.stop + len(layout.pulleys))
+        np.maximum(after[: pulleys.stop], 0.0, out=after[: pulleys.stop])
+        before_ = estimate.stddev**2
+        variance = before_ - self._known * np.minimum(history, before_) + self._left
+        variance = np.maximum(variance, (SMALLEST_SHARE * after) ** 2)
+        slack = np.where(np.abs(after) <= self._least, self._least, 0.0)
+        estimate.stddev = np.maximum(np.sqrt(variance), slack)
+        values[self._columns] = after
+        ratio = after[pulleys] / np.maximum(before[pulleys], 1e-9)
+        for part in (layout.force_x, layout.force_y, layout.force_z):
+            values[part] *= ratio
+        at = layout.element_before
+        tension = values[layout.tension]
+        values[layout.friction] = tension[at + 1] - tension[at]
+        self._set_loads(tension, values[layout.status])
+
+    def _set_loads(self, tension: Vector, status: Vector) -> None:
+        """Set SLACK and OVERLOAD by the corrected tensions; INVALID elements keep their status."""
+        slack, over = tension <= self._slack, tension > self._most
+        if not (status.any() or slack.any() or over.any()):
+            return
+        flags = status.astype(np.int64)
+        loads = flags & ~(SLACK | OVERLOAD) | np.where(slack, SLACK, np.where(over, OVERLOAD, 0))
+        np.copyto(status, loads, where=flags & INVALID == 0)
+
+    @property
+    def right(self) -> dict[str, float]:
+        """Probability that each sensor that was heard is right, by name."""
+        return {
+            name: group.beliefs.probability_right(k)
+            for group in self.groups
+            for name, k in group.index.items()
+        }
+
+    def words(self) -> dict[str, str]:
+        """What is known of each sensor that was heard, by name."""
+        right, found = self.right, {}
+        for group in self.groups:
+            mean, stddev = group.beliefs.moments()
+            for one in group.beliefs.heard:
+                bias, gain, friction = range(one.first, one.first + 3)
+                unit = "N" if one.sensor.axis < 0 else "N m"
+                words = (
+                    f"right with {right[one.sensor.name]:.0%}; {one.used} readings; "
+                    f"bias {mean[bias]:.3g} +- {stddev[bias]:.2g} {unit}, "
+                    f"gain {mean[gain]:+.1%} +- {stddev[gain]:.1%}"
+                )
+                if one.sensor.prior[2] > 0.0:
+                    words += f", friction {mean[friction]:.3g} +- {stddev[friction]:.2g} {unit}"
+                found[one.sensor.name] = words + (", frozen" if one.frozen else "")
+        return found
+
+    def confirmed_by(self, preloads: Mapping[str, float]) -> set[str]:
+        """Sensors of cables whose preload, read on a spring scale [N], is as they say."""
+        found: set[str] = set()
+        for group in self.groups:
+            for cable, value in preloads.items():
+                known = group.preload_of(cable)
+                if known is None:
+                    continue
+                mean, stddev = known
+                allowed = CONFIRMED * float(np.hypot(stddev, SPRING_SCALE_NOW * value))
+                if stddev <= TELLING * value and abs(value - mean) <= allowed:
+                    c = self.model.layout.cables.index(cable)
+                    found |= {one.sensor.name for one in group.beliefs.heard
+                              if c in one.sensor.cables}  # fmt: skip
+        return found
+
+    def memory(self) -> list[dict[str, Any]]:
+        """What ``recall`` needs to go on, as JSON."""
+        return [group.beliefs.memory() for group in self.groups]
+
+    def recall(self, memory: Sequence[Mapping[str, Any]]) -> None:
+        """Take up ``memory``.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is not one of this robot.
+        """
+        if len(memory) != len(self.groups):
+            raise ValueError("other groups of cables")
+        for group, own in zip(self.groups, memory, strict=True):
+            group.recall(own, self.sensors)
+
+
+def _groups_of(model: Model, sensors: Mapping[str, Sensor]) -> list[list[int]]:
+    """Cables that depend on each other, or whose sum an effort reads."""
+    groups = [set(one) for one in connected_cables(model.robot, branches=True)]
+    for sensor in sensors.values():
+        touched = [one for one in groups if one.intersection(sensor.cables)]
+        groups = [one for one in groups if one not in touched] + [set().union(*touched)]
+    return sorted(sorted(one) for one in groups)
+
+
+def _known_of(known: Uncertainty | None, cables: set[str]) -> Uncertainty | None:
+    """The standard deviations of the numbers that belong to some cables, or to none."""
+    if known is None:
+        return None
+    own = [
+        k for k, path in enumerate(known.parameters)
+        if not path.startswith("cables.") or path.split(".")[1] in cables
+    ]  # fmt: skip
+    return replace(
+        known, parameters=tuple(known.parameters[k] for k in own),
+        covariance=known.covariance[np.ix_(own, own)],
+        stated=sum(k < known.stated for k in own),
+    )  # fmt: skip
+
+
+def _of_cables(model: Model, cables: Sequence[int]) -> Model:
+    """The robot with some of its cables only; all its motors and joints."""
+    robot = model.robot
+    if len(cables) == len(robot.cables):
+        return model
+    names = [robot.cables[c].name for c in cables]
+    document: dict[str, Any] = {
+        key: value
+        for key, value in robot.document.items()
+        if key not in ("residual", "uncertainty")
+    }
+    document["cables"] = [entry for entry in document["cables"] if entry["name"] in names]
+    own: Robot = replace(
+        robot, cables=tuple(robot.cables[c] for c in cables), document=document, uncertainty=None,
+        residuals=(),
+    )  # fmt: skip
+    return prepare(own, check_range=False)
+
+
+def _columns_in(model: Model, own: Model) -> Vector:
+    """Index in ``stddev_columns`` of a robot of every quantity of the robot with fewer cables."""
+
+    def names(one: Model) -> list[str]:
+        layout = one.layout
+        kinds = (layout.elements, layout.pulleys, layout.motors, layout.joints)
+        return [f"{k} {name}" for k, part in enumerate(kinds) for name in part]
+
+    at = {name: k for k, name in enumerate(names(model))}
+    return np.array([at[name] for name in names(own)], dtype=np.int64)
+
+
+def _cables_of_columns(model: Model) -> Vector:
+    """Number of the cable of every quantity in ``stddev_columns``; -1 for efforts."""
+    robot = model.robot
+    elements = robot.per_element(np.arange(len(robot.cables)))
+    pulleys = np.repeat(np.arange(len(robot.cables)), [len(one.pulleys) for one in robot.cables])
+    efforts = np.full(len(robot.axes), -1)
+    return np.concatenate([elements, pulleys, efforts])
