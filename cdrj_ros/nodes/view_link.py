@@ -214,8 +214,8 @@ LEVELS: Final = {b"\x00": "OK", b"\x01": "WARN", b"\x02": "ERROR", b"\x03": "STA
 """Words of the levels of a DiagnosticStatus."""
 
 SHOWN: Final = (
-    "step time p50 [us]", "step time p99 [us]", "lag behind the newest reading [ms]",
-    "slack elements", "overloaded elements", "unsure elements", "readings stepped",
+    "lag behind the newest reading [ms]", "slack elements", "overloaded elements",
+    "unsure elements", "readings stepped",
 )  # fmt: skip
 """Values of the diagnosis that the page shows."""
 

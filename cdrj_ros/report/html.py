@@ -161,8 +161,11 @@ def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
         )
         value, meaning = format_percent(overall.mean_relative_error), "mean relative error"
         if known.signed or overall.mean_relative_error is None:
-            value, meaning = format_r2(overall.r2), "R²"
-        detail = f"{mean} mean, {largest} largest{_direction(overall)}"
+            value, meaning = mean, "mean error"
+        covered = (
+            f"; {format_percent(overall.coverage)} in ±2σ" if overall.coverage is not None else ""
+        )
+        detail = f"{mean} mean, {largest} largest{covered}{_direction(overall)}"
         label = known.title if len(members) == 1 else f"{len(members)} {known.several}"
         numbers.append({"label": label, "value": value, "meaning": meaning, "detail": detail})
     return numbers

@@ -16,7 +16,7 @@ from support.places import PROTOTYPE
 from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
-from cdrj_ros.evaluation.metrics import errors_of
+from cdrj_ros.evaluation.metrics import ChannelError, errors_of
 from cdrj_ros.inspection.ranges import Inspection, inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
@@ -208,3 +208,11 @@ def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., s
 
 def test_a_page_without_channels_has_the_drawing_alone(written: Callable[..., str]) -> None:
     assert written(BagComparison("a", 0.0, ())).count("<svg") == 1
+
+
+def test_the_first_number_of_a_quantity_is_an_error_with_its_coverage() -> None:
+    """R² of efforts that hardly vary tells nobody anything."""
+    effort = ChannelError(100, 0.01, 0.02, 0.012, 0.03, -1.2, coverage=0.97, unit="N·m")
+    (shown,) = html.key_numbers({"effort/winch": effort})
+    assert shown["meaning"] == "mean error"
+    assert "97.00 % in ±2σ" in shown["detail"]
