@@ -140,6 +140,7 @@ class Axis:
         band: float,
         negligible: float,
         worth: float,
+        pull: Sequence[float],
         start: float,
     ) -> None:
         """Keep the numbers.
@@ -158,6 +159,7 @@ class Axis:
             band: greatest difference of an angle and its reading [rad].
             negligible: standard deviations up to this are not reported [rad].
             worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
+            pull: of every cable, see ``conditioner.pulls_of`` [1/rad]; empty for none.
             start: an ambiguous first reading means the possible angle nearest to it [rad].
         """
 
@@ -260,6 +262,8 @@ class Conditioner:
     def alternating(self) -> list[str]: ...
     @property
     def stuck(self) -> list[str]: ...
+    @property
+    def misfitting(self) -> list[str]: ...
     @property
     def lagging(self) -> dict[str, tuple[int, float]]:
         """Least lag behind the others [ns], and its growth, of axes where this counts, by name."""

@@ -215,19 +215,19 @@ void bind_axis(nb::module_& core) {
                Nanoseconds clock_offset_ns, double clock_stddev, double period, double scale,
                double offset, std::vector<double> corrected_at, std::vector<double> correction,
                double bandwidth, bool adaptive, double band, double negligible, double worth,
-               double start) {
+               std::vector<double> pull, double start) {
                 require(
                     corrected_at.size() == correction.size(),
                     "a correction needs as many values as angles");
                 new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns,
                                 clock_stddev, period, scale, offset, std::move(corrected_at),
                                 std::move(correction), bandwidth, adaptive, band, negligible,
-                                worth, start};
+                                worth, std::move(pull), start};
             },
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
             "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
             "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "worth"_a,
-            "start"_a)
+            "pull"_a, "start"_a)
         .def_ro("name", &Axis::name)
         .def_ro("lower", &Axis::lower)
         .def_ro("upper", &Axis::upper)
@@ -285,6 +285,13 @@ void bind_conditioner(nb::module_& core) {
         })
         .def_prop_ro("stuck", [](const Conditioner& c) {
             return names_where(c, [](const Channel& channel) { return channel.steps.repeats(); });
+        })
+        .def_prop_ro("misfitting", [](const Conditioner& c) {
+            nb::list found;
+            for (std::size_t k = 0; k < c.axes().size(); ++k) {
+                if (c.channels()[k].misfits(c.axes()[k])) found.append(c.axes()[k].name);
+            }
+            return found;
         })
         .def_prop_ro("lagging", [](const Conditioner& c) {
             nb::dict found;

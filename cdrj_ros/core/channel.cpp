@@ -286,7 +286,9 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
 Offset Channel::offset(const Axis& axis) {
     const double stamps = std::hypot(DEVIATION * lag.most_ns * 1e-9, axis.clock_stddev);
     const double clock = lag.apart ? std::hypot(stamps, arrivals.stddev()) : stamps;
-    const Offset now{steps.offset(motion), clock * motion.fastest, clock * motion.range()};
+    const double unit = fits || axis.pull.empty() ? 0.0 : DEVIATION * std::abs(moved());
+    const double slipped = std::hypot(steps.offset(motion), unit);
+    const Offset now{slipped, clock * motion.fastest, clock * motion.range()};
     if (now != exact_) {
         exact_ = now;
         rounded_ = {level(now.slipped), level(now.late), level(now.swung)};

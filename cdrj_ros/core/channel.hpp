@@ -169,6 +169,14 @@ public:
         return steps.memory.stepped || steps.alternates() || steps.repeats();
     }
 
+    /// Its motion since the first reading.
+    double moved() const { return first ? last - *first : 0.0; }
+
+    /// Whether it has moved so far that the others must have moved as well, which they have not.
+    bool misfits(const Axis& axis) const {
+        return !fits && !axis.pull.empty() && DEVIATION * std::abs(moved()) > axis.worth;
+    }
+
     /// Whether an error of the stamps by the lag would count: in the fastest motion so far it would be
     /// worth half of what makes tensions UNSURE.
     bool lags(const Axis& axis) const {
@@ -210,6 +218,8 @@ public:
     StepDetector steps;
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so
+    std::optional<double> first;  // its first angle
+    bool fits = false;            // whether motors and joints have moved together, (C15)
     bool lost_way = false;        // whether the motion up to the next reading is unknown
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 

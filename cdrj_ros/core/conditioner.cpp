@@ -6,6 +6,13 @@
 #include <utility>
 
 namespace cdrj {
+namespace {
+
+// Motors and joints that move together take at least this share of each other's effect on a cable; in
+// degrees instead of radians they take 1/57.
+constexpr double LEAST_SHARE = 0.3;
+
+}  // namespace
 
 Conditioner::Conditioner(
     std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns)
@@ -95,6 +102,7 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arr
         refuse(k, cause, raw);
         if (cause == Cause::implausible) channel.note_implausible(axis, raw);
         if (cause == Cause::contradictory) note_contradiction(k, raw.stamp_ns);
+        if (cause == Cause::out_of_range) channel.steps.note_outlier();
         return false;
     }
     drop_held(k);
@@ -145,8 +153,27 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
     if (alternated && !channel.steps.alternates()) channel.lost_way = true;
     if (channel.steps.repeats()) since_ns = channel.steps.repeated_since_ns();
     tell_doubt(k, since_ns, raw.stamp_ns);
+    if (!channel.first) channel.first = unwrapped.angle;
+    if (!channel.fits && !axes_[k].pull.empty()) look_for_fit(k);
     time_line_.take(axes_[k], channel, raw, unwrapped, shown_by_others(k, raw.stamp_ns));
     ++accepted;
+}
+
+/// Notes whether an axis has moved together with those of the other kind on one of its cables, (C15).
+void Conditioner::look_for_fit(std::size_t k) {
+    Channel& channel = channels_[k];
+    const std::vector<double>& pull = axes_[k].pull;
+    for (std::size_t cable = 0; cable < pull.size(); ++cable) {
+        const double own = std::abs(pull[cable] * channel.moved());
+        if (own <= 1.0) continue;
+        double others = 0.0;
+        for (std::size_t i = 0; i < channels_.size(); ++i) {
+            const bool other_kind = (i < motors_) != (k < motors_);
+            if (!other_kind || axes_[i].pull.empty()) continue;
+            others += axes_[i].pull[cable] * channels_[i].moved();
+        }
+        if (std::abs(others) > LEAST_SHARE * own) channel.fits = true;
+    }
 }
 
 /// Notes that a refused reading contradicts an accepted one, which may be wrong as well.

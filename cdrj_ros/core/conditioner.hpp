@@ -100,6 +100,7 @@ private:
     bool judge(std::size_t k, Raw raw);
     void note_contradiction(std::size_t k, Nanoseconds stamp_ns);
     void tell_doubt(std::size_t k, Nanoseconds since_ns, Nanoseconds stamp_ns);
+    void look_for_fit(std::size_t k);
     LeastMotion shown_by_others(std::size_t k, Nanoseconds stamp_ns) const;
     void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
     void refuse(std::size_t k, Cause cause, Raw raw);

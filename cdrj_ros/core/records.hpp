@@ -74,6 +74,9 @@ struct Axis {
     double band = 0.0;                  // greatest difference of an angle and its reading
     double negligible = 0.0;            // standard deviations up to this are not reported
     double worth = 0.0;  // change of the angle that alone makes tensions UNSURE; 0 where unknown
+    // Change of the tension of every cable per angle, by what makes it UNSURE [1/rad]; empty for an axis
+    // that may move through its range while those of the other kind, motors or joints, stand still.
+    std::vector<double> pull{};
     double start = 0.0;                 // an ambiguous first reading means the angle nearest to it
 };
 

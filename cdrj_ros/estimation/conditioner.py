@@ -65,7 +65,12 @@ def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
     return efforts * np.array([scale.get(name, 1.0) for name in names])
 
 
-def axes_of(robot: Robot, tracking: float | None = None, worth: Sequence[float] = ()) -> list[Axis]:
+def axes_of(
+    robot: Robot,
+    tracking: float | None = None,
+    worth: Sequence[float] = (),
+    pulls: Sequence[Sequence[float]] = (),
+) -> list[Axis]:
     """All motors, then all joints, in the robot's order.
 
     Args:
@@ -73,13 +78,16 @@ def axes_of(robot: Robot, tracking: float | None = None, worth: Sequence[float] 
         tracking: fixed bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A
             sensor without resolution and noise is not tracked.
         worth: of every axis, see ``worth_of``; empty where it is not needed.
+        pulls: of every axis, see ``pulls_of``; empty where they are not needed.
     """
     axes: tuple[Motor | Joint, ...] = (*robot.motors, *robot.joints)
     known = {} if robot.uncertainty is None else robot.uncertainty.stddev
     kinds = ["motors"] * len(robot.motors) + ["joints"] * len(robot.joints)
     return [
-        axis_of(one, tracking, size, known.get(f"{kind}.{one.name}.clock_offset", 0.0))
-        for kind, one, size in zip(kinds, axes, worth or [0.0] * len(axes), strict=True)
+        axis_of(one, tracking, size, known.get(f"{kind}.{one.name}.clock_offset", 0.0), pull)
+        for kind, one, size, pull in zip(
+            kinds, axes, worth or [0.0] * len(axes), pulls or [()] * len(axes), strict=True
+        )
     ]
 
 
@@ -88,6 +96,7 @@ def axis_of(
     tracking: float | None = None,
     worth: float = 0.0,
     clock_stddev: float = 0.0,
+    pull: Sequence[float] = (),
 ) -> Axis:
     """One motor or joint, as ``axes_of``; ``clock_stddev`` of its ``clock_offset`` [s]."""
     sensor, bandwidth = axis.sensor, axis.sensor.tracking_bandwidth
@@ -113,6 +122,7 @@ def axis_of(
         band=half_width(sensor),
         negligible=max(negligible(sensor), LITTLE * worth if isfinite(worth) else 0.0),
         worth=worth,
+        pull=pull,
         start=axis.reference_angle,
     )
 
@@ -162,13 +172,44 @@ def worth_of(robot: Robot) -> list[float]:
 def _worth(model: Model) -> list[float]:
     """Change of the angle of every axis that changes a tension by a share of the preload [rad].
 
-    A cable without preload counts with a tenth of its greatest tension.  Infinite where no cable
-    acts on the axis.
+    Infinite where no cable acts on the axis.
     """
-    usual = [cable.preload or 0.1 * cable.maximum_tension for cable in model.robot.cables]
-    share = _stiffness(model) / np.array(usual)[:, None]
-    most = share.max(axis=0, initial=0.0)
+    most = _share(model).max(axis=0, initial=0.0)
     return [UNSURE_SHARE / one if one > 0.0 else np.inf for one in most.tolist()]
+
+
+def pulls_of(robot: Robot) -> list[list[float]]:
+    """Change of every cable's tension per angle of every axis, by what makes it ``UNSURE`` [1/rad].
+
+    Empty for joints that no cable hinders to move through their ranges while the motors stand
+    still, for motors of such joints alone, and for robots with joints without encoder.
+    """
+    if robot.unmeasured:
+        return [[] for _ in robot.as_read.axes]
+    model = prepare(robot, check_range=False)
+    motors, most = len(robot.motors), [cable.maximum_tension for cable in robot.cables]
+    ranges = np.array([joint.upper - joint.lower for joint in robot.joints])
+    held = _stiffness(model)[:, motors:] * ranges > np.array(most)[:, None]
+    shape = shape_at(model, robot.reference_pose)
+    pull = (
+        _share(model)
+        / UNSURE_SHARE
+        * np.hstack([np.ones((len(robot.cables), motors)), _signs(robot, shape.lever_arm)])
+    )
+    shared = (pull[:, :motors] > 0.0).T @ held.any(axis=1)
+    bound = [*shared.tolist(), *held.any(axis=0).tolist()]
+    return [one if is_bound else [] for one, is_bound in zip(pull.T.tolist(), bound, strict=True)]
+
+
+def _signs(robot: Robot, lever_arm: Table) -> Table:
+    """Sign with which every joint lengthens every cable, shape (cables, joints)."""
+    return np.sign([lever_arm[own].sum(axis=0) for own in robot.parts])
+
+
+def _share(model: Model) -> Table:
+    """``stiffness`` by the preload; a tenth of the greatest tension for a cable without one."""
+    usual = [cable.preload or 0.1 * cable.maximum_tension for cable in model.robot.cables]
+    return _stiffness(model) / np.array(usual)[:, None]
 
 
 def _stiffness(model: Model) -> Table:
@@ -206,8 +247,9 @@ class Conditioner(_core.Conditioner):
     every axis less its time of arrival [ns], ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
     between two motions or contradict each other, ``stuck`` those that repeat an old reading with
-    new stamps, ``lagging`` has the lag of axes whose topic is always late, or whose clock differs,
-    and ``lag_ns`` is the lag of the last sample behind the newest reading.
+    new stamps, ``misfitting`` those whose motion has not fitted that of the motors, or joints, at
+    the other ends of their cables, ``lagging`` has the lag of axes whose topic is always late, or
+    whose clock differs, and ``lag_ns`` is the lag of the last sample behind the newest reading.
     """
 
     def __init__(self, robot: Robot, mode: Mode = "wait", tracking: float | None = None) -> None:
@@ -221,7 +263,8 @@ class Conditioner(_core.Conditioner):
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
         self._robot, self._worth = robot.as_read, worth_of(robot)
-        axes = axes_of(self._robot, tracking, self._worth)
+        self._pulls = pulls_of(robot)
+        axes = axes_of(self._robot, tracking, self._worth, self._pulls)
         super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS)
 
     def memory(self) -> dict[str, Vector]:
@@ -248,7 +291,7 @@ class Conditioner(_core.Conditioner):
 
     def set_tracking(self, tracking: float | None) -> None:
         """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
-        self.use_tracking_of(axes_of(self._robot, tracking, self._worth))
+        self.use_tracking_of(axes_of(self._robot, tracking, self._worth, self._pulls))
 
     def take(
         self,

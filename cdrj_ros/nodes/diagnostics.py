@@ -162,6 +162,10 @@ def _verdict(
             live.conditioner.stuck, warn,
             f"readings are old although their stamps are new: {', '.join(live.conditioner.stuck)}",
         ),
+        (
+            live.conditioner.misfitting, warn,
+            f"misfit of motors and joints (unit?): {', '.join(live.conditioner.misfitting)}",
+        ),
         (health.rivals, warn, health.rivals),
         (
             stepped, warn,

@@ -121,7 +121,7 @@ def test_a_refused_message_leaves_no_trace() -> None:
 def _traces(conditioner: Conditioner) -> tuple[object, ...]:
     """What a message changes that is not refused, or that puts those before it in doubt."""
     c = conditioner
-    doubts = c.refused["implausible"], c.refused["contradictory"]
+    doubts = [c.refused[cause] for cause in ("implausible", "contradictory", "out_of_range")]
     return c.accepted, c.clock_jumps, c.held, c.held_of, doubts
 
 

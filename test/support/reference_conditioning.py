@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cdrj_ros.estimation.conditioner import worth_of
+from cdrj_ros.estimation.conditioner import pulls_of, worth_of
 from cdrj_ros.estimation.estimator import ALL_SEEN, NONE_CHANGED, Sample
 from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
@@ -477,6 +477,9 @@ class Channel:
     left_behind_ns: int = -1
     stragglers: int = 0
     clock_stddev: float = 0.0
+    pull: list[float] = field(default_factory=list)
+    first: float | None = None
+    fits: bool = False
 
     def __post_init__(self) -> None:
         sensor = self.axis.sensor
@@ -572,13 +575,18 @@ class Channel:
         self.agreeing += 1
         self.refused = stamp, angle
 
+    def moved(self) -> float:
+        return 0.0 if self.first is None else self.last - self.first
+
     def offset(self) -> tuple[float, ...]:
-        """(C9) to (C11)."""
+        """(C9) to (C11), with (C15)."""
         clock, motion = hypot(0.35 * self.lag.most_ns * 1e-9, self.clock_stddev), self.motion
         if self.lag.apart:
             clock = hypot(clock, self.arrivals.stddev)
         least, greatest = motion.velocities or (0.0, 0.0)
-        errors = self.steps.offset(motion), clock * motion.fastest, clock * (greatest - least)
+        unit = 0.0 if self.fits or not self.pull else 0.35 * abs(self.moved())
+        slipped = hypot(self.steps.offset(motion), unit)
+        errors = slipped, clock * motion.fastest, clock * (greatest - least)
         return tuple(level(error) for error in errors)
 
     def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
@@ -605,6 +613,7 @@ class Reference:
         self.crowded = self.lag_ns = 0
         names = [axis.name for axis in (*robot.motors, *robot.joints)]
         self.worth = dict(zip(names, worth_of(robot), strict=True))
+        self.pulls = dict(zip(names, pulls_of(robot), strict=True))
         self._begin()
 
     def _begin(self) -> None:
@@ -623,7 +632,8 @@ class Reference:
         known = {} if self.robot.uncertainty is None else self.robot.uncertainty.stddev
         stated = known.get(f"{kind}.{axis.name}.clock_offset", 0.0)
         steps = Steps(self.worth[axis.name])
-        return Channel(axis, bandwidth, adaptive, steps, clock_stddev=stated)  # type: ignore[arg-type]
+        pull = self.pulls[axis.name]
+        return Channel(axis, bandwidth, adaptive, steps, clock_stddev=stated, pull=pull)  # type: ignore[arg-type]
 
     # --- what is kept -----------------------------------------------------------------------------
 
@@ -721,6 +731,8 @@ class Reference:
                 cause = timing or cause
         if cause:
             self._refuse(channel, cause, stamp, reading)
+            if cause == "out_of_range":
+                channel.steps.alternate(True)
             return False
         self._drop_held(channel)
         for other in self.channels:
@@ -835,6 +847,20 @@ class Reference:
                 self._append(channel, stamp, reading, channel.last_ns)
         return self.accepted > before
 
+    def _has_fitted(self, channel: Channel) -> bool:
+        """Whether motors and joints of one of its cables have moved together, (C15)."""
+        motors = len(self.robot.motors)
+        kinds = self.channels[:motors], self.channels[motors:]
+        others = kinds[any(channel is one for one in kinds[0])]
+        for cable, pull in enumerate(channel.pull):
+            own = abs(pull * channel.moved())
+            effect = 0.0
+            for one in others:
+                effect += one.pull[cable] * one.moved() if one.pull else 0.0
+            if own > 1.0 and abs(effect) > 0.3 * own:
+                return True
+        return False
+
     def _shown_by_others(self, channel: Channel, stamp: int) -> tuple[float, float]:
         """Speed and acceleration that the motion of other axes suggests, (C13)."""
         span = stamp - channel.last_ns
@@ -860,6 +886,8 @@ class Reference:
             channel.lost_way = True
         repeats = channel.steps.repeats
         self._tell_doubt(channel, channel.steps.repeated_since if repeats else since_ns, stamp)
+        channel.first = value if channel.first is None else channel.first
+        channel.fits = channel.fits or self._has_fitted(channel)
         least = self._shown_by_others(channel, stamp)
         since, angle, motion = stamp - channel.last_ns, value, channel.motion
         if channel.bandwidth > 0.0:
