@@ -48,6 +48,7 @@ SECTIONS = {
     "offline": Section("offline", "a 200 s bag beside rosbags", 100.0),
     "many": Section("campaign", "many bags on all cores beside one, and a fit", 150.0),
     "pulleys": Section("scaling", "cost per pulley from 7 to 10 000", 45.0),
+    "hand": Section("hand", "a hand beside its fingers", 150.0),
     "start": Section("start", "the estimator's start beside a bare node's", 45.0),
     "demo": Section("demonstration", "make demo from nothing, packages installed", 400.0),
     "tests": Section("suite", "make test", 1200.0),

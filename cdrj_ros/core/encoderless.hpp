@@ -42,7 +42,7 @@ struct EncoderlessMemory {
         : angle(joints, 0.0), load(joints, 0.0), covariance(joints, joints) {}
 
     double lost = 0.0;           // time since which the efforts have not been explained [s]
-    double left = 0.0;           // what the last search left of their misfit
+    double left = 0.0;           // what a search has left of their misfit at most
     std::vector<double> angle;   // [rad] or [m]
     std::vector<double> load;    // efforts of these joints [N m] or [N]
     DenseMatrix covariance;      // of the angles, shape (u, u)

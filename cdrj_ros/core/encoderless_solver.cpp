@@ -16,8 +16,8 @@ constexpr double LOST = 5.0;
 /// if it lasts this long [s].
 constexpr double LOST_FOR = 0.05;
 
-/// What a search has left of the misfit is that of wrong numbers; only this multiple of it, more, means
-/// that a joint is lost again.
+/// What searches have left of the misfit at most is that of wrong numbers; only this multiple of it, more,
+/// means that a joint is lost again.
 constexpr double REMAINING = 2.0;
 
 /// Most Gauss-Newton steps of a prediction or a correction.
@@ -97,7 +97,7 @@ void EncoderlessSolver::find(const EncoderlessSample& sample) {
     correct(sample);
     evaluate(sample);
     sample.memory.lost = 0.0;
-    sample.memory.left = misfit(sample);
+    sample.memory.left = std::max(sample.memory.left, misfit(sample));
 }
 
 bool EncoderlessSolver::evaluate(const EncoderlessSample& sample) {

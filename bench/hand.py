@@ -1,0 +1,158 @@
+"""Cost of a hand: the shipped finger once to twenty times, nothing shared, all joints in motion.
+
+``python -m bench.hand FILE.png`` draws how the cost grows from one finger to twenty.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+import yaml
+
+from bench.figures import ROOT, Row, Spread, compared, in_turn, turns
+from cdrj_ros.estimation.encoderless import EncoderlessEstimator
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.arrays import Table
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import parse_robot
+
+FINGER = ROOT / "config" / "robots" / "finger.yaml"
+COUNTS = (1, 5, 10, 20)
+RATES = (1000, 500, 100, 50)
+ROUNDS = 3
+WITHIN_S = 20.0
+"""Time for the starts."""
+START_NS = 1_700_000_000 * 10**9
+FREQUENCY = 1.0
+"""Of all joints [Hz]."""
+PLAIN_RATE = 500
+"""Samples per second of plain steps, and of joints without encoder."""
+COUNT = 2.0 * np.pi / 16384
+"""Of the encoders [rad]."""
+WINDING = (14.0 / 6.0, 9.0 / 6.0, -16.0 / 6.0)
+"""Turn of the motors of a finger per turn of both its joints: arms over the drums' radius [-]."""
+
+
+def fingers(count: int) -> Model:
+    """The shipped finger ``count`` times."""
+    finger = yaml.safe_load(FINGER.read_text(encoding="utf-8"))
+    used = [{"prefix": f"f{k}_"} for k in range(count)]
+    keys = ("motors", "joints", "frames", "cables")
+    part = {"name": "finger", **{key: finger[key] for key in keys}, "used": used}
+    hand = {"name": "hand", "friction": finger["friction"], "parts": [part]}
+    return prepare(parse_robot(yaml.safe_dump(hand, sort_keys=False)))
+
+
+def motion(model: Model, rate: int) -> tuple[Table, Table]:
+    """Angles of motors and joints in a second, a period [rad]: (rate, motors), (rate, joints)."""
+    time = np.arange(rate) / rate
+    wave = np.sin(2.0 * np.pi * FREQUENCY * time)
+    angle = np.round(np.radians(35.0 + 25.0 * wave) / COUNT) * COUNT
+    count = len(model.robot.motors) // len(WINDING)
+    return np.tile(np.outer(angle, WINDING), (1, count)), np.tile(angle[:, None], (1, 2 * count))
+
+
+def stamps(rate: int) -> list[int]:
+    """Of the samples of ``motion`` [ns]."""
+    return [START_NS + k * 10**9 // rate for k in range(rate)]
+
+
+def plain(model: Model) -> Callable[[], None]:
+    """``step`` alone."""
+    motor, joint = motion(model, PLAIN_RATE)
+    samples = [Sample(*one) for one in zip(stamps(PLAIN_RATE), motor, joint, strict=True)]
+
+    def stepped() -> None:
+        state = initial_state(model)
+        for sample in samples:
+            state, _ = step(model, state, sample)
+
+    return stepped
+
+
+def fed(model: Model, rate: int) -> Callable[[], None]:
+    """Readings of one topic through the live estimator, with standard deviations."""
+    names = (*model.layout.motors, *model.layout.joints)
+    rows = np.concatenate(motion(model, rate), axis=1)
+    live, begin = LiveEstimator(model), [0]
+
+    def updated() -> None:
+        for stamp, row in zip(stamps(rate), rows, strict=True):
+            live.feed("both", stamp + begin[0], names, row)
+        begin[0] += 10**9
+
+    return updated
+
+
+def without_encoders(model: Model) -> Callable[[], None]:
+    """The estimate with no encoder at the outer joint of every finger."""
+    hidden = [replace(one, measured=not one.name.endswith("pip")) for one in model.robot.joints]
+    estimator = EncoderlessEstimator(prepare(replace(model.robot, joints=tuple(hidden))))
+    motor, joint = motion(model, PLAIN_RATE)
+    stamp_ns = np.array(stamps(PLAIN_RATE))
+    whole = run(model, initial_state(model), Samples(stamp_ns, motor, joint))[1]
+    efforts, begin = whole.values[:, model.layout.motor_effort], [0]
+
+    def estimated() -> None:
+        estimator.run(Samples(stamp_ns + begin[0], motor, joint[:, ::2]), efforts)
+        begin[0] += 10**9
+
+    return estimated
+
+
+def measure() -> list[Row]:
+    """Updates of one finger and of five beside a plain step [µs], and starts [s]."""
+    rows = []
+    for count, name in ((1, "one finger"), (5, "five fingers")):
+        model = fingers(count)
+        once, *found = in_turn(ROUNDS, plain(model), fed(model, 500), fed(model, 100))
+        steps = np.array(once) * 1e6 / PLAIN_RATE
+        for rate, times, aim in zip((500, 100), found, ("≤ 4", "≤ 10"), strict=True):
+            ours = np.array(times) * 1e6 / rate
+            what = f"{name}, readings at {rate} Hz, with standard deviations"
+            rows.append(compared("hand", what, "µs", ours, "a step of the same robot", steps, aim))
+    (hidden,) = in_turn(ROUNDS, without_encoders(fingers(5)))
+    what = "five fingers, no encoder at the outer joints, one update"
+    rows.append(
+        Row("hand", what, "ms", Spread.of(np.array(hidden) * 1e3 / PLAIN_RATE), aim="≤ 0.6")
+    )
+    five, twenty = fingers(5), fingers(20)
+    pairs = [(_making(twenty), _making(five)) for _ in turns(ROUNDS, WITHIN_S)]
+    larger, smaller = zip(*pairs, strict=True)
+    what = "an estimator of twenty fingers made"
+    return [*rows, compared("hand", what, "s", larger, "of five", smaller, "≤ 4.5")]
+
+
+def _making(model: Model) -> float:
+    begin = perf_counter()
+    LiveEstimator(model)
+    return perf_counter() - begin
+
+
+def draw(path: str) -> None:
+    """Draw how the cost of an update grows with the number of fingers."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    models = [fingers(count) for count in COUNTS]
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for rate in RATES:
+        costs = [min(in_turn(2, fed(model, rate))[0]) * 1e6 / rate for model in models]
+        axes.plot(COUNTS, costs, marker="o", label=f"readings at {rate} Hz")
+    steps = [min(in_turn(2, plain(model))[0]) * 1e6 / PLAIN_RATE for model in models]
+    axes.plot(COUNTS, steps, color="black", linestyle="--", label="a plain step")
+    axes.set(xlabel="fingers", ylabel="one update [µs]", xlim=(0, None), ylim=(0, None))
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    draw(sys.argv[1])
