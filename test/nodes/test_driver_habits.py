@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import degrees
 from typing import Any
 
@@ -82,8 +83,11 @@ def test_load_cells_without_stamp_are_used_at_their_time_of_arrival(bench: Bench
         estimator.on_tensions(cells.encode(0, tension=[36.0], stddev=[0.1]))
         estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
         estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
-    health = estimator.live.fusion.sensors.health.values()
-    assert sum(one.used + one.refused for one in health) > 100
+    values = values_of(diagnosed(estimator)[0])
+    assert int(values["sensor readings not used in time"]) == 0
+    assert int(values["refused: unknown sensor"]) == 0
+    said = " ".join(estimator.live.corrections.words().values())
+    assert max(int(count) for count in re.findall(r"(\d+) readings", said)) > 100
 
 
 @pytest.mark.parametrize("begun", [False, True])
@@ -144,6 +148,7 @@ def test_what_is_refused_is_named_with_its_axis_and_size(bench: Bench) -> None:
     for k in range(20):
         early = last.stamp_ns - (k + 1) * 10 * MILLISECOND
         estimator.motor(MOTOR.encode(early, position=last.motor_angle))
-    message = diagnosed(estimator)[0].message
-    assert "20 late (stamp before the last one accepted" in message
+    estimator.watch.looked_s -= 1.0
+    message = estimator.watch.health(estimator.latest, 0.0, 0).refusing
+    assert "11 late (stamp before the last one accepted" in message
     assert "winch by 0.2 s, let one node publish the axis, with one clock" in message
