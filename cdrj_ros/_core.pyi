@@ -477,8 +477,11 @@ class Ensemble:
     def roll_back(self) -> None:
         """Forget what has been predicted."""
 
-    def take_offset(self, offset: NDArray[np.float64]) -> None:
-        """Take the axes' deviations by lasting errors (U12), (U13) [rad], shape (3 axes,)."""
+    def continue_lags(self, before: Ensemble) -> None:
+        """Continue with what another ensemble of the robot knows of lasting errors (U12), (U13)."""
+
+    def renew_lasting(self) -> None:
+        """Compute what follows from ``lags``, after changes of it."""
 
     def reset(self) -> None:
         """Discard the history of all members; the next sample starts them anew."""
@@ -521,16 +524,19 @@ class Ensemble:
         """Standard deviations of these angles [rad], shape (axes,)."""
 
     @property
-    def offset(self) -> NDArray[np.float64]:
-        """What ``take_offset`` took, to be read only."""
+    def lag(self) -> NDArray[np.float64]:
+        """Mean and standard deviation of the age of an axis's values, (U18) [s], shape (2, axes).
+
+        It is relative to the first axis of its cables; infinite where nothing shows it.
+        """
 
     @property
     def least_variance(self) -> NDArray[np.float64]:
         """Least variance of every quantity that is shown, (U15), shape (quantities,)."""
 
     @property
-    def swing(self) -> NDArray[np.float64]:
-        """Lowest and highest mean tension of every cable so far [N], (U13), shape (2 cables,)."""
+    def lags(self) -> NDArray[np.float64]:
+        """What is remembered of mean tensions and velocities, (U13) and (U18); opaque."""
 
     @property
     def intervals(self) -> NDArray[np.int64]:

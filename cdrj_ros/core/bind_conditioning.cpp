@@ -49,7 +49,7 @@ nb::tuple tuple_of(const Sample& sample, std::size_t motors) {
         copy_of(angles.first(motors)),
         copy_of(angles.subspan(motors)),
         table_of(sample.unseen, 2),
-        table_of(sample.offset, 3),
+        table_of(sample.offset, 2),
         sample.doubtful,
         sample.predicted,
         sample.silent);
@@ -153,7 +153,7 @@ nb::tuple tuple_of(const Samples& samples, Index motors, Index joints) {
         copy_of(samples.unseen_rows),
         copy_of(samples.unseen, {unseen, 2, motors + joints}),
         copy_of(samples.offset_rows),
-        copy_of(samples.offset, {changes, 3, motors + joints}),
+        copy_of(samples.offset, {changes, 2, motors + joints}),
         copy_of(samples.doubtful));
 }
 

@@ -65,7 +65,7 @@ SampleView view_of(
     require(
         motor_angle.size() == sizes.motors && joint_angle.size() == sizes.joints &&
             (unseen.size() == 0 || unseen.size() == 2 * sizes.axes()) &&
-            (offset.size() == 0 || offset.size() == 3 * sizes.axes()),
+            (offset.size() == 0 || offset.size() == 2 * sizes.axes()),
         "the angles are not those of this robot");
     return {stamp_ns, span_of(motor_angle), span_of(joint_angle), span_of(unseen), span_of(offset)};
 }
@@ -121,7 +121,7 @@ void follow(
     const Given& estimates, const Written& stddev) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     const Index samples = stamp_ns.size();
-    const std::size_t lasting = 3 * ensemble.axes();
+    const std::size_t lasting = 2 * ensemble.axes();
     const std::size_t hidden = unseen.size() == 0 ? 0 : 2 * ensemble.axes();
     const auto fits = [samples](const auto& one, std::size_t width) {
         return one.has({samples, Index(width)});
@@ -148,9 +148,24 @@ void follow(
     });
 }
 
-void take_offset(Ensemble& ensemble, const Given& offset) {
-    require(offset.size() == Index(3 * ensemble.axes()), "offset has not the shape of this robot's");
-    ensemble.take_offset(span_of(offset));
+/// Continue with what another ensemble of the same robot knows of errors that last.
+void continue_lags(Ensemble& ensemble, const Ensemble& before) {
+    require(
+        ensemble.lags.numbers.size() == before.lags.numbers.size(), "the ensembles are of different robots");
+    std::ranges::copy(before.lags.numbers, ensemble.lags.numbers.begin());
+    ensemble.renew_lasting();
+}
+
+/// Mean and standard deviation of the lags of all axes, (2, axes) [s].
+Written lag_of(const Ensemble& ensemble) {
+    const auto axes = static_cast<Index>(ensemble.axes());
+    Written found({2, axes});
+    for (Index a = 0; a < axes; ++a) {
+        const auto [mean, stddev] = ensemble.lags.lag(a);
+        found.data()[a] = mean;
+        found.data()[axes + a] = stddev;
+    }
+    return found;
 }
 
 /// Memory of the ensemble as an array, which keeps the ensemble alive; by rows unless `rows` is 0.
@@ -321,7 +336,9 @@ void bind_ensemble(nb::module_& core) {
             "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a)
         .def("roll_back", &Ensemble::roll_back)
         .def("reset", &Ensemble::reset)
-        .def("take_offset", take_offset, "offset"_a)
+        .def("continue_lags", continue_lags, "before"_a)
+        .def("renew_lasting", &Ensemble::renew_lasting)
+        .def_prop_ro("lag", lag_of)
         .def_prop_ro(
             "constants", part(&Ensemble::population, &Population::constants, true))
         .def_prop_ro(
@@ -334,9 +351,8 @@ void bind_ensemble(nb::module_& core) {
         .def_ro("cable_steps", &Ensemble::cable_steps)
         .def_prop_ro("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
         .def_prop_ro("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
-        .def_prop_ro("offset", part(&Ensemble::memory, &EnsembleMemory::offset))
         .def_prop_ro("least_variance", part(&Ensemble::memory, &EnsembleMemory::least_variance))
-        .def_prop_ro("swing", part(&Ensemble::memory, &EnsembleMemory::swing))
+        .def_prop_ro("lags", part(&Ensemble::lags, &Lags::numbers))
         .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals))
         .def_prop_ro(
             "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true))

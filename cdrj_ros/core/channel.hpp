@@ -26,8 +26,7 @@ inline constexpr double RANGE_MARGIN = 1e-9;
 /// Standard deviations of errors of an angle that last, and that the readings do not show.
 struct Offset {
     double slipped = 0.0;  // of an offset of the axis, (C9)
-    double late = 0.0;     // of what an error of its clock is worth, (C10)
-    double swung = 0.0;    // of how much that has differed so far, (C11)
+    double lag = 0.0;      // of the age of its values beyond that of their stamps, (C10) [s]
 
     bool operator==(const Offset&) const = default;
 };

@@ -84,13 +84,14 @@ Ensemble::Ensemble(
       quantities(quantities_of(robot_, unmodelled)),
       draws(std::move(of_draws)),
       population(robot_.topology, draws.slipping.size(), std::move(of_members)),
+      lags(robot_.topology.sizes.axes(), gains_of_cables()),
       everything_{
           1, false, up_to(cables()), robot_.topology.paths->axes, robot_.topology.paths->frames},
       parts_{PARTS, false, {}, {}, {}},
       at_once_{1, false, {}, {}, {}},
       in_turn_{1, true, {}, {}, {}},
       estimate_(robot_.estimate_size()),
-      possible_(cables(), 1.0),
+      mean_tensions_(cables()),
       walked_(cables()),
       out_(robot_.out_size()) {
     const auto members = static_cast<std::size_t>(population.size());
@@ -99,9 +100,6 @@ Ensemble::Ensemble(
     memory.unsolved.resize(cables());
     memory.deviation.resize(members * quantities.size());
     memory.variance.resize(quantities.size());
-    for (Index c = 0; c < cables(); ++c) {
-        memory.swing.insert(memory.swing.end(), {INFINITE, -INFINITE});
-    }
     memory.intervals.resize(axes);
     for (std::vector<double>* one :
          {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &small_,
@@ -109,11 +107,9 @@ Ensemble::Ensemble(
         one->resize(axes);
     }
     walked_axis_.resize(axes);
-    memory.offset.resize(3 * axes);
     memory.least_variance.resize(quantities.size());
-    memory.lasting.resize(quantities.size());
-    memory.late.resize(quantities.size());
-    take_offset(std::vector<double>(3 * axes));
+    slipped_.resize(quantities.size());
+    late_.resize(quantities.size());
 }
 
 // -------------------------------------------------------------------------------------------------
@@ -198,7 +194,7 @@ bool Ensemble::begin(
     }
     std::ranges::copy(angle_, memory.angle.begin());
     std::ranges::copy(unseen_, memory.unseen.begin());
-    bound_clocks();
+    if (!kept_) bound_errors();
     write_stddev(estimate_, stddev);
     return is_due(sample.stamp_ns);
 }

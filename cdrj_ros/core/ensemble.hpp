@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "population.hpp"
+#include "lags.hpp"
 #include "records.hpp"
 
 namespace cdrj {
@@ -75,17 +76,11 @@ struct EnsembleMemory {
     std::vector<Index> unsolved;      // 1 for every cable that was not solved in the last sample
     std::vector<double> angle;        // of all axes at the last sample [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
-    std::vector<double> offset;       // as `Sample::offset` [rad]
-    // what follows from `offset`, of every quantity: variance that no member shows, (U5) and (U12), and
-    // that of errors of clocks if nothing excludes them, (U13)
-    std::vector<double> lasting;
-    std::vector<double> late;
     std::vector<double> least_variance;  // of every quantity, where more is open than members show, (U15)
     // of every axis, twice the number of its past intervals without readings, plus one during one
     std::vector<Index> intervals;
     std::vector<double> deviation;    // of every member's quantities from the estimate's
     std::vector<double> variance;     // of every quantity, (U1)
-    std::vector<double> swing;        // of every cable's mean tension: lowest so far, and highest, (U13) [N]
 };
 
 /// Robots that differ in all that is unknown, and are stepped along with the estimate.
@@ -134,6 +129,9 @@ public:
     /// Take the standard deviations of lasting errors, as `Sample::offset`.
     void take_offset(std::span<const double> offset);
 
+    /// Compute what follows from `lags`, after changes of its numbers by others.
+    void renew_lasting();
+
     // What `EncoderlessEstimator` uses, which advances the members itself.
 
     /// Discard all that distinguishes members from an estimate, since their histories are unknown.
@@ -172,6 +170,7 @@ public:
     Draws draws;
     Population population;  // the members
     EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
+    Lags lags;              // and of its numbers; samples that are predicted do not change it
     Index cable_steps = 0;  // of all cables of all members so far
 
 private:
@@ -198,7 +197,9 @@ private:
     void deviate(Index member, Index axis, double deviation);
     void compare_cable(const Step& step, Index member, Index cable);
     void renew_variance(Index quantity);
-    void bound_clocks();
+    std::vector<double> gains_of_cables() const;
+    void bound_errors();
+    void renew_late();
     double shown(Index quantity, std::span<const double> nominal) const;
     double hidden(Index quantity) const;
     std::pair<Index, Index> tensions_of(Index cable) const;
@@ -222,8 +223,11 @@ private:
 
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;
-    std::vector<double> possible_;      // share of the variance of clocks' errors that the swing of every
-                                        // cable leaves possible, (U13)
+    std::vector<double> mean_tensions_;  // of all cables [N]
+    // variances that no member shows of every quantity: of offsets, (U12), and of lags if nothing
+    // excludes them, (U13)
+    std::vector<double> slipped_;
+    std::vector<double> late_;
     std::vector<double> angle_before_;  // of the sample before [rad]
     std::vector<double> angle_;         // [rad]
     std::vector<double> unseen_;        // standard deviations of the angles [rad]

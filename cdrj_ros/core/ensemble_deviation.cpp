@@ -69,35 +69,52 @@ void Ensemble::renew_variance(Index q) {
     memory.variance[q] = total / static_cast<double>(members());
 }
 
-/// Note the mean tensions of all cables, and what errors of clocks may add to each of them, (U13).
-void Ensemble::bound_clocks() {
+/// Change of every cable's mean tension by every axis [N/rad], by rows: that of its elements.
+std::vector<double> Ensemble::gains_of_cables() const {
+    const auto axes = static_cast<std::size_t>(robot_.topology.sizes.axes());
+    std::vector<double> found(axes * static_cast<std::size_t>(cables()));
+    for (Index c = 0; c < cables(); ++c) {
+        for (const auto& [axis, gain] : draws.gains[tensions_of(c).first]) found[c * axes + axis] = gain;
+    }
+    return found;
+}
+
+/// Note the mean tensions of all cables, which bound what lags are worth, (U13).
+void Ensemble::bound_errors() {
     for (Index c = 0; c < cables(); ++c) {
         if (memory.unsolved[c] != 0) continue;
         const auto [first, beyond] = tensions_of(c);
-        double mean = 0.0, swung = 0.0;
+        double& mean = mean_tensions_[c] = 0.0;
         for (Index e = first; e < beyond; ++e) mean += draws.length_share[e] * estimate_[e];
-        double &lowest = memory.swing[2 * c], &highest = memory.swing[2 * c + 1];
-        lowest = std::min(lowest, mean);
-        highest = std::max(highest, mean);
-        for (const auto& [axis, gain] : draws.gains[first]) {
-            const double part = gain * memory.offset[2 * axes() + axis];
-            swung += part * part;
-        }
-        const double seen = DEVIATION * (highest - lowest);
-        possible_[c] = swung > seen * seen ? seen * seen / swung : 1.0;
     }
+    if (lags.take(memory.progress.last_stamp, angle_, mean_tensions_)) renew_late();
 }
 
 void Ensemble::take_offset(std::span<const double> offset) {
-    std::ranges::copy(offset, memory.offset.begin());
+    lags.take_offset(offset);
+    renew_lasting();
+}
+
+void Ensemble::renew_lasting() {
+    lags.renew();
+    const std::span<const double> offset = lags.offset();
     for (std::size_t q = 0; q < quantities.size(); ++q) {
-        memory.lasting[q] = quantities[q].unmodelled_variance;
-        memory.late[q] = 0.0;
+        slipped_[q] = 0.0;
         for (const auto& [axis, gain] : draws.gains[q]) {
-            const double slipped_part = gain * memory.offset[axis];
-            const double late_part = gain * memory.offset[axes() + axis];
-            memory.lasting[q] += slipped_part * slipped_part;  // (U12)
-            memory.late[q] += late_part * late_part;
+            const double part = gain * offset[axis];
+            slipped_[q] += part * part;
+        }
+    }
+    renew_late();
+}
+
+/// Compute the variances of lags with the greatest speeds so far, (C10).
+void Ensemble::renew_late() {
+    for (std::size_t q = 0; q < quantities.size(); ++q) {
+        late_[q] = 0.0;
+        for (const auto& [axis, gain] : draws.gains[q]) {
+            const double part = gain * lags.offset()[axes() + axis] * lags.fastest(axis);
+            late_[q] += part * part;
         }
     }
 }
@@ -114,14 +131,14 @@ void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> s
 /// Variance of a quantity, but for what is small between readings and for slack cables.
 double Ensemble::shown(Index q, std::span<const double> nominal) const {
     const auto& [index, cable, axis, residual, unmodelled, slack] = quantities[q];
-    double possible = cable < 0 ? 0.0 : possible_[cable];
+    double late = cable < 0 ? 0.0 : lags.late_share(cable);
     if (cable < 0) {
         for (const Index c : robot_.topology.paths->cables_of_axis[axis]) {
-            possible = std::max(possible, possible_[c]);
+            late = std::max(late, lags.late_share(c));
         }
     }
-    double total = std::max(memory.variance[q], 0.0) + memory.lasting[q];
-    total += memory.late[q] * possible;  // (U13)
+    double total = std::max(memory.variance[q], 0.0) + unmodelled;
+    total += slipped_[q] + late_[q] * late;  // (U12), (U13)
     if (residual >= 0) {  // (U14)
         const double more = robot_.constants.residuals[residual].variance - unmodelled;
         total += more > 0.0 ? more : more * learned(nominal, residual, 1);

@@ -28,7 +28,7 @@ struct Samples {
     std::vector<std::size_t> unseen_rows{};  // the samples whose `unseen` is not empty
     std::vector<double> unseen{};            // these, (len(unseen_rows), 2, axes)
     std::vector<std::size_t> offset_rows{};  // the samples whose `offset` is not empty
-    std::vector<double> offset{};            // these, (len(offset_rows), 3, axes)
+    std::vector<double> offset{};            // these, (len(offset_rows), 2, axes)
     std::vector<std::size_t> doubtful{};     // the doubtful samples
 };
 

@@ -95,8 +95,8 @@ struct Sample {
     // unknown. Empty where all are zero.
     std::vector<double> unseen{};
     // Standard deviations of errors that last and that the readings do not show: of offsets of all
-    // axes, (C9), then of what errors of their clocks are worth, (C10), then of how much that has
-    // differed so far, (C11); empty where they are those of the sample before.
+    // axes, (C9), then of how much older their values are than the stamps [s], (C10); empty where
+    // they are those of the sample before.
     std::vector<double> offset{};
     bool doubtful = false;   // an angle may be wrong because its sensor may have stepped
     bool predicted = false;  // an angle is extrapolated

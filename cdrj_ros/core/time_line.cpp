@@ -236,8 +236,7 @@ void TimeLine::tell_offsets(Channels channels, Sample& sample) {
     }
     if (!changed) return;
     for (const Offset& offset : offset_) sample.offset.push_back(offset.slipped);
-    for (const Offset& offset : offset_) sample.offset.push_back(offset.late);
-    for (const Offset& offset : offset_) sample.offset.push_back(offset.swung);
+    for (const Offset& offset : offset_) sample.offset.push_back(offset.lag);
 }
 
 /// Whether to give a sample at the newest stamp; all channels have reached `until_ns`.

@@ -171,6 +171,7 @@ class Ensemble:
             "intervals": self.core.intervals,
             "last_unseen": self.core.unseen,
             "deviation": self.deviation,
+            "lags": self.core.lags,
         }
 
     def recall(self, arrays: Mapping[str, NDArray[Any]]) -> bool:
@@ -189,6 +190,7 @@ class Ensemble:
             return False
         for name, values in own.items():
             values[:] = arrays[name]
+        self.core.renew_lasting()
         self.renew_variance()
         return True
 

@@ -52,10 +52,10 @@ class Sample(NamedTuple):
     """
     offset: Vector = NONE_CHANGED
     """Standard deviations of lasting errors that the readings do not show, of motors, then joints
-    [rad], shape (3, axes).
+    shape (2, axes).
 
-    Row 0: of offsets, (C9).  Row 1: of what errors of their clocks are worth, (C10).  Row 2: of how
-    much that has differed so far, (C11).  Shape (0, 0) where they are those of the sample before.
+    Row 0: of offsets, (C9) [rad].  Row 1: of how much older their values are than the stamps, (C10)
+    [s].  Shape (0, 0) where they are those of the sample before.
     """
     doubtful: bool = False
     """Whether an angle may be wrong because the readings of its sensor have stepped."""
@@ -84,7 +84,7 @@ class Samples:
     offset_rows: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
     """The samples at which the offsets' standard deviations change, increasing, shape (k,)."""
     offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
-    """As ``Sample.offset`` of these, shape (k, 3, axes)."""
+    """As ``Sample.offset`` of these, shape (k, 2, axes)."""
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""

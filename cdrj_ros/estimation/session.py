@@ -138,8 +138,7 @@ class LiveEstimator:
                 known = exact(known)
             before, self.ensemble = self.ensemble, Ensemble(model, known=known)
             if before is not None:
-                self.ensemble.core.take_offset(before.core.offset)
-                self.ensemble.core.swing[:] = before.core.swing
+                self.ensemble.core.continue_lags(before.core)
         self.model = model
         self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""

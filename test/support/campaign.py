@@ -89,6 +89,8 @@ class Faults:
     period_ns: dict[str, int] = field(default_factory=lambda: {"winch": MS, "elbow": 2 * MS})
     phase_ns: int = 0
     """Of the first reading of every axis."""
+    older_ns: dict[str, int] = field(default_factory=dict)
+    """By how much the values of an axis are older than their stamps [ns]."""
     gaps: list[tuple[str, int, int]] = field(default_factory=list)
     """Axis, begin and end [ns]."""
     lost: dict[str, float] = field(default_factory=dict)
@@ -218,7 +220,7 @@ def _angles(
     generator: np.random.Generator,
 ) -> Vector:  # fmt: skip
     """Readings of an axis [rad]."""
-    values = course.at(name, stamps)
+    values = course.at(name, stamps - faults.older_ns.get(name, 0))
     for axis, since, size in faults.slips:
         if axis == name:
             values = values + size * (stamps >= since)

@@ -25,6 +25,8 @@ GAP_NS, WINDOW_NS, HORIZON_NS = 10**9, 10**8, 2 * 10**7
 LARGEST, MARGIN = 1e12, 1e-9
 CONFIRMATIONS, WAITING, STRAGGLERS = 5, 20_000, 100
 LASTING = ("speed", "acceleration", "fastest", "travelled", "windows")
+OLDEST_NS = 20_000_000
+"""By how much a value may be older than its stamp."""
 LASTING_STEPS = ("bend", "unexplained", "displaced")
 
 
@@ -579,15 +581,13 @@ class Channel:
         return 0.0 if self.first is None else self.last - self.first
 
     def offset(self) -> tuple[float, ...]:
-        """(C9) to (C11), with (C15)."""
-        clock, motion = hypot(0.35 * self.lag.most_ns * 1e-9, self.clock_stddev), self.motion
+        """(C9) and (C10), with (C15)."""
+        oldest = max(self.lag.most_ns, OLDEST_NS) * 1e-9
+        clock = hypot(0.35 * oldest, self.clock_stddev)
         if self.lag.apart:
             clock = hypot(clock, self.arrivals.stddev)
-        least, greatest = motion.velocities or (0.0, 0.0)
         unit = 0.0 if self.fits or not self.pull else 0.35 * abs(self.moved())
-        slipped = hypot(self.steps.offset(motion), unit)
-        errors = slipped, clock * motion.fastest, clock * (greatest - least)
-        return tuple(level(error) for error in errors)
+        return level(hypot(self.steps.offset(self.motion), unit)), level(clock)
 
     def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
         """Whether an accepted angle shows a step."""
