@@ -8,19 +8,16 @@ depends on its name alone, not on the rest of the robot.  See docs/uncertainty.m
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from math import sqrt
 from typing import Any, Final
 
 import numpy as np
 
 from cdrj_ros.estimation.parameter_draws import Streams, draw_constants, paired
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.laws import elasticities, strain_at
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Model, read_only, segments_of
+from cdrj_ros.model.prepared import Model, read_only
 from cdrj_ros.robot.description import Joint, Robot, Uncertainty
 
 READING_ROWS: Final = 1021
@@ -58,15 +55,12 @@ class Draws:
     """Errors of the members' zeros of these angles [rad], shape (members, axes)."""
     unseen_share: Table
     """xi of (U3), one row per interval between readings in turn, shape (rows, members, axes)."""
-    generator: np.random.Generator
-    """In its state after these draws; copy it to draw more."""
 
 
 def draw(
     model: Model,
     members: int,
     seed: int = 0,
-    preload_share: float = 0.0,
     known: Uncertainty | None = None,
 ) -> Draws:
     """Draw the members of a robot's ensemble.
@@ -75,15 +69,11 @@ def draw(
         model: the prepared robot; its uncertainty and its sensors define what is unknown.
         members: how many, even.
         seed: of the draws; the same seed gives the same members.
-        preload_share: standard deviation of every preload in addition to the robot file's, as a
-            fraction of the preload.
         known: standard deviations of the parameters; None: those of the robot.
     """
     robot, streams = model.robot, Streams(seed)
     constants, zeros = draw_constants(model, members, streams, known)
     wind_differently(model, constants, streams)
-    if preload_share > 0.0:
-        preload_differently(model, constants, preload_share, streams)
     residuals: Any = constant_views(model.sizes, constants).residuals
     residuals["bound"] = 0.0  # the estimate alone is corrected
     shares = [
@@ -102,7 +92,6 @@ def draw(
         read_only(reading_errors(robot, streams)),
         read_only(zeros),
         read_only(np.stack(unseen, axis=2)),
-        streams.of("later"),
     )
 
 
@@ -121,23 +110,6 @@ def wind_differently(model: Model, constants: Table, streams: Streams) -> None:
     for c, cable in enumerate(model.robot.cables):
         normal = streams.of("wound", cable.name).standard_normal(half)
         cables["wound_tension"][:, c] *= np.exp(WOUND_SPREAD * paired(normal))
-
-
-def preload_differently(model: Model, constants: Table, share: float, streams: Streams) -> None:
-    """Vary the members' preloads, cable by cable, with standard deviation ``share`` times each.
-
-    Every member keeps its own lengths in the reference pose, where it has its preload.
-    """
-    half = len(constants) // 2
-    views: Any = constant_views(model.sizes, constants)
-    for c, cable in enumerate(model.robot.cables):
-        normal = streams.of("preload", cable.name).standard_normal(half)
-        change = 1.0 + share * paired(normal)
-        law, preload = elasticities(views.cables[:, c]), views.cables["preload"][:, c]
-        changed = preload * np.maximum(change, 0.0)
-        shorter = (1.0 + strain_at(law, preload)) / (1.0 + strain_at(law, changed))
-        views.segments["material"][:, segments_of(model, c)] *= shorter[:, None]
-        views.cables["preload"][:, c] = changed
 
 
 def friction_shares(members: int, pulleys: int, generator: np.random.Generator) -> Table:
@@ -189,39 +161,3 @@ def _effort_stddev(robot: Robot) -> Vector:
     return np.array(
         [given.get(f"effort/{motor.name}", motor.effort_noise) for motor in robot.motors]
     )
-
-
-def standard(generator: np.random.Generator, members: int, apart: Sequence[Vector] = ()) -> Vector:
-    """Random numbers with mean 0 and variance 1 over the members, shape (members,).
-
-    Args:
-        generator: random generator.
-        members: number of members.
-        apart: values in every member with which they are not correlated.  Since members are few,
-            they would be by chance, and every correction would reduce the spread of these values.
-    """
-    normal = generator.standard_normal(members)
-    if len(apart) < members // 2:
-        basis = _basis(members, b"".join([one.tobytes() for one in apart]))
-        normal -= basis @ (basis.T @ normal)
-    else:
-        normal -= normal.mean()
-    normal /= root_mean_square(normal)
-    return normal
-
-
-@lru_cache(maxsize=8)
-def _basis(members: int, apart: bytes) -> Table:
-    """Orthonormal basis of a constant and of the vectors that ``apart`` holds, (members, vectors).
-
-    Several draws follow each other with the same vectors.  To decompose them takes ten times as
-    long as to compare them.
-    """
-    vectors = np.ones((1 + len(apart) // (8 * members), members))
-    vectors[1:] = np.frombuffer(apart).reshape(-1, members)
-    return np.linalg.qr(vectors.T)[0]
-
-
-def root_mean_square(values: Vector) -> float:
-    """Standard deviation of values with mean 0."""
-    return sqrt(np.add.reduce(values * values) / values.size)

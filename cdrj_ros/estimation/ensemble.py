@@ -15,7 +15,6 @@ step.  See docs/uncertainty.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
 from dataclasses import replace
 from typing import Any, Final
 
@@ -32,7 +31,7 @@ from cdrj_ros.estimation.model_error import (
     unmodelled,
 )
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.packing import INVALID, UNSURE, Layout, constant_views
+from cdrj_ros.model.packing import INVALID, UNSURE, Layout
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.robot.description import Robot, Uncertainty
 
@@ -93,7 +92,6 @@ class Ensemble:
         model: Model,
         members: int = MEMBERS,
         seed: int = 0,
-        preload_share: float = 0.0,
         known: Uncertainty | None = None,
     ) -> None:
         """Draw the members, as ``draw`` does.
@@ -102,8 +100,6 @@ class Ensemble:
             model: the prepared robot; its uncertainty and its sensors define what is unknown.
             members: number of members, even and at least 8.
             seed: seed of the draws; the same seed gives the same standard deviations.
-            preload_share: standard deviation of every preload in addition to the robot file's, as
-                a fraction of the preload.
             known: standard deviations of the parameters; None: those of the robot.
 
         Raises:
@@ -111,10 +107,9 @@ class Ensemble:
         """
         if members < 8 or members % 2:
             raise ValueError(f"members must be even and at least 8, got {members}")
-        draws = draw(model, members, seed, preload_share, known)
+        draws = draw(model, members, seed, known)
         self.model = model
         self.columns = stddev_columns(model.layout)
-        self._drawn = draws.constants
         self.length_share = length_share(model)
         """Length of every element by that of its cable, shape (elements,)."""
         self.core = new_members(model, draws)
@@ -129,30 +124,11 @@ class Ensemble:
         """Differences from the estimate, shape (members, columns)."""
         self.variance = self.core.variance
         """Their mean squares (U1), shape (columns,)."""
-        self.variance_is_old = False
-        """Whether ``deviation`` has changed, so that ``renew_variance`` is to be called."""
-        self.generator = deepcopy(draws.generator)
 
     @property
     def started(self) -> bool:
         """Whether the members have had a sample since the last reset."""
         return bool(self.core.progress[0] > 0)
-
-    def restore_preloads(self) -> None:
-        """Discard the members' history, and all corrections of their preloads."""
-        self.constants[:] = self._drawn
-        self.reset()
-
-    def keep_preloads(self, other: Ensemble) -> None:
-        """Take over the corrections of the preloads of another ensemble's members.
-
-        Both are of the same robot, which may have different numbers.
-        """
-        mine, theirs, drawn = (
-            constant_views(self.model.sizes, constants).segments["material"]
-            for constants in (self.constants, other.constants, other._drawn)
-        )
-        mine *= theirs / drawn
 
     def reset(self) -> None:
         """Discard the members' history; the next sample starts them anew."""
@@ -172,6 +148,7 @@ class Ensemble:
             "last_unseen": self.core.unseen,
             "deviation": self.deviation,
             "lags": self.core.lags,
+            "least_variance": self.core.least_variance,
         }
 
     def recall(self, arrays: Mapping[str, NDArray[Any]]) -> bool:
@@ -196,7 +173,6 @@ class Ensemble:
 
     def renew_variance(self) -> None:
         """Compute the variances anew, after changes of ``deviation``."""
-        self.variance_is_old = False
         np.add.reduce(self.deviation * self.deviation, axis=0, out=self.variance)
         self.variance /= len(self.deviation)
 
@@ -209,7 +185,7 @@ class Ensemble:
         robot = self.model.robot
         shape = shape_at(self.model, robot.reference_pose)
         least = in_all_quantities(self.model, shape, np.abs(robot.per_element(changes)))
-        self.core.least_variance[:] = least**2
+        np.maximum(self.core.least_variance, least**2, out=self.core.least_variance)
 
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""

@@ -183,6 +183,15 @@ class Control:
     """All other ones."""
 
 
+def _speeds(root: Xml.Element, path: Path) -> dict[str, float]:
+    """Greatest speeds of the joints of a URDF that states them, by name [rad/s] or [m/s]."""
+    return {
+        joint.get("name", ""): _number(limit.get("velocity"), path) or 0.0
+        for joint in root.findall("joint")
+        if (limit := joint.find("limit")) is not None
+    }
+
+
 def import_urdf(path: Path, out: str) -> tuple[str, ...]:
     """Begin a robot file whose motors, joints and frames are those of a URDF.
 
@@ -200,11 +209,7 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
     joints = joints_of(root, path)
     control = control_of(root, path)
     moving = {one.name: one for one in joints if one.motion != "fixed" and not one.mimic}
-    speeds = {
-        joint.get("name", ""): _number(limit.get("velocity"), path) or 0.0
-        for joint in root.findall("joint")
-        if (limit := joint.find("limit")) is not None
-    }
+    speeds = _speeds(root, path)
     remarks: list[str] = []
     motors = [_motor(name, control, speeds, remarks) for name in _driven(control)]
     driven = {motor["name"] for motor in motors} | {one.joint for one in control.transmissions}
