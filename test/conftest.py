@@ -107,13 +107,11 @@ def drawn_once() -> None:
 
     draw, drawn = ensemble.draw, {}
 
-    def again(
-        model: Any, members: int, seed: int = 0, share: float = 0.0, known: Any = None
-    ) -> Any:
+    def again(model: Any, members: int, seed: int = 0, known: Any = None) -> Any:
         unsure = known and (known.parameters, known.covariance.tobytes(), known.stated)
-        key = id(model), members, seed, share, unsure
+        key = id(model), members, seed, unsure
         if key not in drawn:
-            drawn[key] = model, draw(model, members, seed, share, known)  # keeps the id in use
+            drawn[key] = model, draw(model, members, seed, known)  # keeps the id in use
         return drawn[key][1]
 
     ensemble.draw = encoderless.draw = again

@@ -24,6 +24,10 @@ constexpr Nanoseconds APART_NS = 1'500'000;
 /// Time within which all members are updated while an axis has no readings.
 constexpr Nanoseconds ROUND_NS = 4'000'000;
 
+/// Time within which all members are updated in turn at rates below 500 Hz. Older ones would show where
+/// their cables were before a reversal.
+constexpr Nanoseconds FRESH_NS = 40'000'000;
+
 /// Row `k` of a table of rows of `width` numbers.
 std::span<const double> row(const std::vector<double>& table, Index k, std::size_t width) {
     return std::span(table).subspan(static_cast<std::size_t>(k) * width, width);
@@ -130,14 +134,19 @@ void Ensemble::update(
     const SampleView& sample, std::span<const double> estimate, Index least,
     std::span<double> stddev) {
     roll_back();
-    const bool due = begin(sample, estimate, stddev);
-    if (due || least > 1) update_members(std::min(least, members()));
+    begin(sample, estimate);
+    const Index due = due_at(sample.stamp_ns);
+    const Index count = std::min(std::max(due, least > 1 ? least : due), members());
+    if (count > 1) update_members(count);
+    finish(stddev);
+    if (count == 1) update_members(1);
 }
 
 void Ensemble::predict(
     const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
     if (!kept_) kept_ = {{}, memory};
-    begin(sample, estimate, stddev);
+    begin(sample, estimate);
+    finish(stddev);
 }
 
 void Ensemble::keep() {
@@ -172,10 +181,8 @@ void Ensemble::start_anew() {
     std::ranges::fill(memory.intervals, 0);
 }
 
-/// Take a sample, update the members of cables where more than one is due, and write the standard
-/// deviations; returns whether the member in turn is due.
-bool Ensemble::begin(
-    const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
+/// Take a sample, and update all members of cables whose motion since the last one is not small.
+void Ensemble::begin(const SampleView& sample, std::span<const double> estimate) {
     std::ranges::copy(estimate, estimate_.begin());
     take_angles(sample);
     if (!sample.offset.empty()) take_offset(sample.offset);
@@ -194,9 +201,12 @@ bool Ensemble::begin(
     }
     std::ranges::copy(angle_, memory.angle.begin());
     std::ranges::copy(unseen_, memory.unseen.begin());
+}
+
+/// Write the standard deviations at the sample that was taken.
+void Ensemble::finish(std::span<double> stddev) {
     if (!kept_) bound_errors();
     write_stddev(estimate_, stddev);
-    return is_due(sample.stamp_ns);
 }
 
 void Ensemble::take_angles(const SampleView& sample) {
@@ -283,6 +293,14 @@ bool Ensemble::is_unknown(Index c, Nanoseconds before) const {
 
 bool Ensemble::is_due(Nanoseconds stamp) const {
     return memory.progress.updates == 0 || stamp - memory.progress.last_update >= APART_NS;
+}
+
+/// Members in turn that are due at a stamp: at a high rate one at most, at a low one so many that no
+/// member is older than `FRESH_NS`.
+Index Ensemble::due_at(Nanoseconds stamp) const {
+    if (!is_due(stamp)) return 0;
+    const Nanoseconds passed = stamp - memory.progress.last_update;
+    return static_cast<Index>(std::max<Nanoseconds>(passed * members() / FRESH_NS, 1));
 }
 
 // -------------------------------------------------------------------------------------------------

@@ -85,7 +85,8 @@ struct EnsembleMemory {
 
 /// Robots that differ in all that is unknown, and are stepped along with the estimate.
 ///
-/// One member in turn is updated with a sample, in one step over all samples since its last update.
+/// One member in turn is updated with a sample, or as many as keep all of them fresh at a low rate, in
+/// one step over all samples since its last update.
 /// Beside that, all members update a cable: after a gap in which an axis on its path moved, after
 /// samples that were not solved, and where such an axis may have moved unseen by more than what is small
 /// beside the cable's standard deviation (U3), (U17).
@@ -105,8 +106,8 @@ public:
 
     /// Write the standard deviations at a sample and its estimate.
     ///
-    /// They are those before the update of the member in turn, which follows unless the last one is
-    /// too recent. `least`: number of members to be updated at least.
+    /// They are those before the update of a single member in turn, which follows unless the last one
+    /// is too recent. `least`: number of members to be updated at least.
     void update(
         const SampleView& sample, std::span<const double> estimate, Index least,
         std::span<double> stddev);
@@ -182,8 +183,9 @@ private:
     };
 
     void keep_states();
-    bool begin(
-        const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
+    void begin(const SampleView& sample, std::span<const double> estimate);
+    void finish(std::span<double> stddev);
+    Index due_at(Nanoseconds stamp) const;
     void take_angles(const SampleView& sample);
     void count_intervals();
     void choose(Nanoseconds before);

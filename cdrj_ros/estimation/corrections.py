@@ -26,8 +26,9 @@ from cdrj_ros.estimation.unknowns import unknowns_of
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot, Uncertainty
-from cdrj_ros.robot.groups import connected_cables
+from cdrj_ros.robot.description import Uncertainty
+from cdrj_ros.robot.groups import connected_cables, has_number, part_of
+from cdrj_ros.robot.reader import build_robot
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a reading [ns]."""
@@ -77,9 +78,11 @@ class Group:
             known: standard deviations of the robot's numbers.
         """
         own = _of_cables(model, cables)
-        names = {model.layout.cables[c] for c in cables}
+        layout = model.layout
+        self._motors = [layout.motors.index(name) for name in own.layout.motors]
+        self._joints = [layout.joints.index(name) for name in own.layout.joints]
         self.cables = list(cables)
-        own_known = _known_of(known, names)
+        own_known = _known_of(known, own)
         self._parameters = own_known.parameters if own_known is not None else ()
         self.unknowns, self.modes = unknowns_of(own, own_known)
         """Change of the file's numbers per unit of every mode, see ``unknowns_of``."""
@@ -93,6 +96,12 @@ class Group:
         self._related: list[NDArray[np.bool_]] = []
         self._own = own
         self._cable_of = _cables_of_columns(own)
+
+    def follow(self, sample: Sample) -> bool:
+        """``Signatures.follow`` of the group, with a sample of the whole robot."""
+        return self.signatures.follow(
+            sample.stamp_ns, sample.motor_angle[self._motors], sample.joint_angle[self._joints]
+        )
 
     def forget(self) -> None:
         """Forget what sensors have said."""
@@ -211,7 +220,7 @@ class Corrections:
             readings: that have become due.
             ensemble: whose members have been updated with the sample.
         """
-        renewed = [group.signatures.follow(sample) for group in self.groups]
+        renewed = [group.follow(sample) for group in self.groups]
         values = estimate.values[self._columns]
         angles = np.concatenate([sample.motor_angle, sample.joint_angle])
         assert estimate.stddev is not None
@@ -371,38 +380,24 @@ def _groups_of(model: Model, sensors: Mapping[str, Sensor]) -> list[list[int]]:
     return sorted(sorted(one) for one in groups)
 
 
-def _known_of(known: Uncertainty | None, cables: set[str]) -> Uncertainty | None:
-    """The standard deviations of the numbers that belong to some cables, or to none."""
+def _known_of(known: Uncertainty | None, own: Model) -> Uncertainty | None:
+    """The standard deviations of the numbers that a robot with fewer cables has."""
     if known is None:
         return None
-    own = [
-        k for k, path in enumerate(known.parameters)
-        if not path.startswith("cables.") or path.split(".")[1] in cables
-    ]  # fmt: skip
+    kept = [k for k, path in enumerate(known.parameters) if has_number(own.robot.document, path)]
     return replace(
-        known, parameters=tuple(known.parameters[k] for k in own),
-        covariance=known.covariance[np.ix_(own, own)],
-        stated=sum(k < known.stated for k in own),
+        known, parameters=tuple(known.parameters[k] for k in kept),
+        covariance=known.covariance[np.ix_(kept, kept)],
+        stated=sum(k < known.stated for k in kept),
     )  # fmt: skip
 
 
 def _of_cables(model: Model, cables: Sequence[int]) -> Model:
-    """The robot with some of its cables only; all its motors and joints."""
+    """The robot with some of its cables only, and the axes that move them."""
     robot = model.robot
     if len(cables) == len(robot.cables):
         return model
-    names = [robot.cables[c].name for c in cables]
-    document: dict[str, Any] = {
-        key: value
-        for key, value in robot.document.items()
-        if key not in ("residual", "uncertainty")
-    }
-    document["cables"] = [entry for entry in document["cables"] if entry["name"] in names]
-    own: Robot = replace(
-        robot, cables=tuple(robot.cables[c] for c in cables), document=document, uncertainty=None,
-        residuals=(),
-    )  # fmt: skip
-    return prepare(own, check_range=False)
+    return prepare(build_robot(part_of(robot, cables), robot.source), check_range=False)
 
 
 def _columns_in(model: Model, own: Model) -> Vector:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros import _core
-from cdrj_ros.estimation.estimator import NEVER, Sample
+from cdrj_ros.estimation.estimator import NEVER
 from cdrj_ros.estimation.unknowns import Unknown
-from cdrj_ros.foundation.arrays import Table
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model
 
@@ -60,17 +60,26 @@ class Signatures:
         self._robots.reset()
         self._stamp_ns = NEVER
 
-    def follow(self, sample: Sample) -> bool:
-        """Step the robots with a sample, unless too soon; returns whether ``slopes`` is renewed."""
-        passed = sample.stamp_ns - self._stamp_ns
+    def follow(self, stamp_ns: int, motor_angle: Vector, joint_angle: Vector) -> bool:
+        """Step the robots, unless too soon.
+
+        Args:
+            stamp_ns: of a sample [ns].
+            motor_angle: of this robot [rad], shape (motors,).
+            joint_angle: of this robot [rad], shape (joints,).
+
+        Returns:
+            Whether ``slopes`` is renewed.
+        """
+        passed = stamp_ns - self._stamp_ns
         if self._stamp_ns != NEVER:
             if 0 <= passed < TICK_NS:
                 return False
             if not 0 < passed <= LONGEST_NS:
                 self.reset()
         dt = 0.0 if self._stamp_ns == NEVER else passed * 1e-9
-        self._stamp_ns = sample.stamp_ns
-        angles = np.concatenate([sample.motor_angle, sample.joint_angle]) + self._shift
+        self._stamp_ns = stamp_ns
+        angles = np.concatenate([motor_angle, joint_angle]) + self._shift
         values = np.empty((len(angles), self._columns.size))
         for k, own in enumerate(angles):
             _, estimate = self._robots.advance(k, own[: self._motors], own[self._motors :], dt)

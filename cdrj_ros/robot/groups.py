@@ -170,14 +170,14 @@ def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Docume
     entry["model_error"] = {name: errors[name] for name in errors if name in channels}
     known = robot.uncertainty
     names = known.parameters[: known.stated] if known is not None else ()
-    if known is None or not (at := [k for k, path in enumerate(names) if _has(part, path)]):
+    if known is None or not (at := [k for k, path in enumerate(names) if has_number(part, path)]):
         return entry
     numbers = with_covariance([names[k] for k in at], known.covariance[np.ix_(at, at)])
     entry |= {"parameters": [*numbers.paths], "stddev": [*numbers.stddev]}
     return {**entry, "correlation": numbers.correlation.tolist()}
 
 
-def _has(document: Document, path: str) -> bool:
+def has_number(document: Document, path: str) -> bool:
     """Whether a document has a number, if only by default."""
     try:
         find_number(document, path)
