@@ -22,6 +22,7 @@ from cdrj_ros.simulation.sensors import SensorSettings, encoder_groups, truth_ta
 
 RATE_HZ = 1000.0
 STEP_NS = 1_000_000
+FRESH_S = 1e-4  # the angles are as old as their stamps say, to this [s]
 FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
 
 
@@ -45,7 +46,10 @@ class ClosedLoop:
         """
         self.model = load_model(robot)
         if exact:
-            document = {**self.model.robot.document, "uncertainty": {"others": "exact"}}
+            kinds = (("motors", self.model.layout.motors), ("joints", self.model.layout.joints))
+            clocks = [f"{kind}.{name}.clock_offset" for kind, names in kinds for name in names]
+            known = {"others": "exact", "parameters": clocks, "stddev": [FRESH_S] * len(clocks)}
+            document = {**self.model.robot.document, "uncertainty": known}
             self.model = prepare(build_robot(document, self.model.robot.source))
         robot = self.model.robot
         stops = {name: limits.pop(name) for name in ("lower", "upper") if name in limits}

@@ -17,7 +17,7 @@ constexpr Nanoseconds LAG_WINDOW_NS = 500'000'000;     // shortest window over w
 constexpr int LAG_READINGS = 8;            // fewest readings in one
 constexpr double ARRIVAL = 1e-3;           // standard deviation of even times of arrival [s]
 constexpr double UNEVEN_FADES = 10.0;      // time constant [s], that of (C2)
-constexpr Nanoseconds OLDEST_NS = 20'000'000;  // a value may be so much older than its stamp
+constexpr Nanoseconds OLDEST_NS = 20'000'000;  // a value may be so much older, unless that is stated
 constexpr double FINER = 0.22;             // logarithm of 1.25
 
 /// The next of few values, each a quarter above the one before, so that changes are few.
@@ -285,7 +285,8 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
 }
 
 Offset Channel::offset(const Axis& axis) {
-    const double oldest = std::max(lag.most_ns, OLDEST_NS) * 1e-9;
+    const bool stated = axis.clock_stddev > 0.0;
+    const double oldest = (stated ? lag.most_ns : std::max(lag.most_ns, OLDEST_NS)) * 1e-9;
     const double stamps = std::hypot(DEVIATION * oldest, axis.clock_stddev);
     const double clock = lag.apart ? std::hypot(stamps, arrivals.stddev()) : stamps;
     const double unit = fits || axis.pull.empty() ? 0.0 : DEVIATION * std::abs(moved());

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, log
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +36,14 @@ VERIFIED: Final = 0.01
 FAULT_RATE: Final = 1e-3
 """Rate at which a good sensor becomes wrong [1/s]."""
 
-WRONG: Final = 0.3
-"""What a wrong sensor's reading may be off by: a share of it, or of what preloads contribute."""
-
 OUTLIER: Final = 0.02
 """Probability of a stray reading of a good sensor, and that another one follows it."""
 
 STRAY: Final = 3.0
 """How far a stray reading, or one of a wrong sensor, is off, by what the preloads contribute."""
+
+STEADY: Final = 0.02
+"""How much a wrong sensor's error changes between readings, by what the preloads contribute."""
 
 FIRST_JUMP: Final = 0.1
 """Probability that the robot had changed suddenly before a sensor's first reading."""
@@ -60,12 +60,6 @@ LASTS_S: Final = 0.2
 INDEPENDENT_S: Final = 0.1
 """Readings within this time weigh as one when hypotheses are compared [s]."""
 
-USED_S: Final = 0.4
-"""For so long a reading also says something about the present [s]."""
-
-FAR: Final = 100.0
-"""A squared residual by its variance beyond which a reading says nothing about the present."""
-
 EQUAL: Final = 3
 """A sensor is frozen if more readings than this are equal,"""
 
@@ -77,9 +71,6 @@ LEAST_WEIGHT: Final = 1e-6
 
 FROZEN: Final = -50.0
 """Log likelihood of a frozen sensor's readings if it is right."""
-
-TINY: Final = 1e-30
-"""Least variance by which another one is divided."""
 
 NEVER: Final = -1
 
@@ -109,6 +100,8 @@ class Heard:
     """and the range of h since the first of them."""
     used: int = 0
     """Number of readings."""
+    rest: Vector | None = None
+    """Last reading less what was expected of it under every hypothesis."""
     strays: int = 0
     """How many of the latest were stray if all sensors are right."""
 
@@ -117,32 +110,6 @@ class Heard:
         """Whether equal readings contradict the motion."""
         moved = self.highest - self.lowest
         return self.equal >= EQUAL and moved > STIFF * float(self.variance) ** 0.5
-
-
-class _Latest(NamedTuple):
-    """The latest readings of a group's sensors, as statements about the present."""
-
-    sensors: list[int]
-    """Indices of the sensors that have one."""
-    read: list[Heard]
-    at: list[int]
-    """Indices of the quantities that they read."""
-    stamp_ns: int
-    """Now."""
-    h: Vector
-    """What the model says of these quantities now."""
-    rest: Table
-    """Readings less what is expected of them, shape (sensors, hypotheses)."""
-    change: list[Table]
-    """Change of every reading per unknown, shape (hypotheses, unknowns) each."""
-    history: Table
-    """Covariance of these quantities and all by the members, shape (sensors, columns)."""
-    spread: Vector
-    """Variance of all quantities by the members, shape (columns,)."""
-    parts: NDArray[np.bool_]
-    """Sensors that contribute to the quantities of every part, shape (parts, sensors)."""
-    part_of: NDArray[np.int64]
-    """Part of every quantity, shape (columns,)."""
 
 
 class Beliefs:
@@ -218,30 +185,45 @@ class Beliefs:
         lasting = one.sensor.model_error(value) ** 2 + history**2
         self._note(one, stamp_ns, value, h, slopes, direction, noise**2 + lasting)
         self._pass_time(one, passed)
-        expected, change = self._expected(one)
+        expected, change = self.expected(one)
         rest = value - expected
         bent = (NONLINEAR * (self.mean[:, : self.count] @ slopes)) ** 2
         across = np.einsum("bij,bj->bi", self.covariance, change)
         variance = np.einsum("bi,bi->b", across, change) + noise**2 + lasting + bent
-        jumps = float(slopes**2 @ self._jump)
+        jumps = slopes**2 * self._jump
         sudden = FIRST_JUMP if first else min(JUMP_RATE * passed, FIRST_JUMP)
         stray = (STRAY * one.sensor.scale) ** 2
         quiet = log(1.0 - sudden) + _log_likelihood(rest, variance)
-        jumped = log(sudden) + _log_likelihood(rest, variance + jumps)
+        # every unknown may have changed alone, all equally likely
+        each = _log_likelihood(rest[:, None], variance[:, None] + jumps)
+        each += log(sudden) - log(max(int(np.count_nonzero(self._jump)), 1))
+        each[:, self._jump == 0.0] = FROZEN
+        jumped = np.logaddexp.reduce(each, axis=1)
         if one.frozen:
-            quiet, jumped = quiet + FROZEN, jumped + FROZEN
+            quiet, each, jumped = quiet + FROZEN, each + FROZEN, jumped + FROZEN
         changed = np.logaddexp(quiet, jumped)
-        wrong = _log_likelihood(rest, variance + stray)
-        strayed = (1 + one.strays) * log(OUTLIER) + wrong
+        wrong = self._wrong(one, rest, variance, stray)
+        astray = _log_likelihood(rest, variance + stray)
+        strayed = (1 + one.strays) * log(OUTLIER) + astray
         right = np.logaddexp(changed, strayed)
         used = self.right[:, k] & (strayed < changed)
         one.strays = 0 if used[0] else one.strays + 1
-        self._widen(used, np.exp(jumped - changed), across, change)
+        self._widen(used, np.exp(each - changed[:, None]), across, change)
         lasts = max(1.0, LASTS_S / passed)
         self._update(used, rest, across, change, noise**2 + (lasting + bent) * lasts)
         score = np.where(self.right[:, k], right, wrong)
         self.weight *= np.exp(min(1.0, passed / INDEPENDENT_S) * (score - score.max()))
         self._fail(k, passed)
+
+    def _wrong(self, one: Heard, rest: Vector, variance: Vector, stray: float) -> Vector:
+        """Log likelihood of a reading if the sensor is wrong: anywhere, or as far off as before."""
+        anywhere = _log_likelihood(rest, variance + stray)
+        before, one.rest = one.rest, rest
+        if before is None or before.shape != rest.shape:
+            return anywhere
+        steady = 2.0 * one.variance + (STEADY * one.sensor.scale) ** 2
+        again = _log_likelihood(rest - before, np.full_like(rest, steady))
+        return np.asarray(np.logaddexp(anywhere, again) - log(2.0))
 
     def _note(
         self, one: Heard, stamp_ns: int, value: float, h: float, slopes: Vector, direction: float,
@@ -263,7 +245,7 @@ class Beliefs:
         self.covariance[:, robot, robot] += self._drift * passed / len(self.heard)
         self.covariance[:, one.first, one.first] += one.sensor.drift**2 * passed
 
-    def _expected(self, one: Heard) -> tuple[Vector, Table]:
+    def expected(self, one: Heard) -> tuple[Vector, Table]:
         """What every hypothesis expects of a sensor's last reading, and its change per unknown."""
         assert one.slopes is not None
         bias, gain, friction = self.mean[:, one.first : one.first + 3].T
@@ -274,8 +256,15 @@ class Beliefs:
         change[:, one.first + 2] = one.direction
         return (1.0 + gain) * true + bias + one.direction * friction, change
 
-    def _widen(self, used: NDArray[np.bool_], share: Vector, across: Table, change: Table) -> None:
-        """Add the variance of a sudden change by its probability: two Gaussians become one."""
+    def _widen(self, used: NDArray[np.bool_], share: Table, across: Table, change: Table) -> None:
+        """Add the variances of sudden changes by their probabilities: many Gaussians become one.
+
+        Args:
+            used: the hypotheses that use the reading.
+            share: probabilities of changes of the unknowns, shape (hypotheses, count).
+            across: covariance of all unknowns and the reading, changed.
+            change: of the reading per unknown.
+        """
         robot = np.arange(self.count)
         for b in np.flatnonzero(used):
             more = share[b] * self._jump
@@ -307,134 +296,21 @@ class Beliefs:
         """Forget the last readings: the estimates to come have another history."""
         for one in self.heard:
             one.slopes, one.equal, one.lowest, one.highest = None, 0, inf, -inf
+            one.rest = None
 
     def widen(self, size: Vector) -> None:
         """Add to the variances of the robot's unknowns, shape (count,), under all hypotheses."""
         robot = np.arange(self.count)
         self.covariance[:, robot, robot] += size
 
-    # --- the estimate -----------------------------------------------------------------------------
+    # --- all hypotheses together ------------------------------------------------------------------
 
-    def correction(
-        self, stamp_ns: int, h: Vector, slopes: Table, deviation: Table,
-        columns: Mapping[int, int], related: NDArray[np.bool_],
-    ) -> tuple[Vector, Vector, Vector]:  # fmt: skip
-        """What the sensors say about the present.
-
-        The unknowns shift all quantities by their signatures.  The latest readings say, beyond
-        that, where the friction history has led, through the covariance of the members:
-
-            t <- t + C_tz (C_zz + R)^-1 (z - expected).                                      (B4)
-
-        Args:
-            stamp_ns: now [ns].
-            h: the model's quantities now, shape (columns,).
-            slopes: their signatures, shape (unknowns, columns).
-            deviation: of the members from h by their histories, shape (members, columns).
-            columns: of the quantities that sensors read, by ``Sensor.column``.
-            related: whether a sensor's cables contribute to a quantity, shape (sensors, columns).
-                The others change it by their unknowns alone: few members cannot tell more.
-
-        Returns:
-            Changes of all quantities; the shares of the variances of their histories that the
-            readings take away; and the variances that the unknowns leave.
-        """
-        latest = self._latest(stamp_ns, h, deviation, columns, related)
-        shifts = self.mean[:, : self.count] @ slopes
-        by_unknowns = self.covariance[:, :, : self.count] @ slopes
-        variances = np.einsum("nc,bnc->bc", slopes, by_unknowns[:, : self.count])
-        bent = NONLINEAR * shifts
-        variances += bent**2
-        known = np.zeros_like(shifts)
-        for b in range(len(shifts) if latest.read else 0):
-            shift, known[b], less = self._condition(b, latest, by_unknowns[b], bent[b])
-            shifts[b] += shift
-            variances[b] -= less
-        mean, left = self._mixture(shifts, np.maximum(variances, 0.0))
-        return mean, self._least_weights() @ np.clip(known, 0.0, 1.0), left
-
-    def _latest(
-        self, stamp_ns: int, h: Vector, deviation: Table, columns: Mapping[int, int],
-        related: NDArray[np.bool_],
-    ) -> _Latest:  # fmt: skip
-        """The latest readings, for the arguments of ``correction``."""
-        now = [
-            k
-            for k, one in enumerate(self.heard)
-            if abs(stamp_ns - one.stamp_ns) * 1e-9 <= USED_S
-            and one.slopes is not None
-            and not one.frozen
-        ]
-        read = [self.heard[k] for k in now]
-        at = [columns[one.sensor.column] for one in read]
-        found = [self._expected(one) for one in read]
-        spread = np.einsum("mc,mc->c", deviation, deviation) / len(deviation)
-        parts, part_of = np.unique(related[now], axis=1, return_inverse=True)
-        return _Latest(
-            now, read, at, stamp_ns, h[at],
-            np.array([one.value - e for one, (e, _) in zip(read, found, strict=True)]),
-            [change for _, change in found],
-            deviation[:, at].T @ deviation / len(deviation), np.maximum(spread, TINY),
-            parts.T, part_of.ravel(),
-        )  # fmt: skip
-
-    def _condition(
-        self, b: int, latest: _Latest, by_unknowns: Table, bent: Vector
-    ) -> tuple[Vector, Vector, Vector]:
-        """(B4) under one hypothesis.
-
-        Args:
-            b: the hypothesis.
-            latest: the readings.
-            by_unknowns: covariance of its unknowns and all quantities, shape (unknowns, columns).
-            bent: standard deviation of what signatures do not say, shape (columns,).
-
-        Returns:
-            Changes of all quantities, shares of their histories' variances, and what is taken from
-            the variances that the unknowns leave.
-        """
-        at, history = latest.at, latest.history
-        change = np.array([rows[b] for rows in latest.change])
-        wrong = ~self.right[b, latest.sensors]
-        noise = [
-            self._noise(b, one, latest.stamp_ns, now, history[i, at[i]], is_wrong=bool(wrong[i]))
-            for i, (one, now) in enumerate(zip(latest.read, latest.h.tolist(), strict=True))
-        ]
-        bends = bent[at, None]
-        total = history[:, at] + bends * bent[at] + np.diag(noise)
-        total += change @ self.covariance[b] @ change.T
-        # sensors that are right have told the unknowns before, by their lasting part
-        with_all = history + bends * bent + wrong[:, None] * (change @ by_unknowns)
-        near = latest.rest[:, b] ** 2 <= FAR * np.diag(total)
-        shift, known, less = np.zeros((3, bent.size))
-        for k, part in enumerate(latest.parts):
-            own, there = np.flatnonzero(part & near), np.flatnonzero(latest.part_of == k)
-            across = with_all[np.ix_(own, there)]
-            gain = np.linalg.solve(total[np.ix_(own, own)], across)
-            shift[there] = latest.rest[own, b] @ gain
-            of_history = np.einsum("sc,sc->c", gain, history[np.ix_(own, there)])
-            known[there] = of_history / latest.spread[there]
-            less[there] = np.einsum("sc,sc->c", gain, across) - of_history
-        return shift, known, less
-
-    def _noise(
-        self, b: int, one: Heard, stamp_ns: int, now: float, history: float, *, is_wrong: bool
-    ) -> float:
-        """Variance of a reading's errors as a statement about the present."""
-        assert one.slopes is not None
-        shift = float(self.mean[b, : self.count] @ one.slopes)
-        true = max(abs(one.h + shift), one.sensor.scale)
-        age = (stamp_ns - one.stamp_ns) * 1e-9 / LASTS_S
-        moved = 2.0 * (now - one.h) / true
-        noise = one.variance + history * (age**2 + moved**2)
-        return noise + (WRONG * max(abs(one.value), one.sensor.scale)) ** 2 * is_wrong
-
-    def _mixture(self, shifts: Table, variances: Table) -> tuple[Vector, Vector]:
+    def mixture(self, shifts: Table, variances: Table) -> tuple[Vector, Vector]:
         """Mean and variance over all hypotheses; none weighs too little in the variance."""
         mean = self.weight @ shifts
-        return mean, self._least_weights() @ (variances + (shifts - mean) ** 2)
+        return mean, self.least_weights() @ (variances + (shifts - mean) ** 2)
 
-    def _least_weights(self) -> Vector:
+    def least_weights(self) -> Vector:
         """Weights of the hypotheses in variances: none less than what its sensors keep."""
         faulty = np.array([one.faulty for one in self.heard])
         weight = np.maximum(self.weight, np.where(self.right, 1.0, faulty).prod(axis=1))
@@ -442,7 +318,7 @@ class Beliefs:
 
     def moments(self) -> tuple[Vector, Vector]:
         """Mean and standard deviation of all unknowns over all hypotheses."""
-        mean, variance = self._mixture(self.mean, np.einsum("bii->bi", self.covariance))
+        mean, variance = self.mixture(self.mean, np.einsum("bii->bi", self.covariance))
         return mean, np.sqrt(variance)
 
     def moment_of(self, share: Vector) -> tuple[float, float]:
@@ -450,7 +326,7 @@ class Beliefs:
         means = self.mean[:, : self.count] @ share
         variances = np.einsum("i,bij,j->b", share, self.covariance[:, : self.count, : self.count],
                               share)  # fmt: skip
-        mean, variance = self._mixture(means[:, None], variances[:, None])
+        mean, variance = self.mixture(means[:, None], variances[:, None])
         return float(mean[0]), float(np.sqrt(variance[0]))
 
     def probability_right(self, k: int) -> float:

@@ -168,7 +168,7 @@ class LiveEstimator:
         if self.ensemble is not None:
             self.ensemble.reset()
             if not known:
-                self.ensemble.show_at_least(self._moved)
+                self.ensemble.core.least_variance[:] = 0.0
         if self.corrections is not None and known:
             self.corrections.restart()
         elif self.corrections is not None:
@@ -437,6 +437,7 @@ class LiveEstimator:
         """
         model = with_other_numbers(self.model, values)
         self.changes.update(values)
+        self.ensemble = None  # what the tensions have shown of lags depends on these numbers
         self.use(model)
         self.conditioner.reset(keep_turns=True)
         self._restart(known=False)

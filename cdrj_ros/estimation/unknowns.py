@@ -16,7 +16,7 @@ See docs/estimation.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -106,13 +106,15 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
         Modes first, then changes; and F W of (B1), the change of every number in ``known`` per unit
         of every mode [SI], shape (numbers, modes).
     """
+    if known is None or not known.parameters or not model.robot.document:
+        return _changes(model), np.empty((0, 0))
     shapes = _modes(model, known)
+    none = model, np.zeros(len(model.robot.axes))
+    more, less = (_changed(model.robot, known, sign * shapes) for sign in (1.0, -1.0))
     found = []
-    for shape in shapes.T:
-        assert known is not None
-        ends = [_changed(model.robot, known, sign * shape) for sign in (1.0, -1.0)]
-        more, less = (one or (model, np.zeros(len(model.robot.axes))) for one in ends)
-        robots = Robots(more[0], less[0], more[1], less[1])
+    for ends in zip(more, less, strict=True):
+        (up, shift_up), (down, shift_down) = (one or none for one in ends)
+        robots = Robots(up, down, shift_up, shift_down)
         found.append(Unknown("", 1.0, 1.0, 0.0, 0.0, robots))
     return found + _changes(model), shapes
 
@@ -120,10 +122,8 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
 # --- modes of the file's numbers ------------------------------------------------------------------
 
 
-def _modes(model: Model, known: Uncertainty | None) -> Table:
+def _modes(model: Model, known: Uncertainty) -> Table:
     """F W of (B1) for the modes of at least ``LEAST``."""
-    if known is None or not known.parameters or not model.robot.document:
-        return np.empty((0, 0))
     causes = independent_causes(known)
     factor = np.zeros((len(known.parameters), len(causes)))
     for k, one in enumerate(causes):
@@ -131,30 +131,36 @@ def _modes(model: Model, known: Uncertainty | None) -> Table:
     poses = _poses(model)
     without = _effects(model, np.zeros(len(model.robot.axes)), poses)
     effects = np.zeros((factor.shape[1], without.size))
-    for k, cause in enumerate(factor.T):
-        changed = _changed(model.robot, known, cause)
+    for k, changed in enumerate(_changed(model.robot, known, factor)):
         if changed is not None:
             effects[k] = _effects(*changed, poses) - without
     _, size, turn = np.linalg.svd(effects.T, full_matrices=False)
     return np.asarray(factor @ turn[size >= LEAST].T)
 
 
-def _changed(robot: Robot, known: Uncertainty, change: Vector) -> tuple[Model, Vector] | None:
+def _changed(
+    robot: Robot, known: Uncertainty, changes: Table
+) -> Iterator[tuple[Model, Vector] | None]:
     """The robot with other numbers, and its angles less those that are read [rad].
 
-    None if no robot can have these numbers.
+    None where no robot can have these numbers.
+
+    Args:
+        robot: the robot.
+        known: with the paths of the numbers.
+        changes: of them, one column per robot [SI], shape (numbers, robots).
     """
     given: Any = robot.document
     write = writer_of({**given, "uncertainty": {"others": "exact"}}, known.parameters)
-    try:
-        values = [
-            float(within_range(given, path, np.array([by]))[0])
-            for path, by in zip(known.parameters, change.tolist(), strict=True)
-        ]
-        other = build_robot(write(values), robot.source)
-        return prepare(other, check_range=False), np.subtract(other.offsets, robot.offsets)
-    except CdrjError:
-        return None
+    values = np.array(
+        [within_range(given, path, by) for path, by in zip(known.parameters, changes, strict=True)]
+    )
+    for column in values.T.tolist():
+        try:
+            other = build_robot(write(column), robot.source)
+            yield prepare(other, check_range=False), np.subtract(other.offsets, robot.offsets)
+        except CdrjError:
+            yield None
 
 
 def _poses(model: Model) -> tuple[Table, Table]:

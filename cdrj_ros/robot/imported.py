@@ -183,6 +183,17 @@ class Control:
     """All other ones."""
 
 
+def _no_cables(links: Sequence[str]) -> tuple[str, ...]:
+    """The lines of a robot file whose cables are to be added, with nodes on these links."""
+    left = len(links) - MOST_LINKS
+    more = f", and {left} more links of the URDF" if left > 0 else ""
+    return (
+        "cables: []",
+        "# One entry for each, in place of [], as in docs/tutorial.md, with nodes on the links",
+        f"# {printable(', '.join(links[:MOST_LINKS]))}{more}",
+    )
+
+
 def _speeds(root: Xml.Element, path: Path) -> dict[str, float]:
     """Greatest speeds of the joints of a URDF that states them, by name [rad/s] or [m/s]."""
     return {
@@ -242,14 +253,7 @@ def import_urdf(path: Path, out: str) -> tuple[str, ...]:
         "max_speed is twice the limit of the URDF; ranges are its limits of position.",
     )
     links = [one.child for one in joints if one.name not in driven]
-    links = links if joints and not joints[0].name else [ROOT, *links]
-    left = len(links) - MOST_LINKS
-    more = f", and {left} more links of the URDF" if left > 0 else ""
-    cables = (
-        "cables: []",
-        "# One entry for each, in place of [], as in docs/tutorial.md, with nodes on the links",
-        f"# {printable(', '.join(links[:MOST_LINKS]))}{more}",
-    )
+    cables = _no_cables(links if joints and not joints[0].name else [ROOT, *links])
     remarks = [*said_once(remarks), *_prefix_offered(document)]
     write_text(out, "\n".join([*_beginning(document, remarks, head), *cables]) + "\n")
     return tuple(remarks)

@@ -263,7 +263,7 @@ def test_a_robot_of_a_urdf_is_commissioned_without_changing_the_urdf(tmp_path: P
     }.items():
         bags[name] = str(tmp_path / name)
         with BagWriter(tmp_path / name) as bag:
-            effort = 0.2 + angle[:, None] if name == "motion" else None
+            effort = -0.2 - angle[:, None] if name == "motion" else None
             still = np.zeros((500, 1))
             bag.write_joint_states(topics.motors, stamps, ["winch"], still, effort=effort)
             bag.write_joint_states(topics.joints, stamps, ["hinge"], angle[:, None])

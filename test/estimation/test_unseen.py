@@ -90,7 +90,7 @@ def test_there_are_no_estimates_for_the_silence_of_one_topic(
     assert len(before) + len(outputs) == 2000
     assert first.stddev is not None
     assert before[-1].stddev is not None
-    assert np.mean(first.stddev[:16]) > 2.0 * np.mean(before[-1].stddev[:16])
+    assert np.mean(first.stddev[:16]) > 1.4 * np.mean(before[-1].stddev[:16])
 
     motors = {"winch": Series(stamps, stamps, readings.motor_angle[:, 0])}
     heard = np.r_[0:1000, 4000:5000]
@@ -189,7 +189,7 @@ def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
     assert len(after) > 150
     assert all(map(all_unsure, after))
     live.tare()
-    outputs = [output for k in range(2200, 2500) for output in send(live, jumped, k)]
+    outputs = [output for k in range(2200, 4500) for output in send(live, jumped, k)]
     assert conditioner.displaced == {}
     assert not all_unsure(outputs[-1])
 
@@ -268,7 +268,7 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
     assert "cables.lower.preload = 20" in read_state(again, path)
     for k in range(900, 1000):
         expected, got = send(live, readings, k), send(again, readings, k)
-        assert np.array_equal(got[0].values, expected[0].values)
+        assert np.array_equal(got[0].tension, expected[0].tension)
     for one in (at_once, again):
         assert np.array_equal(one.model.constants, live.model.constants)
         assert one.model.robot.motors == live.model.robot.motors

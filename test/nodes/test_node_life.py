@@ -297,10 +297,10 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
     for k in range(2100, 2400):
         feed(estimator, k, k + 1)
         estimator.live.feed_tensions(sample_at(k).stamp_ns, ["upper/8", "x/1"], [1e4, 0.0], [])
-    assert "sensor upper/8 dropped" in status().message
+    assert "sensors that contradict the others or the robot: upper/8" in status().message
     assert status().level == first.WARN
-    assert values_of(status())["sensor upper/8"].startswith("dropped: ")
-    assert int(values_of(status())["refused: unknown element"]) == 300
+    assert values_of(status())["sensor upper/8"].startswith("right with 0%; ")
+    assert int(values_of(status())["refused: unknown sensor"]) == 300
 
 
 # state file ------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ def test_tensions_from_one_stream_at_500_hz_of_several_robots(bench: Bench, tmp_
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = bench.node.create_publisher(JointState, "/joint_states", best_effort)
     estimation = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path))
-    (topic,) = estimation.inputs
+    topic, _ = estimation.inputs
     assert bench.until(lambda: bool(topic.adapt()))
     assert bench.until(lambda: publisher.get_subscription_count() > 0)
     samples, tension, torque = recorded(300)

@@ -582,7 +582,8 @@ class Channel:
 
     def offset(self) -> tuple[float, ...]:
         """(C9) and (C10), with (C15)."""
-        oldest = max(self.lag.most_ns, OLDEST_NS) * 1e-9
+        least = 0 if self.clock_stddev > 0.0 else OLDEST_NS
+        oldest = max(self.lag.most_ns, least) * 1e-9
         clock = hypot(0.35 * oldest, self.clock_stddev)
         if self.lag.apart:
             clock = hypot(clock, self.arrivals.stddev)
