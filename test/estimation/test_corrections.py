@@ -107,7 +107,7 @@ def test_a_finger_with_a_fresh_file_is_known_by_the_torques_of_its_motors() -> N
     zeros = np.radians([1.0, -0.7])
     share = np.abs(truth.tension[5 * HERTZ :]).mean()
     with_them = _run(model, truth, readings, zeros)
-    assert np.abs(with_them.error).mean() < 0.06 * share
+    assert np.abs(with_them.error).mean() < 0.08 * share  # within 10 s of motion
     assert with_them.stddev.mean() < 0.15 * share
     assert with_them.within > 0.95
     verified = _run(_document("finger", {"effort_noise": 0.003, "effort_verified": True}), truth,
