@@ -19,7 +19,7 @@ from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, Sample
 from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.model_error import unmodelled
-from cdrj_ros.estimation.sensors import LARGEST, Directions, Reading, Sensor
+from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model
@@ -79,7 +79,7 @@ class Corrections:
         self.sensors = sensors
         self.groups = [Group(model, cables, known) for cables in _groups_of(model, sensors)]
         self.refused = 0
-        """Readings that are not finite, too large, or too old."""
+        """Readings that are too old."""
         self._columns = stddev_columns(model.layout)
         self._group_of = {c: group for group in self.groups for c in group.cables}
         self._directions = Directions(model.robot)
@@ -155,7 +155,7 @@ class Corrections:
         sensor = self.sensors[reading.name]
         group = self._group_of[sensor.cables[0]]
         past = self._at(reading.stamp_ns, sensor.column)
-        if past is None or not abs(reading.value) <= LARGEST:
+        if past is None:
             self.refused += 1
             return None
         h, then = past

@@ -249,6 +249,8 @@ class WaitingReadings:
         self._ignored = frozenset(sensors if "*" in ignored else ignored)
         self.unknown = 0
         """Readings of sensors that the robot does not have."""
+        self.refused = 0
+        """Readings that are no numbers, or too large."""
         self.overlooked = 0
         """Readings discarded because no sample reached their stamp."""
         self._waiting: list[Reading] = []
@@ -289,6 +291,9 @@ class WaitingReadings:
             sensor = self.sensors.get(name)
             if sensor is None:
                 self.unknown += 1
+                continue
+            if not abs(value) <= LARGEST:  # NaN too, which drivers send where they have no effort
+                self.refused += 1
                 continue
             at = stamp_ns + sensor.clock_offset_ns
             if not self._is_wanted(name, at):

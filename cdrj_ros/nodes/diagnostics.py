@@ -217,7 +217,8 @@ def _figures(
     values["refused: unknown sensor"] = str(live.readings.unknown)
     values["sensor readings not used in time"] = str(live.readings.overlooked)
     if live.corrections is not None:
-        values["sensor readings refused"] = str(live.corrections.refused)
+        refused = live.readings.refused + live.corrections.refused
+        values["sensor readings refused"] = str(refused)
         values |= {f"sensor {name}": words for name, words in live.corrections.words().items()}
     return values
 

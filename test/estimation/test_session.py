@@ -103,12 +103,20 @@ def test_without_standard_deviations_no_sensor_is_used(model: Model, readings: S
     assert live.corrections is None
 
 
+def test_efforts_that_are_no_numbers_are_not_heard(model: Model, readings: Samples) -> None:
+    live = LiveEstimator(model)
+    live.feed_efforts(int(readings.stamp_ns[0]), ["winch"], [float("nan")])
+    live.take(_sample(readings, 0))
+    assert live.corrections is None
+    assert live.readings.refused == 1
+
+
 def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: Samples) -> None:
     live, plain = LiveEstimator(model), LiveEstimator(model)
     for k in range(50):
         stamp = int(readings.stamp_ns[k])
         for one in (live, plain):  # both have heard a sensor
-            one.feed_tensions(stamp, ["lower/1"], [float("nan")], [])
+            one.feed_tensions(stamp - 10**12, ["lower/1"], [10.0], [])
         live.feed_tensions(stamp, ["upper/8"], [float("nan")], [])
         live.feed_tensions(stamp, ["upper/9"], [10.0], [])
         live.feed_tensions(stamp, ["upper/8"], [10.0, 11.0], [])
@@ -118,7 +126,7 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
             live.take(_sample(readings, k)).values,
             plain.take(_sample(readings, k)).values,
         )
-    assert live.readings.unknown == 50
+    assert live.readings.unknown == live.readings.refused == 50
     assert live.conditioner.refused["malformed"] == 50
     assert live.corrections is not None
     assert live.corrections.right == {}
