@@ -321,7 +321,7 @@ class Recording:
         """
 
 class TrackingFilter:
-    """A filter of the angle between the counts of a sensor, (C1) of docs/conditioning.md."""
+    """A filter of the angle between the counts of a sensor, (C1) of docs/estimation.md."""
 
     def __init__(self) -> None: ...
     def track(

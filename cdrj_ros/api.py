@@ -85,7 +85,7 @@ class Estimator(LiveEstimator):
 
         Readings that cannot be true (NaN, a jump, a stamp that repeats) are refused one by one and
         counted in ``refused``.  Between the stamps of motors and joints, readings are interpolated,
-        see docs/conditioning.md.
+        see docs/estimation.md.
 
         Args:
             stamp_ns: when the readings were taken, on one clock for all [ns]; above 0.
@@ -124,7 +124,7 @@ class Estimator(LiveEstimator):
 
     @property
     def refused(self) -> dict[str, int]:
-        """Number of refused readings by cause, see docs/conditioning.md; without zeros."""
+        """Number of refused readings by cause, see docs/estimation.md; without zeros."""
         return {cause: n for cause, n in self.conditioner.refused.items() if n}
 
 

@@ -8,7 +8,7 @@ all cables in, or pays all out, in proportions that do not move the joints.  Co-
 increases quickly when an element's tension - 2 sigma is below the floor, and decreases slowly
 otherwise.  If tensions must not be used, the robot file's preloads slowly return.  The tensions of
 the finger as shipped are UNSURE, because its file states no accuracies: there the node holds the
-preloads until the file has been identified (docs/uncertainty.md).
+preloads until the file has been identified (docs/estimation.md).
 """
 
 import numpy as np

@@ -23,8 +23,6 @@ BEGIN = "<!-- keys: written by tools/robot_file_keys.py from robot.schema.json -
 END = "<!-- end of keys -->"
 
 PLACES = {
-    "motor": "`motors[]`",
-    "joint": "`joints[]`",
     "coupled_joint": "`joints[]` with `coupled`",
     "frame": "`frames[]`",
     "visual": "`visuals[]`",
@@ -33,17 +31,17 @@ PLACES = {
     "correction": "`motors[].correction`, `joints[].correction`",
     "friction": "`friction`, `cables[].friction`, `cables[].nodes[].friction`",
     "cable": "`cables[]`",
-    "winch": "`cables[].nodes[]` with `type: winch`",
-    "pulley": "`cables[].nodes[]` with `type: pulley`",
-    "swivel": "`cables[].nodes[]` with `type: swivel`, in space",
-    "eyelet": "`cables[].nodes[]` with `type: eyelet`, in space",
-    "cylinder": "`cables[].nodes[]` with `type: cylinder`, in space",
-    "sphere": "`cables[].nodes[]` with `type: sphere`, in space",
-    "sheath": "`cables[].nodes[]` with `type: sheath`, in space",
-    "anchor": "`cables[].nodes[]` with `type: anchor`",
     "term": "a function of one joint, in `spans` and `wrap_angle`",
 }
 """Places of the schema's definitions in a file; unlisted definitions keep their own names."""
+
+FAMILIES = {
+    "`motors[]`, `joints[]`": ("motor", "joint"),
+    "`cables[].nodes[]`, by `type`": (
+        "winch", "pulley", "swivel", "eyelet", "cylinder", "sphere", "sheath", "anchor",
+    ),
+}  # fmt: skip
+"""Definitions that share a table, by its title; a column names those that have the key."""
 
 SKIPPED = {
     "name",
@@ -69,11 +67,17 @@ DEFAULT = re.compile(r"\s*Default:? (.+?)\.(?=\s|$)")
 def reference() -> str:
     """All tables, as Markdown."""
     document = schema()
-    parts = [_table("the file itself", document)]
+    definitions = document["$defs"]
+    together = {name for names in FAMILIES.values() for name in names}
+    parts = [_table("the file itself", {"": document})]
     parts += [
-        _table(PLACES.get(name, f"`{name}`"), part)
-        for name, part in document["$defs"].items()
-        if name not in SKIPPED and "properties" in part
+        _table(title, {name: definitions[name] for name in names})
+        for title, names in FAMILIES.items()
+    ]
+    parts += [
+        _table(PLACES.get(name, f"`{name}`"), {"": part})
+        for name, part in definitions.items()
+        if name not in SKIPPED | together and "properties" in part
     ]
     return "\n".join(parts)
 
@@ -84,25 +88,38 @@ def updated(text: str) -> str:
     return f"{text[:begin]}\n\n{reference()}\n{text[end:]}"
 
 
-def _table(title: str, part: Mapping[str, Any]) -> str:
-    required = set(part.get("required", ()))
-    lines = [
-        f"### {title[0].upper()}{title[1:]}",
-        "",
-        "| key | type | unit | default | allowed | meaning |",
-        "|---|---|---|---|---|---|",
-    ]
-    for key, given in part["properties"].items():
-        rule = _resolved(given)
-        meaning, unit, default = _described(rule.get("description", ""))
-        if "const" in rule:
-            default, meaning = "required", meaning or "Kind of node."
-        cells = [
-            f"`{key}`", _type(rule), unit, "required" if key in required else default,
-            _allowed(rule), meaning,
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |")
+def _table(title: str, parts: Mapping[str, Mapping[str, Any]]) -> str:
+    """One table; of several parts, with a column of those that have the key with one meaning."""
+    owners: dict[tuple[str, ...], list[str]] = {}
+    for name, part in parts.items():
+        for key, given in part["properties"].items():
+            if key != "type" or len(parts) == 1:
+                cells = _cells(key, given, key in part.get("required", ()))
+                owners.setdefault(cells, []).append(name)
+    head = ["key", "value", "default", "meaning"]
+    rows = [list(cells) for cells in owners]
+    if len(parts) > 1:
+        head.insert(1, "of")
+        for row, names in zip(rows, owners.values(), strict=True):
+            row.insert(1, "all" if len(names) == len(parts) else ", ".join(names))
+        order = list(dict.fromkeys(row[0] for row in rows))
+        rows.sort(key=lambda row: order.index(row[0]))
+    lines = [f"### {title[0].upper()}{title[1:]}", ""]
+    lines += [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join([*lines, ""])
+
+
+def _cells(key: str, given: Mapping[str, Any], required: bool) -> tuple[str, ...]:
+    """Key, value, default and meaning."""
+    rule = _resolved(given)
+    meaning, unit, default = _described(rule.get("description", ""))
+    value = _allowed(rule) if rule.keys() & {"const", "enum"} else _type(rule)
+    if unit:
+        value += f" [{unit}]"
+    if not rule.keys() & {"const", "enum"} and (allowed := _allowed(rule)):
+        value += f", {allowed}"
+    return f"`{key}`", value, "required" if required else default, meaning
 
 
 def _resolved(rule: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -384,7 +384,7 @@ def _print_measures(model: Model, causes: Sequence[Cause], console: Console) -> 
 
     known = model.robot.uncertainty
     assumed = known is not None and len(known.parameters) > known.stated
-    source = "the defaults of docs/uncertainty.md" if assumed else "the file"
+    source = "the defaults of docs/estimation.md" if assumed else "the file"
     console.print(Text(f"These numbers make most of the uncertainty, by {source}; to halve it:"))
     for cause in causes[:NAMED]:
         console.print(Text(f"  {cause.what}: {cause.measure}"))

@@ -172,7 +172,7 @@ def print_results(
                 say(f"left out: {bag.path}: {count} {DROP_CAUSES[cause]}")
             elif count:
                 words = cause.replace("_", " ")
-                say(f"readings: {bag.path}: {count} {words} (docs/conditioning.md)")
+                say(f"readings: {bag.path}: {count} {words} (docs/estimation.md)")
     print_errors(errors.pooled, title=title, every=every)
     for line in (line for bag in errors.bags for line in health_of(bag)):
         say(line)

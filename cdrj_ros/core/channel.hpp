@@ -72,7 +72,7 @@ enum class Timing { usable, repeated, contradictory, late, another_time };
 /// The least lag of many readings is that of a topic that is always late, or of a clock that is behind.
 /// Nothing in the stamps tells which. A reading has arrived before the next one of another axis, which
 /// bounds by how much the clock can be behind; this is in the standard deviations, (C10) of
-/// docs/conditioning.md.
+/// docs/estimation.md.
 struct Lag {
     Nanoseconds lag_ns = 0;  // in the last complete window, or less since; in the first one so far
     double growth = 0.0;     // of the lag since the first window, per time
@@ -104,7 +104,7 @@ private:
     Nanoseconds first_lag_ns_ = 0;    // in that window
 };
 
-/// How uneven the times of arrival are that replace stamps of zero, (C14) of docs/conditioning.md.
+/// How uneven the times of arrival are that replace stamps of zero, (C14) of docs/estimation.md.
 class Arrivals {
 public:
     /// Takes the time of arrival of a reading without stamp.

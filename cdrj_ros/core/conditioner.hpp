@@ -2,7 +2,7 @@
 //
 // Every motor and joint is a channel with a gate of its own. Messages of the robot are taken here;
 // readings that pass their gates go on to the time line, which makes samples of them. See
-// docs/conditioning.md.
+// docs/estimation.md.
 #pragma once
 
 #include <array>

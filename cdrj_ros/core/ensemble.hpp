@@ -1,5 +1,5 @@
 // The ensemble behind the standard deviations, with or without encoders at all joints.
-// docs/uncertainty.md.
+// docs/estimation.md.
 #pragma once
 
 #include <algorithm>

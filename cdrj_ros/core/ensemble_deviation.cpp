@@ -1,5 +1,5 @@
 // Standard deviations of an ensemble, from its members' deviations and from what no member shows.
-// docs/uncertainty.md.
+// docs/estimation.md.
 #include <algorithm>
 #include <cmath>
 #include <utility>

@@ -3,7 +3,7 @@
 // A value that is older than its stamp gives the angle of an earlier time. That changes the mean tension
 // of a cable in proportion to the velocity of the axis, whereas a load changes it with the pose and the
 // acceleration, and friction with the direction alone. A recursive regression separates these; its
-// result is a mean and a standard deviation of every lag, (U18) of docs/uncertainty.md.
+// result is a mean and a standard deviation of every lag, (U18) of docs/estimation.md.
 #pragma once
 
 #include <cstddef>

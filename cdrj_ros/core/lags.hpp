@@ -2,7 +2,7 @@
 //
 // Friction moves tension along a cable but leaves its mean, so the mean shows what an error of an angle
 // is worth: by how much it swings, and by what follows the velocity. (U13) and (U18) of
-// docs/uncertainty.md.
+// docs/estimation.md.
 #pragma once
 
 #include <span>

@@ -1,5 +1,5 @@
 // The motion of an axis from its readings: its speed and acceleration, what they allow between two readings, and
-// its angle between the counts of its sensor. Equations (C1) to (C4) and (C6) of docs/conditioning.md.
+// its angle between the counts of its sensor. Equations (C1) to (C4) and (C6) of docs/estimation.md.
 #pragma once
 
 #include <algorithm>
@@ -85,7 +85,7 @@ private:
 /// of every reading: however badly it suits the motion, it errs by no more than twice the sensor's
 /// errors.
 ///
-/// On request its bandwidth rises with the motion, (C6) of docs/conditioning.md: the lag grows with
+/// On request its bandwidth rises with the motion, (C6) of docs/estimation.md: the lag grows with
 /// the jerk, the counts' error with the bandwidth, and the bandwidth at which their sum is smallest
 /// follows from the speed and the acceleration of the last seconds.
 class TrackingFilter {

@@ -1,5 +1,5 @@
 // Results of a sample: status, nodal forces and efforts; docs/model.md, section 6. When an element is
-// UNSURE: docs/uncertainty.md.
+// UNSURE: docs/estimation.md.
 #include <algorithm>
 #include <cmath>
 

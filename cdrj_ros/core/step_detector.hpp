@@ -4,7 +4,7 @@
 // those of the intervals before and after. What a displacement exceeds that by is its unexplained
 // part, (C5): noise, a motion that the readings do not resolve, or a step. It counts as a step where
 // it exceeds the unexplained parts so far, (C7); otherwise it raises these, and is in the standard
-// deviation of the axis's offset, (C9). See docs/conditioning.md.
+// deviation of the axis's offset, (C9). See docs/estimation.md.
 #pragma once
 
 #include <array>

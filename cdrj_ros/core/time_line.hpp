@@ -5,7 +5,7 @@
 // channel: holding the last joint angle while the motor moves on would add a sawtooth to the
 // tensions. The result does not depend on the order in which different topics arrive. Where waiting
 // costs too much, further samples are given in advance, for which the slower channels are
-// extrapolated. See docs/conditioning.md.
+// extrapolated. See docs/estimation.md.
 #pragma once
 
 #include <span>

@@ -1,6 +1,6 @@
 """Conditioning of one robot's messages: gates that check the readings, then the common time line.
 
-The core does it, `cdrj_ros/core/conditioner.hpp`; see docs/conditioning.md.  First comes what
+The core does it, `cdrj_ros/core/conditioner.hpp`; see docs/estimation.md.  First comes what
 readings of motors and joints mean and must satisfy, and what their errors are worth.  The readings
 of a whole recording take the way of single messages.
 """

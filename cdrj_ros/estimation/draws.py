@@ -3,7 +3,7 @@
 These are the parameters of the robot file, drawn from their covariance, the preloads, the tension
 of the cable on the drums, initial friction histories, errors of readings and efforts, and paths
 between readings.  Members come in antithetic pairs.  What is drawn for a cable, an axis or a number
-depends on its name alone, not on the rest of the robot.  See docs/uncertainty.md.
+depends on its name alone, not on the rest of the robot.  See docs/estimation.md.
 """
 
 from __future__ import annotations

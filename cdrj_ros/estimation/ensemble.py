@@ -9,7 +9,7 @@ At each sample, but at most every ``APART_NS``, one member in turn is updated.  
 one more estimate or less, independent of the number of members, and the spread is complete after as
 many updates as there are members: 64 ms at 1 kHz.
 Friction hardly depends on rate, so a member can cover all samples since its last update in one
-step.  See docs/uncertainty.md.
+step.  See docs/estimation.md.
 """
 
 from __future__ import annotations

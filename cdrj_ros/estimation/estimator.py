@@ -325,7 +325,7 @@ def step(model: Model, state: State, sample: Sample) -> tuple[State, Estimate]:
     Args:
         model: the prepared robot.
         state: from ``initial_state`` or the previous step.
-        sample: later than the state; finite (see docs/conditioning.md).
+        sample: later than the state; finite (see docs/estimation.md).
 
     Returns:
         The new state and the estimate at the sample's stamp.

@@ -2,7 +2,7 @@
 
 These are the error of the model itself, which ``identify`` finds from residuals, and the tension
 that a cable may have although its status is SLACK.
-See docs/uncertainty.md.
+See docs/estimation.md.
 """
 
 from __future__ import annotations

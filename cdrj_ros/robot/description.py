@@ -112,7 +112,7 @@ class Uncertainty:
     stated: int = 0
     """Number of leading parameters that the file states; the others have default values."""
     drums_hold: bool = True
-    """Whether the cable certainly does not slip on its drums, see docs/uncertainty.md."""
+    """Whether the cable certainly does not slip on its drums, see docs/estimation.md."""
     model_error: tuple[tuple[str, float], ...] = ()
     """Standard deviation of the error of the model itself, by channel: ``effort/NAME`` [N m] or
     ``tension/CABLE/ELEMENT`` [N]."""

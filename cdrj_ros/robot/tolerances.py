@@ -2,7 +2,7 @@
 
 A number in a file comes from a drawing, a catalogue, a spring scale or a judgement by eye.  Unless
 the block ``uncertainty`` states its standard deviation or contains ``others: exact``, its standard
-deviation is the one below.  docs/uncertainty.md has the same table with reasons.
+deviation is the one below.  docs/estimation.md has the same table with reasons.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def test_settings_of_every_page_are_taken_by_their_reader(tmp_path: Path) -> Non
         "docs/recordings.md": lambda text: parse_limits(text, "limits.yaml"),
         "docs/simulation.md": parse_rig,
         "docs/tutorial.md": lambda text: _gripper(tmp_path, text),
-        "docs/uncertainty.md": _with_uncertainty,
+        "docs/estimation.md": _with_uncertainty,
         "docs/tables.md": lambda text: Columns.of(yaml.safe_load(text), "columns.yaml"),
         "docs/ros2_control.md": _prefixed,
     }

@@ -39,7 +39,7 @@ def test_simulations_of_the_page_on_the_rig_run(line: str, tmp_path: Path) -> No
     assert len(read_recording(bag).motors["winch"].value) > 2_000
 
 
-@pytest.mark.parametrize("line", lines("uncertainty.md", "check_robot"))
+@pytest.mark.parametrize("line", lines("estimation.md", "check_robot"))
 def test_checks_of_the_page_on_uncertainty_run(
     line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

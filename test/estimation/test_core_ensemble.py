@@ -1,4 +1,4 @@
-"""The ensemble is what docs/uncertainty.md describes, with robots stepped one by one."""
+"""The ensemble is what docs/estimation.md describes, with robots stepped one by one."""
 
 from __future__ import annotations
 

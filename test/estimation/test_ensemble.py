@@ -87,7 +87,7 @@ def test_two_standard_deviations_cover_the_expected_share() -> None:
     assert len(hits) == RUNS
     elements = len(load_model(ROBOT).layout.elements)
     each = hits[:, :, :elements].mean(axis=(0, 1))
-    print(  # noqa: T201 for docs/uncertainty.md
+    print(  # noqa: T201 for docs/estimation.md
         f"\n{hits.mean():.1%} of all, {each.mean():.1%} of all tensions; elements from "
         f"{each.min():.1%} to {each.max():.1%}, in the first second from "
         f"{hits[:, :SECOND, :elements].mean(axis=(0, 1)).min():.1%}"

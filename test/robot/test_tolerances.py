@@ -35,7 +35,7 @@ ELSEWHERE = {
     "offset", "clock_offset", "correction", "wrap_angle", "spans", "bearing_diameter", "diameter",
     "youngs_modulus", "bearing_stiffness", "viscous", "bristle_damping", "angle",
 }  # fmt: skip
-"""Keys whose error is contained in that of another: docs/uncertainty.md says in which."""
+"""Keys whose error is contained in that of another: docs/estimation.md says in which."""
 
 
 def stddevs(robot: Robot) -> dict[str, float]:

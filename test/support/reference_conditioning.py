@@ -1,6 +1,6 @@
 """Conditioning of readings in plain Python, the reference of the compiled core.
 
-It follows docs/conditioning.md reading by reading and shares no code with the core: what both must
+It follows docs/estimation.md reading by reading and shares no code with the core: what both must
 agree on bit for bit is written twice, and only here without regard to speed.
 """
 
