@@ -29,7 +29,7 @@ from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 from cdrj_ros.robot.description import Pulley, Robot  # noqa: E402
 from cdrj_ros.simulation.assembly import Truth  # noqa: E402
-from cdrj_ros.simulation.faults import Fault  # noqa: E402
+from cdrj_ros.simulation.faults import Slip  # noqa: E402
 from cdrj_ros.simulation.load import make_load  # noqa: E402
 from cdrj_ros.simulation.motion import differences, random, sine  # noqa: E402
 from cdrj_ros.simulation.truth import simulate  # noqa: E402
@@ -55,7 +55,7 @@ class Case:
     """Reading of the joint less its angle [rad]."""
     motor_friction: float = 0.0
     """Friction of the motor that is not in the file [N m]."""
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[Slip, ...] = ()
     broken: bool = False
     effort_sign: float = 1.0
 
@@ -105,9 +105,7 @@ CASES: Final = (
     Case("friction +50 %", rougher(1.5, 0.0)),
     Case("drag of 3 % of preload on every pulley", rougher(1.0, 0.03)),
     Case("motor friction 40 mN·m", motor_friction=0.04),
-    Case(
-        "upper drum slips by 0.5 mm at 12 s", faults=(Fault("slip", 12.0, 0.5e-3 / 0.015, "upper"),)
-    ),
+    Case("upper drum slips by 0.5 mm at 12 s", faults=(Slip(12.0, 0.5e-3 / 0.015, "upper"),)),
     Case("upper cable broken", broken=True),
     Case("effort with the wrong sign", effort_sign=-1.0),
 )

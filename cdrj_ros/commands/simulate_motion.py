@@ -15,7 +15,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.robot.names import known_name
 from cdrj_ros.simulation import motion
-from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.faults import CableFault
 from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
 
@@ -68,7 +68,7 @@ class Plan:
     """Index of the joint that is balanced or free."""
     load: Load
     mode: Mode
-    faults: tuple[Fault, ...]
+    faults: tuple[CableFault, ...]
     allow_slack: bool
     motor_speed: float
     """Largest speed of a motor that balances the joint [rad/s]."""

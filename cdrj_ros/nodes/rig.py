@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from time import monotonic_ns, perf_counter, time_ns
 from typing import Any, Final
 
-from cdrj_msgs.srv import InjectFault, Push
+from cdrj_msgs.srv import Push
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -25,7 +25,7 @@ from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
 from cdrj_ros.simulation.commands import Command, Trajectory
 from cdrj_ros.simulation.drives import Drives, program_of
-from cdrj_ros.simulation.faults import FAULT_NAMES
+from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.live import LiveRig
 
 MOST_BEHIND_S: Final = 0.1
@@ -102,7 +102,6 @@ class RigNode(Node):
         )
         self._clock_every = max(round(self.options.settings.rate / CLOCK_HZ), 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
-        self.create_service(InjectFault, "~/inject_fault", self._on_fault)
         self.create_service(Push, "~/push", self._on_push)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.add_pre_set_parameters_callback(meant)
@@ -169,35 +168,6 @@ class RigNode(Node):
     def _on_command(self, command: Command | Trajectory) -> None:
         self.drives.command(command, self.rig.time_s)
 
-    def _on_fault(
-        self, request: InjectFault.Request, response: InjectFault.Response
-    ) -> InjectFault.Response:
-        try:
-            if request.fault == "freeze":
-                response.message = self._freeze(request.name, request.amount)
-            elif request.fault in FAULT_NAMES:
-                amount = None if request.amount == 0.0 else request.amount
-                response.message = self.rig.break_cable(request.fault, request.name, amount)
-            else:
-                raise UsageError(
-                    f"fault must be one of {', '.join((*FAULT_NAMES, 'freeze'))}, got "
-                    f"{request.fault[:60]!r}"
-                )
-            response.success = True
-            self.get_logger().info(response.message)
-        except CdrjError as error:
-            response.success, response.message = False, f"nothing changed: {error}"
-        return response
-
-    def _freeze(self, name: str, amount: float) -> str:
-        if amount != 0.0:
-            raise UsageError(f"freeze takes no amount, got {amount:g}")
-        names = [axis.name for axis in self.rig.robot.axes]
-        if name not in names:
-            raise UsageError(f"name must be one of {', '.join(names)}, got {name[:60]!r}")
-        self.outputs.freeze(name, self._time_s)
-        return f"freeze of {name}: its encoder repeats its last reading"
-
     def _on_push(self, request: Push.Request, response: Push.Response) -> Push.Response:
         try:
             self.rig.push(request.torque, request.duration)
@@ -214,8 +184,7 @@ class RigNode(Node):
         self.outputs.restart(self._time_s)
         response.success = True
         response.message = (
-            "faults and pushes removed, at rest with the motors at their reference angles; time "
-            "goes on"
+            "at rest without faults and pushes, the motors at their reference angles; time goes on"
         )
         return response
 
@@ -252,13 +221,13 @@ class RigNode(Node):
 
     def _status(self, factor: float, busy: float) -> DiagnosticStatus:
         rig = self.rig
-        faults = [f"{fault.kind} of {fault.cable}" for fault in rig.faults]
-        faults += [f"{name} frozen" for name in self.outputs.frozen(self._time_s)]
+        planned: tuple[Fault, ...] = (*self.options.settings.faults, *self.options.sensors.faults)
+        faults = [str(fault) for fault in planned if fault.begin <= rig.time_s]
         level, message = DiagnosticStatus.OK, "running"
         if factor < SLOW * self.options.speed:
             level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"
         elif faults:
-            level, message = DiagnosticStatus.WARN, f"broken: {', '.join(faults)}"
+            level, message = DiagnosticStatus.WARN, f"faults: {', '.join(faults)}"
         modes = zip(self.options.limits.motors, self.drives.modes, strict=True)
         values = {
             "real-time factor": f"{factor:.3f}",
@@ -291,7 +260,7 @@ def _body(argv: Sequence[str]) -> int:
         "A simulated robot in real time. Topics in the namespace /cdrj: in commands/position, "
         "commands/velocity, commands/effort, motor_commands, motor_trajectory; out motor_states, "
         "joint_states, on request tension_sensors, truth/tensions, truth/nodal_forces, "
-        "truth/states and /clock; /diagnostics. Services: ~/inject_fault, ~/push, ~/reset.",
+        "truth/states and /clock; /diagnostics. Services: ~/push, ~/reset.",
         lambda: (RigNode(), None),
         argv,
     )

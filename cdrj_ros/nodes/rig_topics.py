@@ -108,20 +108,10 @@ class RigOutputs:
         self._open_cells(node, model, options)
         self._open_truth(node, model, options)
 
-    def freeze(self, name: str, now_s: float) -> None:
-        """Freeze the encoder of a motor or joint."""
-        for group in self._groups:
-            if name in group.names:
-                group.freeze(name, now_s)
-
     def restart(self, now_s: float) -> None:
-        """End the faults of all encoders; those of the rig file happen again."""
+        """End the faults of all encoders; they happen again at their times."""
         for group in self._groups:
             group.restart(now_s)
-
-    def frozen(self, now_s: float) -> tuple[str, ...]:
-        """Axes whose encoders are frozen."""
-        return tuple(name for group in self._groups for name in group.frozen(now_s))
 
     def emit(self, rig: LiveRig, motor_speed: Vector, now_s: float, zero_ns: int) -> None:
         """Publish the readings that are due at this time.

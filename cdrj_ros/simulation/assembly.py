@@ -19,7 +19,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID, Layout
 from cdrj_ros.model.prepared import Course, Model, course_of, poses_in_range, prepare
 from cdrj_ros.robot.description import Node, Pulley, Robot, Winch
-from cdrj_ros.simulation.faults import Fault, Wiring, wire
+from cdrj_ros.simulation.faults import CableFault, Wiring, wire
 
 BATCH: Final = 1000
 """Samples between two calls of a progress function."""
@@ -109,7 +109,7 @@ class Rig:
         return np.asarray(motors)
 
 
-def make_rig(robot: Robot, cells: int, faults: Sequence[Fault] = ()) -> Rig:
+def make_rig(robot: Robot, cells: int, faults: Sequence[CableFault] = ()) -> Rig:
     """Divide contacts into cells and add a motor for every faulty end.
 
     Raises:

@@ -1,12 +1,14 @@
-"""Faults of the rig that no encoder measures: a drum slips on its shaft, an anchor yields.
+"""Faults of the rig: a drum slips on its shaft, an anchor yields, an encoder repeats itself.
 
-The moving end of the cable is driven by an additional motor, which turns as the fault requires.
+A fault is an object with ``apply(times, values)``.  Those of cables turn the moving end of
+the cable, which no encoder measures: it is driven by an additional motor.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final, Literal, cast, get_args
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,46 +20,113 @@ from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch
 from cdrj_ros.simulation.motion import smooth_step
 
-FaultKind = Literal["slack", "snap", "slip"]
-KINDS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
-"""``slack``: the anchor creeps until hardly any preload is left in the cable and in those on the
-same motor; ``snap``: the anchor suddenly yields by half of the cable's own elongation under
-preload; ``slip``: for a while the drum turns less than its encoder, by the same length of cable."""
-
-DURATION_S: Final = {"slack": 2.0, "snap": 0.002, "slip": 0.5}
-"""Duration of a fault [s]."""
-
-USUAL_SHARE: Final = {"slack": 0.9, "snap": 0.5, "slip": 0.5}
-"""Share of the elongation under preload that a fault removes if no amount is given."""
-
-FaultName = Literal["slack", "snap", "slip", "cut"]
-"""Faults that can be injected at any time.  ``cut`` is a snap by ``CUT_LENGTH``, which no winch can
-take up again, and removes the cable's friction."""
-
-FAULT_NAMES: Final[tuple[FaultName, ...]] = get_args(FaultName)
-
-CUT_LENGTH: Final = 10.0
-"""Length of cable that a cut releases [m]."""
-
-LARGEST_AMOUNT: Final = {"slack": 1.0, "snap": 1.0, "slip": 100.0}
-"""Largest amount of each fault: length of cable [m] or angle of the drum [rad]."""
-
 ANCHOR_RADIUS: Final = 0.01
 """Radius of the drum that represents a yielding anchor [m]; its value is arbitrary."""
 
 
 @dataclass(frozen=True)
-class Fault:
+class CableFault:
     """A fault at one end of one cable."""
 
-    kind: FaultKind
     begin: float
     """Start of the fault on the truth's clock [s]."""
     amount: float | None = None
-    """Length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for ``slip``; None
-    for the default."""
+    """Length of cable [m] or, at a winch, angle of the drum [rad]; None for the default."""
     cable: str | None = None
     """Name of the cable; None for the robot's first cable."""
+
+    kind: ClassVar[str]
+    end: ClassVar[type[Anchor] | type[Winch]] = Anchor
+    """Which end of the cable moves."""
+    duration_s: ClassVar[float]
+    usual_share: ClassVar[float] = 0.5
+    """Share of the elongation under preload that the fault removes if no amount is given."""
+    largest: ClassVar[float] = 1.0
+    """Largest amount [m] or [rad]."""
+
+    def __post_init__(self) -> None:
+        """Refuse an impossible amount."""
+        if self.amount is not None and not 0.0 < self.amount <= self.largest:
+            raise UsageError(
+                f"the amount of {self.kind} must be in (0, {self.largest:g}], got {self.amount:g}"
+            )
+
+    def apply(self, times: Vector, values: Vector) -> Vector:
+        """Rotation of the end [rad], shape (n,), of its rotation after the fault, ``values``."""
+        return values * smooth_step((times - self.begin) / self.duration_s)
+
+    def during(self, times: Vector) -> NDArray[np.bool_]:
+        """Whether the fault is in progress, shape (n,)."""
+        return (times >= self.begin) & (times <= self.begin + self.duration_s)
+
+    def __str__(self) -> str:
+        return f"{self.kind} of {self.cable or 'the first cable'}"
+
+
+class Slack(CableFault):
+    """The anchor creeps until hardly any preload is left in the cable and in those on its motor."""
+
+    kind = "slack"
+    duration_s = 2.0
+    usual_share = 0.9
+
+
+class Snap(CableFault):
+    """The anchor suddenly yields by half of the cable's own elongation under preload."""
+
+    kind = "snap"
+    duration_s = 0.002
+
+
+class Slip(CableFault):
+    """For a while the drum turns less than its encoder, by the same length of cable as a snap."""
+
+    kind = "slip"
+    end = Winch
+    duration_s = 0.5
+    largest = 100.0
+
+
+@dataclass(frozen=True)
+class Freeze:
+    """An encoder repeats its last reading."""
+
+    begin: float
+    """Start of the fault [s]."""
+    encoder: str
+    """Motor or joint."""
+
+    kind: ClassVar[str] = "freeze"
+
+    def apply(self, times: Vector, values: Vector) -> Vector:
+        """Readings, of which the first has been sent before; all arrays of shape (n,)."""
+        first = max(int(np.searchsorted(times, self.begin)), 1)
+        return np.concatenate([values[:first], np.full(times.size - first, values[first - 1])])
+
+    def __str__(self) -> str:
+        return f"{self.kind} of {self.encoder}"
+
+
+Fault = CableFault | Freeze
+
+KINDS: Final[Mapping[str, type[Fault]]] = {one.kind: one for one in (Slack, Snap, Slip, Freeze)}
+"""All faults, by their names in a rig file."""
+
+
+def fault_of(entry: Mapping[str, Any], path: str) -> Fault:
+    """The fault that an entry of a rig file describes; ``path`` is named in errors.
+
+    Raises:
+        UsageError: a key does not suit the kind, or an impossible amount.
+    """
+    kind = KINDS[entry["kind"]]
+    known = {one.name: one.default is MISSING for one in fields(kind) if one.name != "begin"}
+    given = {key: value for key, value in entry.items() if key not in ("kind", "at")}
+    if set(given) - set(known) or {key for key, needed in known.items() if needed} - set(given):
+        raise UsageError(
+            f"{path}: {kind.kind} takes {' and '.join(known)}, got {', '.join(given) or 'neither'}"
+        )
+    return kind(float(entry["at"]), **given)
 
 
 @dataclass(frozen=True)
@@ -68,35 +137,25 @@ class Wiring:
     """The robot; its first motors are those of the robot without faults."""
     owner: NDArray[np.int64]
     """Index of the motor that each motor turns with, -1 for none; shape (all motors,)."""
-    faults: tuple[tuple[int, Fault], ...]
-    """Index of the motor that each fault moves, and the fault with its amount and cable set."""
-    turn: Vector
-    """Total rotation of each of these motors [rad], shape (faults,)."""
-
-    def without_faults(self) -> Wiring:
-        """The same motors, none of which a fault moves."""
-        return replace(self, faults=(), turn=np.empty(0))
-
-    def with_fault(self, motor: int, fault: Fault, turn: float) -> Wiring:
-        """The wiring with one more fault, which turns a motor by ``turn`` [rad]."""
-        return replace(self, faults=(*self.faults, (motor, fault)), turn=np.append(self.turn, turn))
+    faults: tuple[tuple[CableFault, int, float], ...]
+    """Each fault with the index of the motor that it moves and the rotation in all [rad]."""
 
     def offset(self, time: Vector) -> NDArray[np.float64]:
         """Angle of each motor relative to its owner [rad], shape (n, all motors)."""
         offset = np.zeros((time.size, self.owner.size))
-        for (motor, fault), turn in zip(self.faults, self.turn, strict=True):
-            offset[:, motor] += turn * smooth_step((time - fault.begin) / DURATION_S[fault.kind])
+        for fault, motor, turn in self.faults:
+            offset[:, motor] += fault.apply(time, np.full(time.size, turn))
         return offset
 
     def during(self, time: Vector) -> NDArray[np.bool_]:
         """Whether a fault is in progress, shape (n,)."""
         happening = np.zeros(time.shape, dtype=np.bool_)
-        for _, fault in self.faults:
-            happening |= (time >= fault.begin) & (time <= fault.begin + DURATION_S[fault.kind])
+        for fault, _, _ in self.faults:
+            happening |= fault.during(time)
         return happening
 
 
-def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
+def wire(robot: Robot, faults: tuple[CableFault, ...]) -> Wiring:
     """Add a motor for every cable end that the faults move.
 
     Raises:
@@ -105,14 +164,12 @@ def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
     names = [motor.name for motor in robot.motors]
     owner = list(range(len(names)))
     motors, cables = list(robot.motors), list(robot.cables)
-    moved: list[tuple[int, Fault]] = []
-    turns: list[float] = []
+    moved: list[tuple[CableFault, int, float]] = []
     taken: dict[tuple[int, int], int] = {}
     for fault in faults:
         index = _cable_of(robot, fault)
         cable = robot.cables[index]
         place, radius, winding = _end(cable, fault)
-        stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
         if (index, place) not in taken:
             taken[index, place] = len(motors)
             node = cable.nodes[place]
@@ -129,76 +186,29 @@ def wire(robot: Robot, faults: tuple[Fault, ...]) -> Wiring:
             nodes = list(cables[index].nodes)
             nodes[place] = Winch(extra.name, radius, winding, node.place)
             cables[index] = replace(cables[index], nodes=tuple(nodes))
-        amount = fault.amount
-        if amount is None:
-            together = _wound_together(robot, index) if fault.kind == "slack" else [index]
-            paid_out = USUAL_SHARE[fault.kind] * sum(_elongation(robot, c) for c in together)
-            amount = paid_out * stretch / radius if fault.kind == "slip" else paid_out
-            if not amount > 0.0:
-                raise UsageError(
-                    f"fault {fault.kind} of {cable.name} needs an amount: without preload there is "
-                    "none to lose"
-                )
-        moved.append((taken[index, place], replace(fault, amount=amount, cable=cable.name)))
-        turns.append(-winding * (amount if fault.kind == "slip" else amount * stretch / radius))
+        turn = -winding * _turn(robot, fault, index, radius)
+        moved.append((fault, taken[index, place], turn))
     wired = replace(robot, motors=tuple(motors), cables=tuple(cables)) if faults else robot
-    return Wiring(wired, np.array(owner, dtype=np.int64), tuple(moved), np.array(turns))
+    return Wiring(wired, np.array(owner, dtype=np.int64), tuple(moved))
 
 
-def wire_all(robot: Robot) -> Wiring:
-    """The wiring of all faults that the robot's cables may have, none of which happens."""
-    ends = {Anchor: ("slack", "snap"), Winch: ("slip",)}
-    possible = tuple(
-        # a cable without preload has no default amount, and the motor does not depend on it
-        Fault(cast(FaultKind, kind), 0.0, None if cable.preload > 0.0 else 1e-3, cable.name)
-        for cable in robot.cables
-        for end, kinds in ends.items()
-        if any(isinstance(node, end) for node in (cable.nodes[0], cable.nodes[-1]))
-        for kind in kinds
-    )
-    return wire(robot, possible)
-
-
-def fault_now(
-    robot: Robot, name: FaultName, cable: str, amount: float | None, now_s: float
-) -> Fault:
-    """A fault that begins now, with its amount set.
-
-    Args:
-        robot: the robot.
-        name: name of the fault.
-        cable: name of the faulty cable.
-        amount: length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for
-            ``slip``; None for the default.  A cut takes no amount.
-        now_s: start of the fault [s].
-
-    Raises:
-        UsageError: an unknown fault or cable, or an impossible amount.
-    """
-    if name not in FAULT_NAMES:
-        raise UsageError(f"fault must be one of {', '.join(FAULT_NAMES)}, got {name!r}")
-    if name == "cut":
-        if amount is not None:
-            raise UsageError(f"a cut takes no amount, got {amount:g}")
-        return wire(robot, (Fault("snap", now_s, CUT_LENGTH, cable),)).faults[0][1]
-    if amount is not None:
-        check_amount(name, amount)
-    return wire(robot, (Fault(name, now_s, amount, cable),)).faults[0][1]
-
-
-def check_amount(kind: FaultKind, amount: float) -> None:
-    """Refuse an impossible amount of a fault [m] or [rad].
-
-    Raises:
-        UsageError: names the range.
-    """
-    if not 0.0 < amount <= LARGEST_AMOUNT[kind]:
+def _turn(robot: Robot, fault: CableFault, index: int, radius: float) -> float:
+    """Angle by which the drum of a faulty end gives way in all [rad]."""
+    cable = robot.cables[index]
+    stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
+    if fault.amount is not None:
+        return fault.amount if fault.end is Winch else fault.amount * stretch / radius
+    together = _wound_together(robot, index) if isinstance(fault, Slack) else [index]
+    paid_out = fault.usual_share * sum(_elongation(robot, c) for c in together)
+    if not paid_out > 0.0:
         raise UsageError(
-            f"the amount of {kind} must be in (0, {LARGEST_AMOUNT[kind]:g}], got {amount:g}"
+            f"fault {fault.kind} of {cable.name} needs an amount: without preload there is none to "
+            "lose"
         )
+    return paid_out * stretch / radius
 
 
-def _cable_of(robot: Robot, fault: Fault) -> int:
+def _cable_of(robot: Robot, fault: CableFault) -> int:
     names = [cable.name for cable in robot.cables]
     if fault.cable is None:
         return 0
@@ -209,16 +219,17 @@ def _cable_of(robot: Robot, fault: Fault) -> int:
     return names.index(fault.cable)
 
 
-def _end(cable: Cable, fault: Fault) -> tuple[int, float, int]:
+def _end(cable: Cable, fault: CableFault) -> tuple[int, float, int]:
     """Index of the moving node, radius of its drum, and winding."""
-    for place in (0, -1) if fault.kind == "slip" else (-1, 0):
+    for place in (0, -1) if fault.end is Winch else (-1, 0):
         node: Node = cable.nodes[place]
         at = place % len(cable.nodes)
-        if fault.kind == "slip" and isinstance(node, Winch):
+        if not isinstance(node, fault.end):
+            continue
+        if isinstance(node, Winch):
             return at, node.radius, node.winding
-        if fault.kind != "slip" and isinstance(node, Anchor):
-            return at, node.radius or ANCHOR_RADIUS, 1
-    lacking = "winch" if fault.kind == "slip" else "anchor"
+        return at, node.radius or ANCHOR_RADIUS, 1
+    lacking = fault.end.__name__.lower()
     raise UsageError(f"fault {fault.kind} needs a cable with a {lacking}; {cable.name} has none")
 
 

@@ -7,7 +7,7 @@ bit-identical results.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -16,10 +16,9 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import Rig, divide_contacts, read_out
-from cdrj_ros.simulation.faults import Fault, FaultName, fault_now, wire, wire_all
+from cdrj_ros.simulation.assembly import make_rig, read_out
+from cdrj_ros.simulation.faults import CableFault
 from cdrj_ros.simulation.load import UNSOLVED, Load, make_load, resting_start
 
 MOST_TORQUE: Final = 1e4
@@ -45,8 +44,8 @@ class LiveSettings:
     """Lower end stop of the free joint [rad] or [m]; None for the end of its range."""
     upper: float | None = None
     """Upper end stop [rad] or [m]; None for the end of its range."""
-    faults: tuple[Fault, ...] = ()
-    """Faults that happen by themselves, at their times after the start and after every reset."""
+    faults: tuple[CableFault, ...] = ()
+    """Faults that happen at their times after the start and after every reset."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,7 @@ class LiveRig:
         """
         self.robot = robot
         self.settings = _checked(robot, settings or LiveSettings())
-        planned = [fault for _, fault in wire(robot, self.settings.faults).faults]
-        self._planned = sorted(planned, key=lambda fault: fault.begin)
-        self._possible = wire_all(robot)
-        self._sound = Rig(prepare(robot), self._fine(()), self._possible.without_faults())
+        self._rig = make_rig(robot, self.settings.cells, self.settings.faults)
         self.load = self.settings.load
         axis = robot.joints[self.settings.joint]
         self.lower = axis.lower if self.settings.lower is None else self.settings.lower
@@ -84,10 +80,7 @@ class LiveRig:
         self.reset()
 
     def reset(self) -> None:
-        """Remove all faults and restart at time 0; the load and the stops are kept."""
-        self._rig = self._sound
-        self._happened = 0
-        self._uncoupled: tuple[str, ...] = ()
+        """Restart at time 0, before all faults; the load and the stops are kept."""
         self.pushes: tuple[Push, ...] = ()
         self.steps = 0
         self.unsolved = 0
@@ -125,11 +118,6 @@ class LiveRig:
         return float(self._stepper.swing[1])
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
-        """Faults injected since the last reset."""
-        return tuple(fault for _, fault in self._rig.wiring.faults)
-
-    @property
     def push_torque(self) -> float:
         """Sum of the pushes on the free joint now [N m]."""
         return sum(push.torque for push in self.pushes)
@@ -151,58 +139,6 @@ class LiveRig:
             raise UsageError(f"duration must be in (0, {LONGEST_PUSH:g}] s, got {duration_s}")
         self.pushes = (*self.pushes, Push(torque, self.time_s + duration_s))
 
-    def break_cable(self, name: FaultName, cable: str, amount: float | None = None) -> str:
-        """Inject a fault now.
-
-        Args:
-            name: name of the fault.
-            cable: name of the faulty cable.
-            amount: length of cable [m] for ``slack`` and ``snap``, angle of the drum [rad] for
-                ``slip``; None for the default.  A cut takes no amount.
-
-        Returns:
-            A description of the fault.
-
-        Raises:
-            UsageError: an unknown fault or cable, or an impossible amount.
-        """
-        fault = fault_now(self.robot, name, cable, amount, self.time_s)
-        self._begin(fault)
-        if name == "cut":
-            self._uncouple(cable)
-        unit = "rad of drum" if name == "slip" else "m of cable"
-        return f"{name} of {cable}: {fault.amount:.4g} {unit}, at t = {fault.begin:.4g} s"
-
-    def _begin(self, fault: Fault) -> None:
-        """Let a fault, whose amount and cable are set, happen at its time."""
-        motor = next(
-            motor
-            for motor, other in self._possible.faults
-            if (other.kind, other.cable) == (fault.kind, fault.cable)
-        )
-        turn = float(wire(self.robot, (fault,)).turn[0])
-        self._rig = replace(self._rig, wiring=self._rig.wiring.with_fault(motor, fault, turn))
-
-    def _uncouple(self, cable: str) -> None:
-        """Go on without friction in a cable, since a loose one has none.
-
-        With friction the solver would need thousands of iterations for a cable without tension.
-        """
-        self._uncoupled = (*self._uncoupled, cable)
-        self._rig = replace(self._rig, fine=self._fine(self._uncoupled))
-        before = self._stepper
-        self._stepper = _core.Stepper(self._rig.fine.core, self.settings.joint)
-        self._stepper.state, self._stepper.swing = before.state, before.swing
-        self._release()
-
-    def _fine(self, frictionless: tuple[str, ...]) -> Model:
-        """The fine robot, some of whose cables have no friction."""
-        wired = divide_contacts(self._possible.robot, self.settings.cells)
-        cables = tuple(
-            replace(one, law="none") if one.name in frictionless else one for one in wired.cables
-        )
-        return prepare(replace(wired, cables=cables))
-
     def _release(self) -> None:
         """Let the joint move freely under its load."""
         sign = self.robot.joints[self.settings.joint].effort_sign
@@ -220,9 +156,6 @@ class LiveRig:
         before = self.time_s
         self.steps += 1
         now = self.time_s
-        while self._happened < len(self._planned) and self._planned[self._happened].begin <= now:
-            self._begin(self._planned[self._happened])
-            self._happened += 1
         self.pushes = tuple(push for push in self.pushes if push.end_s > before)
         dt = now - before
         state, swing, pose = self._stepper.state, self._stepper.swing, self._pose

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.prepared import installed_path
 from cdrj_ros.robot.document import check_document, load_schema, read_text, si_document
-from cdrj_ros.simulation.faults import Fault, check_amount
+from cdrj_ros.simulation.faults import CableFault, Freeze, fault_of
 from cdrj_ros.simulation.load import Load, LoadKind, make_load
-from cdrj_ros.simulation.sensors import IDEAL_SENSORS, LOAD_CELLS, Freeze, SensorSettings
+from cdrj_ros.simulation.sensors import IDEAL_SENSORS, LOAD_CELLS, SensorSettings
 
 UPDATE_RATE: Final = 500.0
 """Default rate of a controller manager [Hz]."""
@@ -54,7 +53,8 @@ class RigDescription:
     load: LoadChoice = field(default_factory=LoadChoice)
     drives: Mapping[str, float] = field(default_factory=dict)
     """Arguments of ``drive_limits`` that are given."""
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[CableFault, ...] = ()
+    """Faults of cables; those of encoders are in ``sensors``."""
 
 
 def load_rig(path: str) -> RigDescription:
@@ -77,7 +77,7 @@ def parse_rig(text: str, source: str = "rig file") -> RigDescription:
     """
     document = si_document(text, source, "sensors, drives, load or faults")
     check_document(document, load_schema("cdrj_ros.simulation", "rig.schema.json"), source)
-    faults = [_fault(entry, f"faults[{k}]") for k, entry in enumerate(document.get("faults", ()))]
+    faults = [fault_of(entry, f"faults[{k}]") for k, entry in enumerate(document.get("faults", ()))]
     load = dict(document.get("load", {}))
     if "stops" in load:
         load["stops"] = tuple(map(float, load["stops"]))
@@ -85,11 +85,11 @@ def parse_rig(text: str, source: str = "rig file") -> RigDescription:
         _sensors(document, tuple(one for one in faults if isinstance(one, Freeze))),
         LoadChoice(**load),
         document.get("drives", {}),
-        tuple(one for one in faults if isinstance(one, Fault)),
+        tuple(one for one in faults if isinstance(one, CableFault)),
     )
 
 
-def _sensors(document: Document, freezes: tuple[Freeze, ...]) -> SensorSettings:
+def _sensors(document: Document, faults: tuple[Freeze, ...]) -> SensorSettings:
     cells = document.get("load_cells", {})
     given = {key: value for key, value in cells.items() if key != "elements"}
     efforts, control = document.get("motor_efforts"), document.get("ros2_control")
@@ -101,20 +101,5 @@ def _sensors(document: Document, freezes: tuple[Freeze, ...]) -> SensorSettings:
         replace(LOAD_CELLS, **given),
         replace(LOAD_CELLS, **document.get("references", {})),
         None if control is None else float(control.get("update_rate", UPDATE_RATE)),
-        freezes,
+        faults,
     )
-
-
-def _fault(entry: Document, path: str) -> Fault | Freeze:
-    """A fault, whose keys suit its kind."""
-    kind, begin = entry["kind"], float(entry["at"])
-    if kind == "freeze":
-        if "encoder" not in entry or "cable" in entry or "amount" in entry:
-            raise UsageError(f"{path}: freeze needs encoder, and neither cable nor amount")
-        return Freeze(entry["encoder"], begin)
-    if "encoder" in entry:
-        raise UsageError(f"{path}.encoder is a key of freeze, not of {kind}")
-    amount = entry.get("amount")
-    if amount is not None:
-        check_amount(kind, float(amount))
-    return Fault(kind, begin, None if amount is None else float(amount), entry.get("cable"))

@@ -17,6 +17,7 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Sensor
+from cdrj_ros.simulation.faults import Freeze
 
 MOST_JITTER: Final = 0.45
 """Largest jitter of a stamp as a share of the period, so that stamps keep their order."""
@@ -153,16 +154,6 @@ Kind = Literal["motors", "joints", "all"]
 
 
 @dataclass(frozen=True)
-class Freeze:
-    """The fault of an encoder that repeats its last reading."""
-
-    name: str
-    """Motor or joint."""
-    begin: float
-    """Start of the fault [s]."""
-
-
-@dataclass(frozen=True)
 class SensorSettings:
     """All sensors of a robot, and their faults."""
 
@@ -178,7 +169,7 @@ class SensorSettings:
     update_rate: float | None = None
     """Rate of messages with motors and joints together, as ros2_control's joint_state_broadcaster
     publishes them [Hz]; None: motors and joints have messages of their own."""
-    freezes: tuple[Freeze, ...] = ()
+    faults: tuple[Freeze, ...] = ()
 
 
 IDEAL_SENSORS = SensorSettings()
@@ -275,14 +266,10 @@ class EncoderGroup:
         self._sampler = _Sampler(timing, wanted, [*seed, 0])
         self._errors = np.random.default_rng([*seed, 1])
         self._effort_errors = np.random.default_rng([*seed, 2])
-        self._last: Vector = np.full(len(self.axes), np.nan)
+        self._last: tuple[float, Vector] | None = None
         none = np.empty((0, len(self.axes)))
         self._nothing = Messages(np.empty(0), **dict.fromkeys(self.fields, none))
-        self._planned = {
-            self.names.index(fault.name): fault.begin
-            for fault in settings.freezes
-            if fault.name in self.names
-        }
+        self._faults = [fault for fault in settings.faults if fault.encoder in self.names]
         self.restart(0.0)
 
     @property
@@ -292,17 +279,9 @@ class EncoderGroup:
         effort = () if self._effort_noise is None else ("effort",)
         return ("position", *velocity, *effort)
 
-    def freeze(self, name: str, begin: float) -> None:
-        """Let an encoder repeat its last reading from a time on [s]."""
-        self._frozen[self.names.index(name)] = begin
-
     def restart(self, begin: float) -> None:
-        """End all faults; those of the settings happen at their times after ``begin`` [s]."""
-        self._frozen = {axis: begin + after for axis, after in self._planned.items()}
-
-    def frozen(self, now: float) -> tuple[str, ...]:
-        """Names of the axes whose encoders are frozen at a time [s]."""
-        return tuple(self.names[k] for k, begin in self._frozen.items() if begin <= now)
+        """End all faults; they happen at their times after ``begin`` [s]."""
+        self._begin = begin
 
     def take(self, time: Vector, truth: Table) -> Messages:
         """The messages of readings since the last call.
@@ -329,12 +308,12 @@ class EncoderGroup:
         read = np.empty(angle.shape)
         for k, (encoder, axis) in enumerate(zip(self._encoders, self.axes, strict=True)):
             read[:, k] = counted(encoder, angle[:, k], errors[:, k], axis.sensor)
-        for k, begin in self._frozen.items():
-            first = int(np.searchsorted(times, begin))
-            before = read[first - 1, k] if first else self._last[k]
-            if first < times.size:
-                read[first:, k] = read[first, k] if np.isnan(before) else before
-        self._last = read[-1]
+        before, last = (times[0], read[0]) if self._last is None else self._last
+        since = np.append(before, times) - self._begin
+        for fault in self._faults:
+            k = self.names.index(fault.encoder)
+            read[:, k] = fault.apply(since, np.append(last[k], read[:, k]))[1:]
+        self._last = (times[-1], read[-1])
         return read
 
     def _efforts(self, effort: Table, noise: float) -> Table:
@@ -351,9 +330,9 @@ def encoder_groups(model: Model, settings: SensorSettings, seed: int) -> list[En
     """
     axes, motors = model.robot.axes, len(model.robot.motors)
     names = [axis.name for axis in axes]
-    for fault in settings.freezes:
-        if fault.name not in names:
-            raise UsageError(f"an encoder must be one of {', '.join(names)}, got {fault.name!r}")
+    for fault in settings.faults:
+        if fault.encoder not in names:
+            raise UsageError(f"an encoder must be one of {', '.join(names)}, got {fault.encoder!r}")
     clock = [axis.sensor.clock_offset_ns for axis in axes]
     kinds = {0: range(motors), 1: range(motors, len(axes))}
     if settings.update_rate is not None:

@@ -29,7 +29,7 @@ from cdrj_ros.simulation.assembly import (
     require_taut,
 )
 from cdrj_ros.simulation.drives import Following, follow_joints, pull_together
-from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.faults import CableFault
 from cdrj_ros.simulation.load import UNSOLVED, Load, balanced_start
 
 Progress = Callable[[int], None]
@@ -67,7 +67,7 @@ def simulate(
     load: Load | None = None,
     start: float | None = None,
     joint: int = 0,
-    faults: Sequence[Fault] = (),
+    faults: Sequence[CableFault] = (),
     allow_slack: bool = False,
 ) -> Truth:
     """Carry a rig along a motion; every argument is an independent choice.
@@ -94,7 +94,7 @@ def simulate(
         load: load of the released joint.
         start: angle at which it is released at rest [rad]; None for its equilibrium.
         joint: index of the balanced or released joint.
-        faults: injected faults.  While a motor compensates one, a balanced joint waits unbalanced.
+        faults: faults of cables.  While a motor compensates one, a balanced joint waits unbalanced.
         allow_slack: whether cables may lose their tension; with faults they always may.
 
     Raises:

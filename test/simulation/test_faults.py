@@ -13,18 +13,18 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.faults import DURATION_S, Fault, wire
+from cdrj_ros.simulation.faults import CableFault, Slack, Slip, Snap, wire
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
 TIME = np.arange(6_001) / 1000.0
 ANGLE = sine(np.radians(25.0), 0.2, 0.5)(TIME)
 AT = 3.0
-BEFORE, AFTER = TIME < AT, AT + max(DURATION_S.values()) < TIME
+BEFORE, AFTER = TIME < AT, AT + Slack.duration_s < TIME
 LOWER, UPPER = slice(8, 16), slice(0, 8)
 
 
-def _followed(robots: Robots, *faults: Fault, robot: Robot | None = None) -> Truth:
+def _followed(robots: Robots, *faults: CableFault, robot: Robot | None = None) -> Truth:
     return simulate(robot or robots.prototype(), TIME, ANGLE, cells=1, faults=faults)
 
 
@@ -33,11 +33,11 @@ def sound(robots: Robots) -> Truth:
     return _followed(robots)
 
 
-@pytest.mark.parametrize("kind", ["slack", "snap", "slip"])
+@pytest.mark.parametrize("kind", [Slack, Snap, Slip])
 def test_a_fault_loosens_its_own_cable_alone_and_no_encoder_measures_it(
-    robots: Robots, kind: str, sound: Truth
+    robots: Robots, kind: type[CableFault], sound: Truth
 ) -> None:
-    broken = _followed(robots, Fault(kind, AT, cable="lower"))
+    broken = _followed(robots, kind(AT, cable="lower"))
     np.testing.assert_array_equal(broken.tension[:, UPPER], sound.tension[:, UPPER])
     loss = sound.tension[:, LOWER] - broken.tension[:, LOWER]
     assert loss[AFTER].min() > 3.0
@@ -55,9 +55,9 @@ def test_a_fault_loosens_its_own_cable_alone_and_no_encoder_measures_it(
 def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots) -> None:
     robot = robots.prototype("none")
     amount = 1e-3
-    snapped = _followed(robots, Fault("snap", AT, amount, "lower"), robot=robot)
+    snapped = _followed(robots, Snap(AT, amount, "lower"), robot=robot)
     sound = _followed(robots, robot=robot)
-    k = round((AT + DURATION_S["snap"]) * 1000.0)
+    k = round((AT + Snap.duration_s) * 1000.0)
     cable = robot.cables[1]
     ratio = (1.0 + sound.tension[k, 8] / cable.axial_stiffness) / (
         1.0 + snapped.tension[k, 8] / cable.axial_stiffness
@@ -73,11 +73,11 @@ def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (Fault("snap", 1.0, cable="middle"), "there are upper, lower"),
-        (Fault("slack", 1.0, cable="bare"), "needs an amount"),
+        (Snap(1.0, cable="middle"), "there are upper, lower"),
+        (Slack(1.0, cable="bare"), "needs an amount"),
     ],
 )
-def test_an_impossible_fault_is_refused(robots: Robots, fault: Fault, words: str) -> None:
+def test_an_impossible_fault_is_refused(robots: Robots, fault: CableFault, words: str) -> None:
     robot = robots.prototype()
     bare = replace(robot.cables[0], name="bare", preload=0.0)
     if fault.cable == "bare":
@@ -86,11 +86,17 @@ def test_an_impossible_fault_is_refused(robots: Robots, fault: Fault, words: str
         wire(robot, (fault,))
 
 
+@pytest.mark.parametrize(("kind", "amount"), [(Snap, np.nan), (Snap, -1.0), (Slip, 1e9)])
+def test_an_impossible_amount_is_refused(kind: type[CableFault], amount: float) -> None:
+    with pytest.raises(UsageError, match=rf"amount of {kind.kind} must be in \(0, 1(00)?\]"):
+        kind(1.0, amount)
+
+
 def test_faults_work_on_cables_given_by_positions(robots: Robots) -> None:
     joints = np.zeros((TIME.size, 2))
     joints[:, 1] = 0.3 * ANGLE
     sound = simulate(robots.finger(), TIME, joints, cells=4)
-    for fault in (Fault("snap", AT, 1e-4, "flexor"), Fault("slip", AT, 0.0125, "flexor")):
+    for fault in (Snap(AT, 1e-4, "flexor"), Slip(AT, 0.0125, "flexor")):
         broken = simulate(robots.finger(), TIME, joints, cells=4, faults=(fault,))
         np.testing.assert_allclose(broken.tension[BEFORE], sound.tension[BEFORE], atol=1e-9)
         assert (sound.tension[AFTER, :3] - broken.tension[AFTER, :3]).min() > 1.0

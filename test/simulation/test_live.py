@@ -14,6 +14,7 @@ from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
+from cdrj_ros.simulation.faults import Snap
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
 from cdrj_ros.simulation.load import Load, make_load
 
@@ -142,48 +143,27 @@ def test_a_cable_that_would_be_wound_in_entirely_stalls_its_motor(robots: Robots
 
 
 @pytest.mark.parametrize("cable", ["upper", "lower"])
-def test_a_cut_cable_never_pulls_again(robots: Robots, cable: str) -> None:
-    run = run_of(robots.prototype()).steps(20)
-    told = run.rig.break_cable("cut", cable)
-    assert told.startswith(f"cut of {cable}")
-    run.steps(20).tell("position", 1.0).steps(200).tell("position", -1.0).steps(400)
-    cut = run.truth()[0][40:].reshape(-1, 2, 8)[:, 0 if cable == "upper" else 1]
-    assert cut.max() == 0.0
-    assert [fault.cable for fault in run.rig.faults] == [cable]
+def test_a_cable_whose_anchor_breaks_away_never_pulls_again(robots: Robots, cable: str) -> None:
+    robot, faults = robots.prototype(), (Snap(0.02, 1.0, cable),)
+    run = Run(live(robot, faults=faults), Drives(drive_limits(robot, RATE))).steps(40)
+    run.tell("position", 1.0).steps(200).tell("position", -1.0).steps(400)
+    torn = run.truth()[0][40:].reshape(-1, 2, 8)[:, 0 if cable == "upper" else 1]
+    assert torn.max() < 1e-6
+    assert run.rig.unsolved == 0
 
 
-def test_a_reset_removes_faults_and_pushes(robots: Robots) -> None:
-    run = run_of(robots.prototype()).tell("velocity", 1.0).steps(200)
-    sound = run.truth()
-    run.rig.break_cable("cut", "upper")
+def test_after_a_reset_pushes_are_gone_and_faults_happen_again(robots: Robots) -> None:
+    robot, faults = robots.prototype(), (Snap(0.1, 1e-4, "upper"),)
+    run = Run(live(robot, faults=faults), Drives(drive_limits(robot, RATE)))
+    first = run.tell("velocity", 1.0).steps(200).truth()
     run.rig.push(5.0, 10.0)
     run.steps(50)
     run.rig.reset()
     run.drives.reset()
-    assert run.rig.faults == run.rig.pushes == ()
+    assert run.rig.pushes == ()
     again = Run(run.rig, run.drives).tell("velocity", 1.0).steps(200).truth()
-    for before, after in zip(sound, again, strict=True):
+    for before, after in zip(first, again, strict=True):
         np.testing.assert_array_equal(before, after)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("melt", "upper"), "fault must be one of slack, snap, slip, cut"),
-        (("snap", "middle"), "names the cable middle; there are upper, lower"),
-        (("snap", "upper", np.nan), r"amount of snap must be in \(0, 1\], got nan"),
-        (("snap", "upper", -1.0), r"amount of snap must be in \(0, 1\]"),
-        (("slip", "upper", 1e9), r"amount of slip must be in \(0, 100\]"),
-        (("cut", "upper", 1e-3), "a cut takes no amount"),
-    ],
-)
-def test_an_impossible_fault_is_refused_and_changes_nothing(
-    robots: Robots, arguments: tuple[Any, ...], words: str
-) -> None:
-    rig = live(robots.prototype())
-    with pytest.raises(UsageError, match=words):
-        rig.break_cable(*arguments)
-    assert rig.faults == ()
 
 
 @pytest.mark.parametrize("push", [(np.nan, 1.0), (2 * MOST_TORQUE, 1.0), (1.0, 0.0),

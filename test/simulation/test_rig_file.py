@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -14,13 +14,12 @@ import cdrj_ros.simulation
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.simulation.drives import drive_limits
-from cdrj_ros.simulation.faults import Fault, wire
+from cdrj_ros.simulation.faults import KINDS, Freeze, Slip, Snap, wire
 from cdrj_ros.simulation.rig_file import LoadChoice, RigDescription, load_rig, parse_rig
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
     CellGroup,
-    Freeze,
     LoadCells,
     SensorSettings,
     encoder_groups,
@@ -74,12 +73,12 @@ def test_every_key_sets_what_it_says() -> None:
             ),
             LoadCells(noise=1.1, bias=1.2),
             250.0,
-            (Freeze("elbow", 7.0),),
+            (Freeze(7.0, "elbow"),),
         ),
         LoadChoice("lift", 2, -3, 4, (-1.0, 1.0)),
         {"max_speed": 1, "max_torque": 2, "rotor_inertia": 3, "rotor_damping": 4,
          "command_timeout": 5},
-        (Fault("snap", 20.0, 0.003, "lower"), Fault("slip", 1.0)),
+        (Snap(20.0, 0.003, "lower"), Slip(1.0)),
     )  # fmt: skip
 
 
@@ -97,8 +96,8 @@ def test_every_key_sets_what_it_says() -> None:
         ("faults: [{kind: rust, at: 3}]", "faults[0].kind must be one of slack, snap, slip"),
         ("faults: [{kind: snap}]", "faults[0].at is missing: Time from the start"),
         ("faults: [{kind: snap, at: 3, amount: 5}]", "the amount of snap must be in (0, 1], got 5"),
-        ("faults: [{kind: freeze, at: 3}]", "faults[0]: freeze needs encoder"),
-        ("faults: [{kind: slip, at: 3, encoder: a}]", "faults[0].encoder is a key of freeze"),
+        ("faults: [{kind: freeze, at: 3}]", "faults[0]: freeze takes encoder"),
+        ("faults: [{kind: slip, at: 3, encoder: a}]", "faults[0]: slip takes amount and"),
         ("ros2_control: {update_rate: 0}", "ros2_control.update_rate must be at least 1, got 0"),
     ],
 )  # fmt: skip
@@ -108,6 +107,14 @@ def test_a_mistake_is_explained_by_the_key(text: str, words: str) -> None:
 
 
 SCHEMA = json.loads((Path(cdrj_ros.simulation.__file__).parent / "rig.schema.json").read_text())
+
+
+def test_the_schema_has_every_fault() -> None:
+    entry = SCHEMA["properties"]["faults"]["items"]["properties"]
+    assert entry["kind"]["enum"] == list(KINDS)
+    assert set(entry) - {"kind", "at"} == {
+        field.name for kind in KINDS.values() for field in fields(kind) if field.name != "begin"
+    }
 
 
 def test_the_page_lists_every_key() -> None:

@@ -10,7 +10,7 @@ from support.places import ROBOTS
 
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.simulation.faults import Fault
+from cdrj_ros.simulation.faults import Slip, Snap
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import Load, make_load, usual_load, usual_payload
 from cdrj_ros.simulation.truth import simulate
@@ -18,7 +18,6 @@ from cdrj_ros.simulation.truth import simulate
 SHIPPED = sorted(path.stem for path in ROBOTS.glob("*.yaml") if path.stem != "continuum")
 """The preloads of continuum's single segments balance no load inside their ranges."""
 TIME = np.arange(301) / 1000.0
-SNAP_S, SLIP_S, SNAP_M, SLIP_RAD = 0.1, 0.15, 1e-4, 0.01
 
 ROUND_BODIES = """
 name: bodies
@@ -53,24 +52,20 @@ def round_bodies() -> Robot:
     )
 
 
-def assert_same_digits(robot: Robot, load: Load, planned: bool) -> None:
-    """Drive all motors to and fro, in turn with opposite signs; faults are planned or commanded."""
+def assert_same_digits(robot: Robot, load: Load) -> None:
+    """Drive all motors to and fro, in turn with opposite signs, while two faults happen."""
     first, last = robot.cables[0].name, robot.cables[-1].name
     rest = robot.reference_motors
     signs = np.where(np.arange(rest.size) % 2, -1.0, 1.0)
     motors = rest + np.multiply.outer(0.1 * np.sin(6.0 * TIME), signs)
-    faults = (Fault("snap", SNAP_S, SNAP_M, first), Fault("slip", SLIP_S, SLIP_RAD, last))
-    rig = LiveRig(robot, LiveSettings(load, cells=2, faults=faults if planned else ()))
+    faults = (Snap(0.1, 1e-4, first), Slip(0.15, 0.01, last))
+    rig = LiveRig(robot, LiveSettings(load, cells=2, faults=faults))
     truth = simulate(
         robot, TIME, motor_angle=motors, load=load, cells=2, start=rig.joint_angle[0],
         faults=faults, allow_slack=True,
     )  # fmt: skip
     rows = [(rig.tension, rig.joint_angle, rig.motor_effort, rig.joint_effort)]
     for k in range(1, TIME.size):
-        if not planned and k == round(1000.0 * SNAP_S) + 1:
-            rig.break_cable("snap", first, SNAP_M)
-        if not planned and k == round(1000.0 * SLIP_S) + 1:
-            rig.break_cable("slip", last, SLIP_RAD)
         assert rig.step(motors[k])
         rows.append((rig.tension, rig.joint_angle, rig.motor_effort, rig.joint_effort))
     wanted = (truth.tension, truth.joint_angle, truth.motor_effort, truth.joint_effort)
@@ -83,13 +78,10 @@ def assert_same_digits(robot: Robot, load: Load, planned: bool) -> None:
 def test_every_robot_of_the_package(name: str) -> None:
     robot = load_robot(ROBOTS / f"{name}.yaml")
     kind = usual_load(robot, 0)
-    assert_same_digits(
-        robot, make_load(kind, usual_payload(robot, 0, kind, 9.81), 0.05), planned=False
-    )
+    assert_same_digits(robot, make_load(kind, usual_payload(robot, 0, kind, 9.81), 0.05))
 
 
-@pytest.mark.parametrize("planned", [False, True], ids=["commanded", "planned"])
 @pytest.mark.parametrize("name", ["finger", "round_bodies"])
-def test_cables_by_positions(name: str, planned: bool, robots: Robots) -> None:
+def test_cables_by_positions(name: str, robots: Robots) -> None:
     robot = round_bodies() if name == "round_bodies" else getattr(robots, name)()
-    assert_same_digits(robot, make_load("pendulum", 0.02, 0.05), planned)
+    assert_same_digits(robot, make_load("pendulum", 0.02, 0.05))
