@@ -1,6 +1,7 @@
 """Build and install the ament_python package `cdrj_ros`, with colcon or as a wheel."""
 
 import os
+import subprocess
 import sys
 import sysconfig
 from collections.abc import Iterable
@@ -12,6 +13,7 @@ from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 PACKAGE = "cdrj_ros"
+STUB = Path(PACKAGE) / "_core.pyi"
 
 
 def installed(folder: str, pattern: str = "**/*") -> list[tuple[str, list[str]]]:
@@ -81,9 +83,19 @@ class BuildExt(build_ext):
         """Run the command, unless it would put a module beside sources that have not changed."""
         made = Path(PACKAGE) / f"_core{sysconfig.get_config_var('EXT_SUFFIX')}"
         (ext,) = self.extensions
-        if self.inplace and is_newer(made, (*ext.sources, *ext.depends, __file__)):
+        sources = (*ext.sources, *ext.depends, __file__)
+        if self.inplace and is_newer(made, sources) and is_newer(STUB, sources):
             return
         super().run()
+        self.write_stub(Path(self.get_ext_fullpath(ext.name)).parent)
+
+    def write_stub(self, folder):
+        """Write the types of the core, which lies in `folder`, beside it."""
+        here = {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
+        options = ["-q", "-m", "_core", "-O", str(folder)]
+        subprocess.run(
+            [sys.executable, "-m", "nanobind.stubgen", *options], env=os.environ | here, check=True
+        )
 
     def build_extension(self, ext):
         """Build an extension: compile its files, then link them."""

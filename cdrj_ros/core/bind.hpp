@@ -6,6 +6,7 @@
 #pragma once
 
 #include <nanobind/nanobind.h>
+#include <nanobind/typing.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -133,7 +134,10 @@ auto copy_of(const Numbers& numbers) {
 /// How nanobind takes and gives arrays.
 template <typename T>
 struct nanobind::detail::type_caster<cdrj::Array<T>> {
-    NB_TYPE_CASTER(cdrj::Array<T>, const_name("numpy.ndarray"))
+    static constexpr auto NUMBER = const_name<std::is_same_v<std::remove_const_t<T>, double>>(
+        const_name("float64"), const_name<std::is_same_v<T, const bool>>("bool_", "int64"));
+    NB_TYPE_CASTER(
+        cdrj::Array<T>, const_name("numpy.typing.NDArray[numpy.") + NUMBER + const_name("]"))
 
     bool from_python(handle given, std::uint32_t flags, cleanup_list*) noexcept {
         return value.take(given, flags & static_cast<std::uint32_t>(cast_flags::convert));
@@ -145,6 +149,13 @@ struct nanobind::detail::type_caster<cdrj::Array<T>> {
 };
 
 namespace cdrj {
+
+/// Containers of Python with the types of what they hold.
+template <typename T>
+using List = nb::typed<nb::list, T>;
+template <typename T>
+using ByName = nb::typed<nb::dict, nb::str, T>;
+using AnyTuple = nb::typed<nb::tuple, nb::any, nb::ellipsis>;
 
 /// Samples between two looks at Ctrl-C.
 inline constexpr Index PIECE = 4096;
@@ -218,14 +229,16 @@ struct HeldRobot {
 
 /// Kinds as an enumeration, by their names in the order of their codes.
 template <typename Kind, std::size_t n>
-void bind_kinds(nb::module_& core, const char* name, const char* const (&names)[n]) {
-    nb::enum_<Kind> kinds(core, name);
+void bind_kinds(nb::module_& core, const char* name, const char* const (&names)[n], const char* doc) {
+    nb::enum_<Kind> kinds(core, name, doc);
     for (std::size_t k = 0; k < n; ++k) kinds.value(names[k], static_cast<Kind>(k));
 }
 
+void bind_laws(nb::module_& core);
 void bind_messages(nb::module_& core);
 void bind_conditioning(nb::module_& core);
 void bind_ensemble(nb::module_& core);
+void bind_encoderless(nb::module_& core);
 void bind_simulation(nb::module_& core);
 
 }  // namespace cdrj

@@ -3,6 +3,7 @@
 #include <tuple>
 #include <utility>
 
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
 #include "bind.hpp"
@@ -13,7 +14,7 @@ namespace cdrj {
 namespace {
 
 std::vector<Conditioner::Target> targets_of(
-    const Conditioner& conditioner, Topic topic, const nb::sequence& names) {
+    const Conditioner& conditioner, Topic topic, const nb::typed<nb::sequence, nb::str>& names) {
     std::vector<Conditioner::Target> targets;
     targets.reserve(nb::len(names));
     for (const nb::handle name : names) {
@@ -42,7 +43,7 @@ nb::object table_of(const std::vector<double>& numbers, Index rows) {
     return copy_of(numbers, {rows, Index(numbers.size()) / rows}).object();
 }
 
-nb::tuple tuple_of(const Sample& sample, std::size_t motors) {
+AnyTuple tuple_of(const Sample& sample, std::size_t motors) {
     const auto angles = std::span(sample.angle);
     return nb::make_tuple(
         sample.stamp_ns,
@@ -55,25 +56,25 @@ nb::tuple tuple_of(const Sample& sample, std::size_t motors) {
         sample.silent);
 }
 
-nb::list list_of(const std::vector<Sample>& samples, std::size_t motors) {
+List<AnyTuple> list_of(const std::vector<Sample>& samples, std::size_t motors) {
     nb::list found;
     for (const Sample& sample : samples) found.append(tuple_of(sample, motors));
     return found;
 }
 
-nb::list feed(
-    Conditioner& conditioner, Topic topic, Nanoseconds stamp_ns, const nb::sequence& names,
-    const std::vector<double>& positions, Nanoseconds arrival_ns, bool by_arrival) {
+List<AnyTuple> feed(
+    Conditioner& conditioner, Topic topic, Nanoseconds stamp_ns, const nb::typed<nb::sequence, nb::str>& names,
+    const Given& positions, Nanoseconds arrival_ns, bool by_arrival) {
     const auto samples = conditioner.take(
-        stamp_ns, targets_of(conditioner, topic, names), positions, {arrival_ns, by_arrival});
+        stamp_ns, targets_of(conditioner, topic, names), span_of(positions), {arrival_ns, by_arrival});
     return list_of(samples, conditioner.motors());
 }
 
-nb::list feed_message(Conditioner& conditioner, Topic topic, const JointStateDecoder& decoder) {
+List<AnyTuple> feed_message(Conditioner& conditioner, Topic topic, const JointStateDecoder& decoder) {
     return list_of(conditioner.take(topic, decoder.last()), conditioner.motors());
 }
 
-nb::dict take_refused(Conditioner& conditioner) {
+ByName<ByName<double>> take_refused(Conditioner& conditioner) {
     nb::dict found;
     const std::vector<Conditioner::Sizes> sizes = conditioner.take_refused();
     for (std::size_t k = 0; k < sizes.size(); ++k) {
@@ -86,7 +87,7 @@ nb::dict take_refused(Conditioner& conditioner) {
     return found;
 }
 
-nb::dict refused(const Conditioner& conditioner) {
+ByName<int> refused(const Conditioner& conditioner) {
     nb::dict counts;
     for (std::size_t cause = 0; cause < CAUSES; ++cause) {
         counts[nb::str(CAUSE_NAMES[cause].data(), CAUSE_NAMES[cause].size())] =
@@ -103,8 +104,8 @@ void refuse(Conditioner& conditioner, const std::string& name) {
 }
 
 /// A value of every channel, by name, where `get` gives one.
-template <typename Get>
-auto by_name(const Conditioner& conditioner, Get get) {
+template <typename T, typename Get>
+ByName<T> by_name(const Conditioner& conditioner, Get get) {
     nb::dict found;
     for (std::size_t k = 0; k < conditioner.axes().size(); ++k) {
         const nb::object value = get(conditioner.channels()[k]);
@@ -114,7 +115,7 @@ auto by_name(const Conditioner& conditioner, Get get) {
 }
 
 template <typename Condition>
-nb::list names_where(const Conditioner& conditioner, Condition condition) {
+List<nb::str> names_where(const Conditioner& conditioner, Condition condition) {
     nb::list found;
     for (std::size_t k = 0; k < conditioner.axes().size(); ++k) {
         if (condition(conditioner.channels()[k])) found.append(conditioner.axes()[k].name);
@@ -122,10 +123,10 @@ nb::list names_where(const Conditioner& conditioner, Condition condition) {
     return found;
 }
 
-nb::tuple memory(Conditioner& conditioner) {
+std::pair<Written, Written> memory(Conditioner& conditioner) {
     const auto [numbers, stepped] = conditioner.memory();
     const auto axes = static_cast<Index>(stepped.size());
-    return nb::make_tuple(copy_of(numbers, {axes, Channel::REMEMBERED}), copy_of(stepped));
+    return {copy_of(numbers, {axes, Channel::REMEMBERED}), copy_of(stepped)};
 }
 
 void recall(Conditioner& conditioner, const Given& rows, const Given& stepped) {
@@ -141,7 +142,11 @@ void expect(Conditioner& conditioner, const Given& angles, Nanoseconds stamp_ns)
     conditioner.expect(span_of(angles), stamp_ns);
 }
 
-nb::tuple tuple_of(const Samples& samples, Index motors, Index joints) {
+/// Fields of `Samples`, as `Recording.advance` gives them.
+using Piece = nb::typed<
+    nb::tuple, bool, GivenIntegers, Given, Given, GivenIntegers, Given, GivenIntegers, Given, GivenIntegers>;
+
+Piece tuple_of(const Samples& samples, Index motors, Index joints) {
     const auto n = static_cast<Index>(samples.stamp_ns.size());
     const auto unseen = static_cast<Index>(samples.unseen_rows.size());
     const auto changes = static_cast<Index>(samples.offset_rows.size());
@@ -170,7 +175,7 @@ public:
 
     bool is_over() const { return recording_.is_over(); }
 
-    nb::list advance(std::size_t most) {
+    List<Piece> advance(std::size_t most) {
         std::vector<Samples> pieces;
         {
             const nb::gil_scoped_release others_may_run;
@@ -208,7 +213,8 @@ Written angles_of_array(const Axis& axis, const Given& readings) {
 }
 
 void bind_axis(nb::module_& core) {
-    nb::class_<Axis>(core, "Axis")
+    nb::class_<Axis>(core, "Axis",
+        "A motor or joint: how readings become angles, and what these must satisfy.")
         .def(
             "__init__",
             [](Axis* made, std::string name, double lower, double upper, double max_speed,
@@ -227,35 +233,73 @@ void bind_axis(nb::module_& core) {
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
             "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
             "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "worth"_a,
-            "pull"_a, "start"_a)
+            "pull"_a, "start"_a, R"(
+            Keep the numbers.
+
+            Args:
+                name: in messages.
+                lower, upper: range of the angle [rad].
+                max_speed: [rad/s].
+                clock_offset_ns: added to stamps [ns].
+                clock_stddev: its standard deviation [s].
+                period: after which the reading wraps around [rad]; infinite if it does not.
+                scale, offset: angle = scale * unwrapped reading + offset [rad].
+                corrected_at, correction: angles, and what is added there [rad].
+                bandwidth: of the filter between counts [Hz]; 0 for none.
+                adaptive: whether that bandwidth rises with the motion.
+                band: greatest difference of an angle and its reading [rad].
+                negligible: standard deviations up to this are not reported [rad].
+                worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
+                pull: of every cable, see ``conditioner.pulls_of`` [1/rad]; empty for none.
+                start: an ambiguous first reading means the possible angle nearest to it [rad].)")
         .def_ro("name", &Axis::name)
         .def_ro("lower", &Axis::lower)
         .def_ro("upper", &Axis::upper)
         .def_ro("clock_offset_ns", &Axis::clock_offset_ns)
         .def_ro("bandwidth", &Axis::bandwidth)
         .def_ro("adaptive", &Axis::adaptive)
-        .def("angles_of", &angles_of_array, "readings"_a)
-        .def("angle_near", &angle_near, "reading"_a, "near"_a);
+        .def("angles_of", &angles_of_array, "readings"_a,
+            "Angles of readings of a whole recording, acceptable or not; NaN beyond ``LARGEST``.")
+        .def("angle_near", &angle_near, "reading"_a, "near"_a,
+            "Angle of a single reading; of those that it may mean, that in range nearest ``near``.");
 }
 
 void bind_conditioner(nb::module_& core) {
     const auto counter = [](auto member) {
         return [member](const Conditioner& conditioner) { return conditioner.*member; };
     };
-    nb::class_<Conditioner>(core, "Conditioner")
+    nb::class_<Conditioner>(core, "Conditioner",
+        "Gates and time line of one robot.")
         .def(
             nb::init<std::vector<Axis>, std::size_t, bool, Nanoseconds>(),
-            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a)
+            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a, "Start without readings.")
         .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a,
-             "arrival_ns"_a = NEVER_NS, "by_arrival"_a = false)
-        .def("feed_message", &feed_message, "topic"_a.noconvert(), "message"_a)
-        .def("refuse", &refuse, "cause"_a)
-        .def("take_refused", &take_refused)
-        .def("reset", &Conditioner::reset, "keep_turns"_a = false)
-        .def("remembered", &memory)
-        .def("remember", &recall, "rows"_a, "stepped"_a)
-        .def("continue_from", &expect, "angles"_a, "stamp_ns"_a)
-        .def("use_tracking_of", &Conditioner::set_tracking, "axes"_a)
+             "arrival_ns"_a = NEVER_NS, "by_arrival"_a = false,
+            "Take a message; returns the fields of every ``Sample`` that is now complete.")
+        .def("feed_message", &feed_message, "topic"_a.noconvert(), "message"_a,
+            "``feed`` the last message that was decoded.")
+        .def("refuse", &refuse, "cause"_a,
+            "Count a message that is refused whole, by a cause of ``refused``.")
+        .def("take_refused", &take_refused, R"(
+            Largest reading refused since the last call, by axis and cause.
+
+            It is the time by which it is late (negative) or ahead of the last accepted one [s], the
+            angle where it is out of range [rad], the speed that an implausible one needs [rad/s], or 0.)")
+        .def("reset", &Conditioner::reset, "keep_turns"_a = false, R"(
+            Forget all readings; the counters stay.
+
+            Args:
+                keep_turns: keep the motion estimates of the axes and the count of turns of every sensor
+                    with a ``period``.  Otherwise only the count is kept, and only if the next reading
+                    follows within ``MAX_GAP_NS``.)")
+        .def("remembered", &memory,
+            "Numbers that outlast a restart, shapes (axes, 8) and (axes,).")
+        .def("remember", &recall, "rows"_a, "stepped"_a,
+            "Restore what ``remembered`` gave, before the first reading.")
+        .def("continue_from", &expect, "angles"_a, "stamp_ns"_a,
+            "Continue from the last sample of an earlier run, angles of shape (axes,) [rad].")
+        .def("use_tracking_of", &Conditioner::set_tracking, "axes"_a,
+            "Change the tracking bandwidths to those of ``axes``; no reading is lost.")
         .def_prop_ro("refused", &refused)
         .def_prop_ro("accepted", counter(&Conditioner::accepted))
         .def_prop_ro("elsewhere", counter(&Conditioner::elsewhere))
@@ -268,13 +312,14 @@ void bind_conditioner(nb::module_& core) {
             return names_where(c, [](const Channel& channel) { return channel.last_ns < 0; });
         })
         .def_prop_ro("ahead", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> nb::object {
+            return by_name<Nanoseconds>(c, [](const Channel& channel) -> nb::object {
                 if (!channel.ahead_ns) return nb::none();
                 return nb::int_(*channel.ahead_ns);
             });
-        })
+        },
+            "Stamp of the last reading, less its time of arrival if that is known [ns], by name.")
         .def_prop_ro("displaced", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> nb::object {
+            return by_name<double>(c, [](const Channel& channel) -> nb::object {
                 const StepMemory& steps = channel.steps.memory;
                 if (!steps.stepped && steps.displaced == 0.0) return nb::none();
                 return nb::float_(steps.displaced);
@@ -287,14 +332,14 @@ void bind_conditioner(nb::module_& core) {
             return names_where(c, [](const Channel& channel) { return channel.steps.repeats(); });
         })
         .def_prop_ro("misfitting", [](const Conditioner& c) {
-            nb::list found;
+            List<nb::str> found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {
                 if (c.channels()[k].misfits(c.axes()[k])) found.append(c.axes()[k].name);
             }
             return found;
         })
         .def_prop_ro("lagging", [](const Conditioner& c) {
-            nb::dict found;
+            ByName<std::pair<Nanoseconds, double>> found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {
                 const Channel& channel = c.channels()[k];
                 if (!channel.lags(c.axes()[k])) continue;
@@ -302,7 +347,8 @@ void bind_conditioner(nb::module_& core) {
                     nb::make_tuple(channel.lag.lag_ns, channel.lag.growth);
             }
             return found;
-        })
+        },
+            "Least lag behind the others [ns], and its growth, of axes where this counts, by name.")
         .def_prop_ro("held", [](const Conditioner& c) {
             std::size_t held = 0;
             for (const Channel& channel : c.channels()) {
@@ -311,19 +357,21 @@ void bind_conditioner(nb::module_& core) {
             return held;
         })
         .def_prop_ro("held_of", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> nb::object {
+            return by_name<List<std::pair<Nanoseconds, double>>>(c, [](const Channel& channel) -> nb::object {
                 nb::list held;
                 for (const Raw& raw : channel.held) {
                     held.append(nb::make_tuple(raw.stamp_ns, raw.reading));
                 }
                 return held;
             });
-        })
+        },
+            "Stamps [ns] and readings [rad] held after a possible jump of the clock, by name.")
         .def_prop_ro("waiting", [](const Conditioner& c) {
-            return by_name(c, [](const Channel& channel) -> nb::object {
+            return by_name<std::size_t>(c, [](const Channel& channel) -> nb::object {
                 return nb::int_(channel.readings.size() + channel.recent.size());
             });
-        });
+        },
+            "Number of readings kept for later samples and for the velocity, by name.");
 }
 
 }  // namespace
@@ -336,23 +384,48 @@ void bind_conditioning(nb::module_& core) {
     core.attr("RANGE_MARGIN") = RANGE_MARGIN;
     core.attr("LARGEST") = LARGEST;
     core.attr("WAITING") = WAITING;
-    nb::enum_<Topic>(core, "Topic")
+    nb::enum_<Topic>(core, "Topic",
+        "What a topic carries.")
         .value("MOTORS", Topic::motors)
         .value("JOINTS", Topic::joints)
         .value("BOTH", Topic::both);
     bind_axis(core);
     bind_conditioner(core);
-    nb::class_<HeldRecording>(core, "Recording")
+    nb::class_<HeldRecording>(core, "Recording",
+        "Readings of a recording, fed to a conditioner in order of arrival.")
         .def(
             nb::init<Conditioner&, std::vector<HeldRecording::GivenSeries>>(), "conditioner"_a,
-            "series"_a, nb::keep_alive<1, 2>())
+            "series"_a, nb::keep_alive<1, 2>(), R"(
+            Prepare.
+
+            Args:
+                conditioner: takes the readings.
+                series: topic, name, stamps [ns], times of arrival [ns] and readings [rad] of channels.)")
         .def_prop_ro("is_over", &HeldRecording::is_over)
-        .def("advance", &HeldRecording::advance, "most"_a);
-    nb::class_<TrackingFilter>(core, "TrackingFilter")
-        .def(nb::init<>())
+        .def("advance", &HeldRecording::advance, "most"_a, R"(
+            Take up to ``most`` readings.
+
+            Returns:
+                One piece of samples, and a further one after every jump of the clock: whether the clock
+                went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
+                shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
+                shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 3, axes); rows
+                that are doubtful.)");
+    nb::class_<TrackingFilter>(core, "TrackingFilter",
+        "A filter of the angle between the counts of a sensor, (C1) of docs/estimation.md.")
+        .def(nb::init<>(), "Start without readings.")
         .def("track", &TrackingFilter::track, "since_ns"_a, "reading"_a, "bandwidth"_a, "band"_a,
-             "adaptive"_a)
-        .def_prop_ro("moves", &TrackingFilter::moves);
+             "adaptive"_a, R"(
+            The angle at a reading [rad], within ``band`` of it.
+
+            Args:
+                since_ns: time since the reading before [ns]; ignored at the first one.
+                reading: angle by the sensor [rad].
+                bandwidth: of the filter [Hz], positive.
+                band: greatest difference of angle and reading [rad].
+                adaptive: whether the bandwidth rises with the motion, (C6).)")
+        .def_prop_ro("moves", &TrackingFilter::moves,
+            "Whether an adaptive filter sees the axis move.");
 }
 
 }  // namespace cdrj

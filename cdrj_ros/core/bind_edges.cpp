@@ -1,10 +1,12 @@
 // What lies at the edges of an estimator: messages that come and go, as nodes and `cdrj_ros.recordings` use
 // them, and the stepper of the simulated rig.
 #include <algorithm>
+#include <array>
 #include <string>
 #include <vector>
 
-#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
 
 #include "bind.hpp"
 #include "messages.hpp"
@@ -13,7 +15,7 @@
 namespace cdrj {
 namespace {
 
-using Numbers = std::vector<std::array<std::size_t, 3>>;
+using Numbers = std::vector<std::tuple<std::size_t, std::size_t, std::size_t>>;
 
 std::vector<CopiedNumbers> copied(const Numbers& numbers) {
     std::vector<CopiedNumbers> found;
@@ -50,7 +52,7 @@ void require_rows(const auto& table, Index rows, Index columns, const char* name
         (std::string(name) + " has not the shape of this robot's").c_str());
 }
 
-/// A stepper with the robot that it refers to; see `_core.pyi`.
+/// A stepper with the robot that it refers to.
 class HeldStepper {
 public:
     HeldStepper(const HeldRobot& held, Index joint)
@@ -58,8 +60,9 @@ public:
     HeldStepper(const HeldStepper&) = delete;  // refers to a robot
     HeldStepper& operator=(const HeldStepper&) = delete;
 
-    void release(
-        const std::array<double, 6>& load, double effort_sign, double lower, double upper) {
+    void release(const Given& coefficients, double effort_sign, double lower, double upper) {
+        require(coefficients.size() == 6, "a load has six coefficients");
+        const auto load = span_of(coefficients);
         stepper_.rule = FreeJoint{
             {load[0], load[1], load[2], load[3], load[4], load[5]}, joint_, effort_sign, lower,
             upper};
@@ -92,7 +95,7 @@ public:
         return found;
     }
 
-    nb::tuple run(
+    std::pair<Index, double> run(
         const Given& motors, const Given& joints, const Given& torque, const Given& dt,
         const Given& offset, const GivenFlags& happening, const Written& motors_out, const Written& joints_out,
         const Written& imbalance, const Written& estimates) {
@@ -119,7 +122,7 @@ public:
             if (outcome.done) imbalance.data()[k] = outcome.imbalance;
             return outcome.done;
         });
-        return nb::make_tuple(done, outcome.asked);
+        return {done, outcome.asked};
     }
 
     Written state() const { return copy_of(stepper_.trials.state); }
@@ -136,8 +139,10 @@ public:
         return copy_of(std::array{now.angle, now.speed, now.acceleration, now.torque});
     }
 
-    void set_swing(const std::array<double, 4>& given) {
-        stepper_.swing = {given[0], given[1], given[2], given[3]};
+    void set_swing(const Given& given) {
+        require(given.size() == 4, "a swing has four numbers");
+        const auto now = span_of(given);
+        stepper_.swing = {now[0], now[1], now[2], now[3]};
     }
 
     Index phase() const { return stepper_.phase; }
@@ -157,48 +162,120 @@ private:
 }  // namespace
 
 void bind_messages(nb::module_& core) {
-    nb::class_<JointStateDecoder>(core, "JointStateDecoder")
-        .def(nb::init<bool>(), "efforts"_a = false)
+    nb::class_<JointStateDecoder>(core, "JointStateDecoder",
+        "Decodes JointState messages of one topic; its properties are those of the last good one.")
+        .def(nb::init<bool>(), "efforts"_a = false, R"(
+            Start without a message.
+
+            Args:
+                efforts: whether messages with efforts for only some of their names are malformed.)")
         .def(
             "decode",
             [](JointStateDecoder& decoder, const nb::bytes& payload, Nanoseconds arrival_ns) {
                 return decoder.decode({payload.c_str(), payload.size()}, arrival_ns);
             },
-            "payload"_a, "arrival_ns"_a = NEVER_NS)
+            "payload"_a, "arrival_ns"_a = NEVER_NS, R"(
+            Decode a message in plain CDR; False if it is malformed, which changes nothing.
+
+            Args:
+                payload: the message.
+                arrival_ns: when it arrived [ns], which replaces a stamp of zero.)")
         .def_prop_ro(
             "stamp_ns", [](const JointStateDecoder& d) { return d.last().stamp_ns; })
         .def_prop_ro(
-            "by_arrival", [](const JointStateDecoder& d) { return d.last().arrival.is_stamp; })
+            "by_arrival", [](const JointStateDecoder& d) { return d.last().arrival.is_stamp; },
+            "Whether the stamp is the time of arrival, because the header's is zero.")
         .def_prop_ro(
             "has_efforts", [](const JointStateDecoder& d) { return !d.last().efforts.empty(); })
         .def_prop_ro(
-            "names", [](const JointStateDecoder& d) { return nb::tuple(nb::cast(d.last().names)); })
+            "names", [](const JointStateDecoder& d) { return nb::typed<nb::tuple, nb::str, nb::ellipsis>(nb::tuple(nb::cast(d.last().names))); })
         .def_prop_ro(
-            "positions", [](const JointStateDecoder& d) { return copy_of(d.last().positions); })
+            "positions", [](const JointStateDecoder& d) { return copy_of(d.last().positions); },
+            "[rad], one per name.")
         .def_prop_ro(
-            "efforts", [](const JointStateDecoder& d) { return copy_of(d.last().efforts); });
-    nb::class_<MessageEncoder>(core, "MessageEncoder")
+            "efforts", [](const JointStateDecoder& d) { return copy_of(d.last().efforts); },
+            "[N m]; empty if the message has none.");
+    nb::class_<MessageEncoder>(core, "MessageEncoder",
+        "A message whose names and array sizes stay the same, in plain CDR, little-endian.")
         .def(
-            "__init__", make_encoder, "blank"_a, "values"_a, "stddevs"_a, "flags"_a)
-        .def("encode", &encode, "stamp_ns"_a, "values"_a, "stddevs"_a);
+            "__init__", make_encoder, "blank"_a, "values"_a, "stddevs"_a, "flags"_a, R"(
+            Prepare the message.
+
+            Args:
+                blank: the message with any numbers.
+                values: which numbers are copied from the values: offset of the first one in the
+                    message [bytes], its index among the values, their count.
+                stddevs: the same for the standard deviations.
+                flags: bytes of status: offset in the message [bytes], then the indices of two values,
+                    which may be the same, whose flags it unites.
+
+            Raises:
+                IndexError: a field is outside of the message.)")
+        .def("encode", &encode, "stamp_ns"_a, "values"_a, "stddevs"_a, R"(
+            Encode the message with this stamp and these numbers.
+
+            Raises:
+                ValueError: a stamp that no header can hold, or fewer numbers than are copied.)");
     core.attr("END_OF_TIME_NS") = END_OF_TIME_NS;
 }
 
 void bind_simulation(nb::module_& core) {
-    nb::class_<HeldStepper>(core, "Stepper")
-        .def(nb::init<const HeldRobot&, Index>(), "robot"_a, "joint"_a, nb::keep_alive<1, 2>())
-        .def("prescribe", &HeldStepper::prescribe)
+    nb::class_<HeldStepper>(core, "Stepper", R"(
+        A robot on its way along a plan; one of its joints may move freely or be balanced.
+
+        A new one is at rest in phase 0 of the plan, and all joints follow the plan.)")
+        .def(nb::init<const HeldRobot&, Index>(), "robot"_a, "joint"_a, nb::keep_alive<1, 2>(),
+            "Start at rest; ``joint`` is the one that may move freely or be balanced.")
+        .def("prescribe", &HeldStepper::prescribe,
+            "From now on, every joint follows the plan.")
         .def(
-            "release", &HeldStepper::release, "load"_a, "effort_sign"_a, "lower"_a, "upper"_a)
+            "release", &HeldStepper::release, "load"_a, "effort_sign"_a, "lower"_a, "upper"_a, R"(
+            From now on, the joint moves by its dynamics (trapezoidal rule) within its range.
+
+            Args:
+                load: inertia, times cos q, weight, times cos q, times cos 2q, damping; SI.
+                effort_sign: +1 or -1, that of its efforts.
+                lower, upper: its range [rad] or [m].)")
         .def(
-            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "motor_speed"_a, "drive"_a)
-        .def("efforts", &HeldStepper::efforts, "motors"_a, "joints"_a)
+            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "motor_speed"_a, "drive"_a, R"(
+            From now on, the motors turn so that the cables exert the plan's torque on the joint.
+
+            Args:
+                direction: of the motors per unit of the drive, shape (motors,).
+                rising: sign of the joint's effort over the drive.
+                motor_speed: largest speed of the drive; the joint waits for the motors [rad/s].
+                drive: angle by which the motors are driven beyond the plan at first [rad].)")
+        .def("efforts", &HeldStepper::efforts, "motors"_a, "joints"_a, R"(
+            Effort on the joint in poses without a state before [N m], shape (n,).
+
+            Args:
+                motors: angles of all motors [rad], shape (n, motors).
+                joints: angles of all joints [rad] or [m], shape (n, joints).)")
         .def(
             "run", &HeldStepper::run, "motors"_a, "joints"_a, "torque"_a, "dt"_a, "offset"_a,
-            "happening"_a, "motors_out"_a, "joints_out"_a, "imbalance"_a, "estimates"_a)
-        .def_prop_rw("state", &HeldStepper::state, &HeldStepper::set_state)
-        .def_prop_rw("swing", &HeldStepper::swing, &HeldStepper::set_swing)
-        .def_prop_ro("phase", &HeldStepper::phase);
+            "happening"_a, "motors_out"_a, "joints_out"_a, "imbalance"_a, "estimates"_a, R"(
+            Take n samples, each of which goes on by a phase of the plan unless the joint waits.
+
+            Args:
+                motors, joints: the plan's angles [rad] or [m], one row a phase.
+                torque: of every phase, wanted of the balanced or external on the free joint [N m].
+                dt: time since the sample before [s], shape (n,); with 0 the phase is kept.
+                offset: of the motors by faults [rad], shape (n, motors).
+                happening: whether a fault happens, shape (n,).
+                motors_out: angles of the motors without the offsets [rad], shape (n, motors), written.
+                joints_out: angles of the joints [rad] or [m], shape (n, joints), written.
+                imbalance: torque of the cables less the needed one [N m], shape (n,), written.
+                estimates: shape (n, estimate_size), written.
+
+            Returns:
+                Number of samples done: fewer than n where the free joint leaves its range or no drive
+                balances the joint; and the speed that this would have asked of the motors [rad/s].)")
+        .def_prop_rw("state", &HeldStepper::state, &HeldStepper::set_state,
+            "The robot's state, shape (state_size,); a copy.")
+        .def_prop_rw("swing", &HeldStepper::swing, &HeldStepper::set_swing,
+            "Angle, speed, acceleration of the free joint, and the cables' torque on it; a copy.")
+        .def_prop_ro("phase", &HeldStepper::phase,
+            "Row of the plan that is carried out.");
 }
 
 }  // namespace cdrj

@@ -1,12 +1,13 @@
-// The ensemble behind the standard deviations, and joints without encoder, as `cdrj_ros.estimation`
-// uses them.
+// The ensemble behind the standard deviations, as `cdrj_ros.estimation` uses it.
 #include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+
 #include "bind.hpp"
-#include "encoderless.hpp"
 #include "ensemble.hpp"
 
 namespace cdrj {
@@ -80,7 +81,7 @@ std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estim
     return span_of(estimate);
 }
 
-nb::tuple step(
+std::tuple<HeldState, Written, bool, Written> step(
     Ensemble& ensemble, const HeldState& before, Nanoseconds stamp_ns, const Given& motor_angle,
     const Given& joint_angle, const Given& unseen, const Given& offset) {
     const Robot& robot = ensemble.robot();
@@ -91,7 +92,7 @@ nb::tuple step(
     const bool solved = ensemble.step(
         before.numbers.data(), view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
         before.seconds_until(stamp_ns), after.numbers, span_of(estimate), span_of(stddev));
-    return nb::make_tuple(std::move(after), estimate, solved, stddev);
+    return {std::move(after), estimate, solved, stddev};
 }
 
 Written update(
@@ -208,13 +209,13 @@ struct HeldPopulation {
     Population population;
 };
 
-nb::tuple advance(
+std::pair<bool, Written> advance(
     HeldPopulation& held, Index k, const Given& motor_angle, const Given& joint_angle, double dt) {
     held.robot.require_angles(motor_angle.size(), joint_angle.size());
     require(k >= 0 && k < held.population.size(), "there is no such robot");
     const bool solved = held.population.advance(
         k, span_of(motor_angle), span_of(joint_angle), dt, held.robot.out.data());
-    return nb::make_tuple(solved, held.robot.estimate());
+    return {solved, held.robot.estimate()};
 }
 
 /// Mark one estimate, or the rows of a table.
@@ -252,116 +253,140 @@ void mark_estimates(
     }
 }
 
-/// Samples between two looks at Ctrl-C; each takes long.
-constexpr Index FEW = 256;
-
-void run_encoderless(
-    EncoderlessEstimator& estimator, const GivenIntegers& stamp_ns, const Given& motor_angle,
-    const Given& measured_angle, const Given& effort, const Written& estimates, const Written& stddevs,
-    const Written& angles, const Written& angle_stddevs) {
-    const Sizes& sizes = estimator.ensemble().robot().topology.sizes;
-    const Index samples = stamp_ns.size();
-    const auto fits = [samples](const auto& one, std::size_t width) {
-        return one.has({samples, Index(width)});
-    };
-    require(
-        fits(motor_angle, sizes.motors) && fits(effort, sizes.motors) &&
-            fits(measured_angle, estimator.measured_joints()),
-        "the readings have not the shapes of this robot's");
-    require(
-        fits(estimates, Estimate::size(sizes)) && fits(stddevs, estimator.ensemble().quantities.size()) &&
-            fits(angles, estimator.joints()) && fits(angle_stddevs, estimator.joints()),
-        "the results have not the shapes of this robot's");
-    const auto take = [&](Index k) {
-        estimator.take(
-            {stamp_ns.data()[k], row_of(motor_angle, k), row_of(measured_angle, k),
-             row_of(effort, k)},
-            {row_of(estimates, k), row_of(stddevs, k), row_of(angles, k), row_of(angle_stddevs, k)});
-        return true;
-    };
-    for_samples(samples, take, FEW);
-}
-
-void bind_encoderless(nb::module_& core) {
-    nb::class_<EncoderlessJoint>(core, "EncoderlessJoint")
-        .def(
-            "__init__",
-            [](EncoderlessJoint* made, Index joint, double lower, double upper, double start,
-               double load_drift) {
-                new (made) EncoderlessJoint{joint, lower, upper, start, load_drift};
-            },
-            nb::kw_only(), "joint"_a, "lower"_a, "upper"_a, "start"_a, "load_drift"_a);
-    nb::class_<EncoderlessEstimator>(core, "EncoderlessEstimator")
-        .def(
-            nb::init<Ensemble&, std::vector<EncoderlessJoint>, std::vector<double>>(), nb::kw_only(),
-            "ensemble"_a, "joints"_a, "effort_noise"_a, nb::keep_alive<1, 2>())
-        .def(
-            "run", run_encoderless, "stamp_ns"_a, "motor_angle"_a, "measured_angle"_a, "effort"_a,
-            "estimates"_a, "stddevs"_a, "angles"_a, "angle_stddevs"_a)
-        .def("reset", &EncoderlessEstimator::reset)
-        .def("keep", &EncoderlessEstimator::keep)
-        .def("roll_back", &EncoderlessEstimator::roll_back)
-        .def_prop_ro("state", [](const EncoderlessEstimator& estimator) {
-            return copy_of(estimator.state());
-        });
-}
-
 }  // namespace
 
 void bind_ensemble(nb::module_& core) {
-    nb::class_<HeldPopulation>(core, "Population")
+    nb::class_<HeldPopulation>(core, "Population",
+        "Robots of one topology, each with constants and a history of its own.")
         .def(
-            nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a)
+            nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a, R"(
+            Copy all arrays.
+
+            Args:
+                robot: whose topology they have.
+                constants: of every robot, shape (robots, constants).
+
+            Raises:
+                TypeError: an array is not contiguous or of another type.
+                ValueError: the constants are not those of such robots.)")
         .def(
-            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a)
+            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a,
+            "``Robot.step`` of robot ``k`` from its own state, which changes: (solved, estimate).")
         .def("reset", [](HeldPopulation& held) {
             std::ranges::fill(held.population.states, 0.0);
-        });
-    nb::class_<Ensemble>(core, "Ensemble")
+        },
+            "Discard the history of all robots.");
+    nb::class_<Ensemble>(core, "Ensemble", R"(
+        Robots that differ in all that is unknown, stepped along with the estimate.
+
+        Where not stated otherwise, functions take samples as ``Sample`` holds them, in any layout, and
+        raise ValueError if an array is of another robot.)")
         .def(
             "__init__", make_ensemble, "robot"_a, "constants"_a, "friction_share"_a, "slipping"_a,
             "effort_error"_a, "reading_error"_a, "zero_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
-            "span"_a, "unmodelled"_a)
+            "span"_a, "unmodelled"_a, R"(
+            Copy all arrays.
+
+            Args:
+                robot: of the estimate.
+                constants: of every member, shape (members, constants).
+                friction_share: initial friction as a share of its bound, shape (members, pulleys).
+                slipping: whether a member's cables slip on their drums, shape (members,).
+                effort_error: lasting errors of the efforts [N m], shape (members, motors).
+                reading_error: rows used in turn [rad], shape (rows, axes).
+                zero_error: of every member's zeros [rad], shape (members, axes).
+                unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
+                offset_gain: change per offset of an axis (U12), shape (quantities, axes).
+                length_share: of every element in the length of its cable, shape (elements,).
+                span: range of all axes [rad], shape (2, axes).
+                unmodelled: variance that no member shows, (U5), and magnitude where cables are slack,
+                    (U6), shape (2, quantities).
+
+            Raises:
+                TypeError: an array is not contiguous or of another type.
+                ValueError: an array has not the shape of this robot's ensemble.)")
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset"_a)
+            "offset"_a,
+            "``Robot.step`` and ``update``: (state, estimate, solved, standard deviations).")
         .def(
             "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, "least"_a)
+            "estimate"_a, "least"_a, R"(
+            The standard deviations at a sample and its estimate, shape (quantities,).
+
+            They are those before the update of the member in turn.
+
+            Args:
+                stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
+                estimate: shape (estimate_size,).
+                least: number of members that are updated at least.)")
         .def(
             "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a)
+            "estimate"_a,
+            "``update`` at a predicted sample, which the ensemble forgets at the next other one.")
         .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
-            "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a)
-        .def("roll_back", &Ensemble::roll_back)
-        .def("reset", &Ensemble::reset)
-        .def("continue_lags", continue_lags, "before"_a)
-        .def("renew_lasting", &Ensemble::renew_lasting)
-        .def_prop_ro("lag", lag_of)
+            "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a, R"(
+            ``update`` for many samples as ``Samples`` holds them, bit for bit.
+
+            Raises:
+                KeyboardInterrupt: between some thousand samples.)")
+        .def("roll_back", &Ensemble::roll_back,
+            "Forget what has been predicted.")
+        .def("reset", &Ensemble::reset,
+            "Discard the history of all members; the next sample starts them anew.")
+        .def("continue_lags", continue_lags, "before"_a,
+            "Continue with what another ensemble of the robot knows of lasting errors (U12), (U13).")
+        .def("renew_lasting", &Ensemble::renew_lasting,
+            "Compute what follows from ``lags``, after changes of it.")
+        .def_prop_ro("lag", lag_of, R"(
+            Mean and standard deviation of the age of an axis's values, (U18) [s], shape (2, axes).
+
+            It is relative to the first axis of its cables; infinite where nothing shows it.)")
         .def_prop_ro(
             "constants", part(&Ensemble::population, &Population::constants, true))
         .def_prop_ro(
             "friction_share", part(&Ensemble::draws, &Draws::friction_share, true))
         .def_prop_ro("reading_error", view_of_reading_error)
         .def_prop_ro("zero_error", part(&Ensemble::draws, &Draws::zero_error, true))
-        .def_prop_ro("states", part(&Ensemble::population, &Population::states, true))
-        .def_prop_ro("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps, true))
-        .def_prop_ro("unsolved", part(&Ensemble::memory, &EnsembleMemory::unsolved))
-        .def_ro("cable_steps", &Ensemble::cable_steps)
-        .def_prop_ro("angle", part(&Ensemble::memory, &EnsembleMemory::angle))
-        .def_prop_ro("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen))
-        .def_prop_ro("least_variance", part(&Ensemble::memory, &EnsembleMemory::least_variance))
-        .def_prop_ro("lags", part(&Ensemble::lags, &Lags::numbers))
-        .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals))
+        .def_prop_ro("states", part(&Ensemble::population, &Population::states, true),
+            "Shape (members, state_size).")
+        .def_prop_ro("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps, true),
+            "Of the last update of every member's cables [ns], shape (members, cables).")
+        .def_prop_ro("unsolved", part(&Ensemble::memory, &EnsembleMemory::unsolved),
+            "1 for every cable that was not solved in the last sample, shape (cables,).")
+        .def_ro("cable_steps", &Ensemble::cable_steps,
+            "Steps of all cables of all members so far: what the standard deviations have cost.")
+        .def_prop_ro("angle", part(&Ensemble::memory, &EnsembleMemory::angle),
+            "Of all axes at the last sample [rad], shape (axes,).")
+        .def_prop_ro("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen),
+            "Standard deviations of these angles [rad], shape (axes,).")
+        .def_prop_ro("least_variance", part(&Ensemble::memory, &EnsembleMemory::least_variance),
+            "Least variance of every quantity that is shown, (U15), shape (quantities,).")
+        .def_prop_ro("lags", part(&Ensemble::lags, &Lags::numbers),
+            "What is remembered of mean tensions and velocities, (U13) and (U18); opaque.")
+        .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals),
+            "Twice the number of past intervals without readings, plus one during one, (axes,).")
         .def_prop_ro(
-            "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true))
-        .def_prop_ro("variance", part(&Ensemble::memory, &EnsembleMemory::variance))
-        .def_prop_ro("progress", view_of_progress);
+            "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true),
+            "Of the members' quantities from the estimate's, shape (members, quantities).")
+        .def_prop_ro("variance", part(&Ensemble::memory, &EnsembleMemory::variance),
+            "Mean squares of these deviations (U1), shape (quantities,).")
+        .def_prop_ro("progress", view_of_progress,
+            "Updates in turn so far, stamps of the last sample and of the last of them [ns] or -1.");
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_estimates, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a);
-    bind_encoderless(core);
+        "mark_unsure", mark_estimates, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(
+        Set ``UNSURE`` where standard deviations are too large for tension and preload, or in doubt.
+
+        Args:
+            estimates: tensions, then status of all elements, then the rest, shape (size,) or (n, size);
+                changed.
+            preload: see ``cdrj_ros.estimation.ensemble.preload_of_elements`` [N].
+            stddev: of the tensions, then the rest [N], shape (columns,) or (n, columns); with a size of
+                0, none is known.
+            share: see ``cdrj_ros.estimation.ensemble.UNSURE_SHARE``.
+            doubtful: see ``cdrj_ros.estimation.estimator.Samples.doubtful``, shape (n,) or (0,).)");
 }
 
 }  // namespace cdrj

@@ -1,22 +1,21 @@
-// The module `cdrj_ros._core`: the columns of the rows of records, by the names of these, the laws of a cable,
-// each by itself, and a robot and its samples, as `cdrj_ros.model` and `cdrj_ros.estimation` use them.
+// The module `cdrj_ros._core`: the columns of the rows of records, by the names of these, and a robot and its samples, as `cdrj_ros.model` and `cdrj_ros.estimation` use them.
 #include <algorithm>
 #include <string>
 #include <type_traits>
 #include <vector>
 
-#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
 #include "bind.hpp"
 #include "cable.hpp"
-#include "friction.hpp"
 #include "guide.hpp"
-#include "laws.hpp"
 #include "residual.hpp"
 
 namespace cdrj {
 namespace {
+
+using Columns = List<std::pair<std::string, std::string>>;
 
 /// Numbers of a field of a record, and whether they are whole.
 struct FieldType {
@@ -25,9 +24,9 @@ struct FieldType {
 };
 
 /// Names and types of all fields of a record, in its order; for NumPy: `f8`, `i8`, or `3f8` for three numbers.
-nb::list columns_of(const char* names, std::initializer_list<FieldType> types) {
+Columns columns_of(const char* names, std::initializer_list<FieldType> types) {
     const nb::object name = nb::str(names).attr("split")(", ");
-    nb::list columns;
+    Columns columns;
     for (const auto& [numbers, whole] : types) {
         const std::string count = numbers == 1 ? "" : std::to_string(numbers);
         columns.append(nb::make_tuple(name[nb::len(columns)], count + (whole ? "i8" : "f8")));
@@ -36,7 +35,7 @@ nb::list columns_of(const char* names, std::initializer_list<FieldType> types) {
 }
 
 template <typename Record, typename... Fields>
-nb::list columns_of(const char* names, const Fields&...) {
+Columns columns_of(const char* names, const Fields&...) {
     static_assert((sizeof(Fields) + ...) == sizeof(Record), "not all fields");
     return columns_of(
         names, {{sizeof(Fields) / sizeof(Index), std::is_same_v<Fields, Index> || std::is_enum_v<Fields>}...});
@@ -45,12 +44,12 @@ nb::list columns_of(const char* names, const Fields&...) {
 /// In a scope of the record its fields are variables, which are named once: for the compiler and as text.
 #define ADD_RECORD(Record, ...)                                                                  \
     struct Record##Scope : Record {                                                              \
-        nb::list columns() const { return columns_of<Record>(#__VA_ARGS__, __VA_ARGS__); }       \
+        Columns columns() const { return columns_of<Record>(#__VA_ARGS__, __VA_ARGS__); }        \
     };                                                                                           \
     records[#Record] = Record##Scope{}.columns()
 
-void bind_records(nb::module_& core) {
-    nb::dict records;
+ByName<Columns> all_records() {
+    ByName<Columns> records;
     ADD_RECORD(
         CableTopology, first_element, elements, first_pulley, pulleys, first_contact, contacts,
         first_node, law, routed);
@@ -94,89 +93,10 @@ void bind_records(nb::module_& core) {
     ADD_RECORD(
         Touch, centre, basis, entry, exit, before, after, side, normal, entry_normal, exit_normal,
         before_length, after_length, sense, touching, angle, wrap, arc, share, twisted, wound, lever);
-    core.attr("RECORDS") = records;
+    return records;
 }
 
-using Numbers3 = std::array<double, 3>;
-
-Elasticity elasticity_of(const Numbers3& elastic) { return {elastic[0], elastic[1], elastic[2]}; }
-
-nb::tuple pair(const Loss& loss) { return nb::make_tuple(loss.kinetic, loss.fading); }
-
-void bind_friction(nb::module_& core) {
-    bind_kinds<Law>(core, "Law", LAW_NAMES);
-    bind_kinds<Stribeck>(core, "Stribeck", STRIBECK_NAMES);
-    core.attr("MINIMUM_TRANSMISSION") = MINIMUM_TRANSMISSION;
-    core.attr("BOUND_FLOOR") = BOUND_FLOOR;
-    core.def("stribeck_share", stribeck_share, "slip_speed"_a, "stribeck_speed"_a);
-    core.def(
-        "sliding_loss",
-        [](double mu_c, double mu_s, double wrap_angle, Stribeck stribeck) {
-            return pair(sliding_loss(mu_c, mu_s, wrap_angle, stribeck));
-        },
-        "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "stribeck"_a);
-    core.def(
-        "sliding_transmission", sliding_transmission, "slip_speed"_a, "mu_c"_a, "mu_s"_a,
-        "stribeck_speed"_a, "wrap_angle"_a, "stribeck"_a);
-    core.def("bearing_transmission", bearing_transmission, "wrap_angle"_a, "bearing_ratio"_a);
-    core.def(
-        "blended_loss",
-        [](double rho, double mu_c, double mu_s, double wrap_angle, double bearing_ratio,
-           Stribeck stribeck) {
-            return pair(
-                blended_loss(rho, mu_c, mu_s, wrap_angle, bearing_ratio, stribeck));
-        },
-        "rho"_a, "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "bearing_ratio"_a, "stribeck"_a);
-    core.def(
-        "cell_loss",
-        [](double kinetic, double static_, double share) {
-            return pair(cell_loss({kinetic, static_}, share));
-        },
-        "kinetic"_a, "static"_a, "share"_a);
-    core.def(
-        "friction_force",
-        [](Law law, double before, double slip, double stiffness, double bound, double breakaway) {
-            const auto [force, by_slip, by_bound] =
-                bristle_force(law, {before, stiffness, bound, breakaway}, slip);
-            return nb::make_tuple(force, by_slip, by_bound);
-        },
-        "law"_a, "before"_a, "slip"_a, "stiffness"_a, "bound"_a, "breakaway"_a);
-}
-
-void bind_cable(nb::module_& core) {
-    core.def(
-        "crept",
-        [](double share, double time, double flow_time, double strain, double delayed, double dt) {
-            const auto [after, growth] = crept({share, time, flow_time}, strain, delayed, dt);
-            return nb::make_tuple(after, growth);
-        },
-        "share"_a, "time"_a, "flow_time"_a, "strain"_a, "delayed"_a, "dt"_a);
-    nb::class_<Drum>(core, "Drum")
-        .def(
-            "__init__",
-            [](Drum* drum, double angle, double material, double rate) {
-                start_drum(*new (drum) Drum{}, angle, material, rate);
-            },
-            "angle"_a, "material"_a, "rate"_a)
-        .def("turn", turn_drum, "angle"_a, "rate"_a)
-        .def_prop_ro("held", material_held)
-        .def_prop_ro("points", [](const Drum& d) { return static_cast<int>(d.points); })
-        .def_ro("spacing", &Drum::spacing);
-    core.def(
-        "tolerance", [](const Numbers3& elastic) { return tolerance(elasticity_of(elastic)); },
-        "elastic"_a);
-    core.def(
-        "acceptable", [](const Numbers3& elastic) { return acceptable(elasticity_of(elastic)); },
-        "elastic"_a);
-    core.def(
-        "element_tension",
-        [](const Numbers3& elastic, double length, double material) {
-            return tension_of(elasticity_of(elastic), length, material);
-        },
-        "elastic"_a, "length"_a, "material"_a);
-}
-
-nb::tuple step(
+std::tuple<HeldState, Written, bool> step(
     HeldRobot& held, const HeldState& before, Nanoseconds stamp_ns, const Given& motor_angle,
     const Given& joint_angle) {
     held.require_angles(motor_angle.size(), joint_angle.size());
@@ -184,7 +104,7 @@ nb::tuple step(
     const bool solved = held.robot.advance(
         before.numbers.data(), span_of(motor_angle), span_of(joint_angle),
         before.seconds_until(stamp_ns), held.out.data());
-    return nb::make_tuple(HeldState{stamp_ns, held.state()}, held.estimate(), solved);
+    return {HeldState{stamp_ns, held.state()}, held.estimate(), solved};
 }
 
 /// Advance a state by many samples; `slipping`: the cables slip on their drums.
@@ -262,7 +182,7 @@ Index course(
 }
 
 /// Products and trust of (R1) to (R3) along a motion; `ranges`: of all inputs.
-nb::tuple residual_products(const Given& inputs, const Given& dt, const Given& ranges) {
+std::pair<Written, Written> residual_products(const Given& inputs, const Given& dt, const Given& ranges) {
     const Index samples = dt.size(), count = inputs.shape(1);
     require(
         inputs.shape(0) == samples && ranges.size() == 2 * count,
@@ -279,7 +199,7 @@ nb::tuple residual_products(const Given& inputs, const Given& dt, const Given& r
         trust.data()[k] = trust_in(state);
         return true;
     });
-    return nb::make_tuple(products, trust);
+    return {products, trust};
 }
 
 HeldState start(
@@ -301,27 +221,54 @@ HeldState forget_drums(const HeldRobot& held, HeldState state) {
 }
 
 void bind_robot(nb::module_& core) {
-    bind_kinds<Guide>(core, "Guide", GUIDE_NAMES);
-    bind_kinds<FrameMotion>(core, "FrameMotion", FRAME_MOTION_NAMES);
-    core.def("residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a);
+    bind_kinds<Guide>(
+        core, "Guide", GUIDE_NAMES,
+        "What a cable given by positions touches, by the kinds of ``cdrj_ros.robot.space``.");
+    bind_kinds<FrameMotion>(
+        core, "FrameMotion", FRAME_MOTION_NAMES,
+        "Motion of a frame relative to its parent, by the words of a robot file.");
+    core.def("residual_products", residual_products, "inputs"_a, "dt"_a, "ranges"_a, R"(
+        What a learned correction depends on, along a motion: (R1) to (R3) in docs/model.md.
+
+        Args:
+            inputs: the output without correction [N] or [N m], then angles [rad] or [m], shape
+                (n, inputs).
+            dt: time since the sample before [s], shape (n,).
+            ranges: lowest and highest value of every input that was seen, shape (inputs, 2).
+
+        Returns:
+            The products of all rows and columns, shape (n, weights), and the share of the correction
+            that applies, shape (n,).)");
     core.attr("NEVER") = NEVER_NS;
-    nb::class_<HeldState>(core, "State")
+    nb::class_<HeldState>(core, "State",
+        "History-dependent state of the cables; opaque, never changed in place.")
         .def(
             "__init__",
             [](HeldState* made, Nanoseconds stamp_ns, const Given& values) {
                 new (made) HeldState{stamp_ns, {values.data(), values.data() + values.size()}};
             },
-            "stamp_ns"_a, "values"_a)
-        .def("__getstate__", [](const HeldState& one) { return nb::make_tuple(one.stamp_ns, one.numbers); })
+            "stamp_ns"_a, "values"_a, R"(
+            The state after a sample.
+
+            Args:
+                stamp_ns: stamp of the sample [ns]; ``NEVER`` before the first.
+                values: shape (state_size,), see ``cdrj_ros.model.packing``; copied.)")
+        .def("__getstate__", [](const HeldState& one) { return std::tuple(one.stamp_ns, one.numbers); })
         .def("__setstate__", [](HeldState* made, const std::tuple<Nanoseconds, std::vector<double>>& parts) {
             new (made) HeldState{std::get<0>(parts), std::get<1>(parts)};
         })
         .def_ro("stamp_ns", &HeldState::stamp_ns)
-        .def_prop_ro("values", [](const HeldState& state) { return copy_of(state.numbers); });
-    nb::class_<HeldRobot>(core, "Robot")
+        .def_prop_ro("values", [](const HeldState& state) { return copy_of(state.numbers); },
+            "A copy, shape (state_size,).");
+    nb::class_<HeldRobot>(core, "Robot",
+        "A robot as ``cdrj_ros.model.packing`` packs it; it keeps its arrays alive.")
         .def(
-            nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a)
-        .def("__getstate__", [](const HeldRobot& held) { return nb::make_tuple(held.topology, held.constants); })
+            nb::init<GivenIntegers, Given>(), "topology"_a, "constants"_a, R"(
+            Take the connections of a robot's parts and their constants; neither is copied.
+
+            Raises:
+                TypeError: an array is not contiguous or of another type.)")
+        .def("__getstate__", [](const HeldRobot& held) { return std::tuple(held.topology, held.constants); })
         .def("__setstate__", [](HeldRobot& held, const std::tuple<GivenIntegers, Given>& parts) {
             new (&held) HeldRobot(std::get<0>(parts), std::get<1>(parts));
         })
@@ -330,20 +277,70 @@ void bind_robot(nb::module_& core) {
             [](const HeldRobot& held, const Given& numbers) {
                 return held.robot.is_state(span_of(numbers));
             },
-            "numbers"_a)
-        .def_prop_ro("state_size", [](const HeldRobot& h) { return h.robot.state_size(); })
-        .def_prop_ro("estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); })
+            "numbers"_a,
+            "Whether numbers may be a state: within bounds that keep every step defined.")
+        .def_prop_ro("state_size", [](const HeldRobot& h) { return h.robot.state_size(); },
+            "Numbers of a state.")
+        .def_prop_ro("estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); },
+            "Numbers of an estimate.")
         .def_prop_ro(
-            "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); })
-        .def("step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a)
+            "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); },
+            "Numbers of the workspace.")
+        .def("step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, R"(
+            One sample: (state, angles) -> (state, estimate, solved).
+
+            Args:
+                before: the state; not changed.
+                stamp_ns: of the sample, later than the state's [ns].
+                motor_angle, joint_angle: angles [rad], of prismatic joints [m], in the robot's order.
+
+            Returns:
+                The new state, the estimate, shape (estimate_size,), and whether it is solved.  It is
+                not where the geometry is impossible at these joint angles (the state is then kept) or
+                some cable could not be solved; the elements concerned are ``INVALID``.
+
+            Raises:
+                TypeError: an array is not contiguous or of another type.
+                ValueError: the angles or the state are not those of this robot.)")
         .def(
             "run", run, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "estimates"_a,
-            "slipping"_a = false)
-        .def("shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a)
+            "slipping"_a = false, R"(
+            ``step`` for many samples, bit for bit.
+
+            Args:
+                before: the state; not changed.
+                stamp_ns: increasing, later than the state's [ns], shape (samples,).
+                motor_angle, joint_angle: [rad] or [m], shapes (samples, motors), (samples, joints).
+                estimates: shape (samples, estimate_size), written.
+                slipping: whether the cables slip on their drums.
+
+            Returns:
+                The state after the last sample.
+
+            Raises:
+                TypeError, ValueError: as ``step``.
+                KeyboardInterrupt: between some thousand samples.)")
+        .def("shape", shape, "motor_angle"_a, "joint_angle"_a, "scratch"_a, R"(
+            Geometry of all cables in a pose; False if the path of a cable is impossible.
+
+            Args:
+                motor_angle: [rad], shape (motors,), or (0,) for drums at rest.
+                joint_angle: [rad] or [m], shape (joints,).
+                scratch: the workspace, written.)")
         .def(
-            "course", course, "joint_angle"_a, "length"_a, "lever_arm"_a, "wrap"_a, "arc"_a, "track"_a)
-        .def("start", start, "motor_angle"_a, "joint_angle"_a, "share"_a)
-        .def("forget_drums", forget_drums, "state"_a);
+            "course", course, "joint_angle"_a, "length"_a, "lever_arm"_a, "wrap"_a, "arc"_a, "track"_a, R"(
+            Geometry along a motion, see ``Course``; all shapes begin with the poses.
+
+            Returns:
+                The first impossible pose, or their number.)")
+        .def("start", start, "motor_angle"_a, "joint_angle"_a, "share"_a, R"(
+            The state before the first sample, with a friction history.
+
+            Args:
+                motor_angle, joint_angle: as ``step``.
+                share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).)")
+        .def("forget_drums", forget_drums, "state"_a,
+            "Give all cable on the drums the present strain, as of a cable that slips on its drum.");
 }
 
 }  // namespace
@@ -351,15 +348,19 @@ void bind_robot(nb::module_& core) {
 
 NB_MODULE(_core, core) {
     namespace nb = nanobind;
-    core.doc() = "The compiled core; its types are in _core.pyi.";
+    core.doc() = R"(
+        The step of every sample and all that runs with it, in C++: the module `cdrj_ros._core`.
+
+        Angles are in rad (in m for a sliding axis), stamps in ns since the clock's epoch.)";
     nb::set_leak_warnings(false);  // Python does not free what its modules hold when it ends
     cdrj::use_numpy();
-    cdrj::bind_records(core);
+    core.def(
+        "records", cdrj::all_records, "Fields of the records of ``robot_records.hpp`` with NumPy's types.");
     cdrj::bind_messages(core);
     cdrj::bind_conditioning(core);
     cdrj::bind_ensemble(core);
-    cdrj::bind_friction(core);
-    cdrj::bind_cable(core);
+    cdrj::bind_encoderless(core);
+    cdrj::bind_laws(core);
     cdrj::bind_robot(core);
     cdrj::bind_simulation(core);
 }

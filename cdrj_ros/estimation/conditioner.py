@@ -311,7 +311,9 @@ class Conditioner(_core.Conditioner):
             by_arrival: whether the stamp is the time of arrival, because the header's is zero.
         """
         arrival_ns = stamp_ns if by_arrival else -1
-        found = self.feed(TOPICS[kind], stamp_ns, names, positions, arrival_ns, by_arrival)
+        found = self.feed(
+            TOPICS[kind], stamp_ns, names, np.asarray(positions), arrival_ns, by_arrival
+        )
         return [Sample(*one) for one in found]
 
 

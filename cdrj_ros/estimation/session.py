@@ -256,7 +256,8 @@ class LiveEstimator:
         Returns:
             Whether the clock jumped back, and the estimates that the message completes.
         """
-        return self._estimates_of(self.conditioner.feed(TOPICS[kind], stamp_ns, names, positions))
+        readings = np.asarray(positions)
+        return self._estimates_of(self.conditioner.feed(TOPICS[kind], stamp_ns, names, readings))
 
     def feed_message(self, kind: Kind, message: JointStateDecoder) -> tuple[bool, list[Estimate]]:
         """``feed`` the last message of a decoder."""

@@ -121,7 +121,7 @@ def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
 
 
 RECORDS: Final[dict[str, Any]] = {
-    name: np.dtype((np.record, columns)) for name, columns in _core.RECORDS.items()
+    name: np.dtype((np.record, columns)) for name, columns in _core.records().items()
 }
 """Types of rows by the name of the record."""
 

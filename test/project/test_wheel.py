@@ -119,7 +119,7 @@ def test_the_wheel_contains_the_commands_and_requires_what_they_import(
     required = [line.partition(": ")[2] for line in metadata if line.startswith("Requires-Dist")]
     assert sorted(required) == sorted([*wanted, 'mujoco<5; extra == "mujoco"'])
     assert len(wanted) >= 10
-    assert "cdrj_ros/py.typed" in names
+    assert {"cdrj_ros/py.typed", "cdrj_ros/_core.pyi"} <= names
     scripts = {path.name for path in (installation.folder / "bin").iterdir()}
     assert set(COMMANDS) <= scripts
     assert not {"estimator", "markers", "replay", "watch"} & scripts
