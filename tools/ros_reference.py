@@ -21,13 +21,11 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros_reference.md"
 HEAD = """\
 # Topics, services and parameters of the nodes
 
-This page lists the topics, services and parameters of every node. Names are relative to the
-namespace `/cdrj`, and `~` is the node's own name. A topic is reliable, volatile and keeps the given
-number of messages unless the table states otherwise. `estimator` accepts best-effort publishers of
-its inputs as well. Every node also has ROS's own services of parameters, `/rosout` and
-`/parameter_events`. The same descriptions are printed by
-`ros2 param describe /cdrj/estimator timeout` and `ros2 interface show cdrj_msgs/msg/CableTensions`.
-`python tools/ros_reference.py --write` writes this page.
+This page lists the topics, services and parameters of every node, as the nodes describe themselves:
+`ros2 param describe /cdrj/estimator timeout` and `ros2 interface show cdrj_msgs/msg/CableTensions`
+print the same. Names are relative to the namespace `/cdrj`, and `~` is the node's own name. Topics are
+reliable and volatile, with the given depth, unless the table says otherwise; `estimator` also accepts
+best-effort publishers. `python tools/ros_reference.py --write` writes this page.
 """
 
 NOTES = {
@@ -111,7 +109,7 @@ def _type(message):
 
 
 def _quality(profile):
-    words = [f"keeps {profile.depth}"]
+    words = [str(profile.depth)]
     if profile.reliability.name == "BEST_EFFORT":
         words.append("best effort")
     if profile.durability.name == "TRANSIENT_LOCAL":
@@ -130,7 +128,7 @@ def _topics(node):
                 rows[way, name] = (way, f"`{name}`", _type(end.msg_type), quality)
     if node.get_name() == "estimator":  # opened for its first subscriber
         kind = "geometry_msgs/WrenchStamped"
-        rows[()] = ("out", "`wrenches/<cable>_<node>`", kind, "keeps 1000")
+        rows[()] = ("out", "`wrenches/<cable>_<node>`", kind, "1000")
     return list(rows.values())
 
 
@@ -142,17 +140,20 @@ def _services(node):
     ]
 
 
-def _parameters(settings):
+def _parameters(settings, known):
+    """Rows of parameters; what another node has described is not said again."""
     rows = []
     for one in settings:
         default, descriptor = one.default, one.descriptor()
-        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-        limits = f"{ranges[0].from_value:g} to {ranges[0].to_value:g}" if ranges else ""
         kind = default.name.lower() if isinstance(default, Parameter.Type) else ""
         words = ", ".join(default) if isinstance(default, tuple) else repr(default)
         shown = kind.replace("_", " ") or words.replace("'", "").lower() or "empty"
-        when = "" if descriptor.read_only else "yes"
-        rows.append((f"`{one.name}`", shown, limits, when, descriptor.description))
+        for each in (*descriptor.floating_point_range, *descriptor.integer_range):
+            shown += f", of {each.from_value:g} to {each.to_value:g}"
+        when = "" if descriptor.read_only else " May change while running."
+        text = descriptor.description + ("" if descriptor.description[-1] == "." else ".") + when
+        first = known.setdefault((one.name, text), descriptor)
+        rows.append((f"`{one.name}`", shown, text if first is descriptor else "As above."))
     return rows
 
 
@@ -167,18 +168,17 @@ def page():
         "markers": markers.SETTINGS,
         "view": view.SETTINGS,
     }
-    parts, started = [HEAD], []
+    parts, started, known = [HEAD], [], {}
     try:
         for name, node in _nodes():
             started.append(node)
             parts += [f"## {name}\n", NOTES[name] + "\n"]
             if topics := _topics(node):
-                parts.append(_table(("", "topic", "type", "queue"), topics))
+                parts.append(_table(("", "topic", "type", "depth"), topics))
             if services := _services(node):
                 parts.append(_table(("service", "type"), services))
-            if parameters := _parameters(tables.get(name, ())):
-                head = ("parameter", "default", "range", "changeable", "")
-                parts.append(_table(head, parameters))
+            if parameters := _parameters(tables.get(name, ()), known):
+                parts.append(_table(("parameter", "default", ""), parameters))
     finally:
         for node in started:
             node.destroy_node()
