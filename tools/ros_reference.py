@@ -21,11 +21,11 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros_reference.md"
 HEAD = """\
 # Topics, services and parameters of the nodes
 
-This page lists the topics, services and parameters of every node, as the nodes describe themselves:
+This page lists the topics, services and parameters of every node. Names are relative to the
+namespace `/cdrj`, and `~` is the node's own name. Topics are reliable and volatile, with the given
+depth, unless the table says otherwise; `estimator` also accepts best-effort publishers.
 `ros2 param describe /cdrj/estimator timeout` and `ros2 interface show cdrj_msgs/msg/CableTensions`
-print the same. Names are relative to the namespace `/cdrj`, and `~` is the node's own name. Topics are
-reliable and volatile, with the given depth, unless the table says otherwise; `estimator` also accepts
-best-effort publishers. `python tools/ros_reference.py --write` writes this page.
+print the same descriptions. `python tools/ros_reference.py --write` writes this page.
 """
 
 NOTES = {
@@ -149,7 +149,7 @@ def _parameters(settings, known):
         words = ", ".join(default) if isinstance(default, tuple) else repr(default)
         shown = kind.replace("_", " ") or words.replace("'", "").lower() or "empty"
         for each in (*descriptor.floating_point_range, *descriptor.integer_range):
-            shown += f", of {each.from_value:g} to {each.to_value:g}"
+            shown += f" ({each.from_value:g} to {each.to_value:g})"
         when = "" if descriptor.read_only else " May change while running."
         text = descriptor.description + ("" if descriptor.description[-1] == "." else ".") + when
         first = known.setdefault((one.name, text), descriptor)
