@@ -32,8 +32,8 @@ LAW = 0.001
 """Greatest share of tensions with status 0 beyond five standard deviations."""
 MIXED = "one to three of these"
 HEAD = (
-    "| fault | runs | status 0 | beyond 2σ | beyond 5σ | worst | runs beyond the law |",
-    "|---|---|---|---|---|---|---|",
+    "| fault | status 0 | beyond 2σ | beyond 5σ | worst |",
+    "|---|---|---|---|---|",
 )
 
 
@@ -88,11 +88,18 @@ def row(kind: str, results: list[Result]) -> str:
         sum(getattr(one, key) for one in results)
         for key in ("judged", "good", "beyond_two", "beyond_five")
     )
-    over = sum(one.share > LAW for one in results)
     share = f"{good / max(judged, 1):.1%}".replace("%", " %")
     beyond = " | ".join(f"{100 * n / max(good, 1):.2g} %" for n in (two, five))
     worst = max(one.worst for one in results)
-    return f"| {kind} | {len(results)} | {share} | {beyond} | {worst:.1f} N | {over or 'none'} |"
+    return f"| {kind} | {share} | {beyond} | {worst:.1f} N |"
+
+
+def summary(results: list[Result]) -> str:
+    """How many runs there were, and which kinds of faults have runs beyond the law."""
+    over = [one.kind for one in results if one.share > LAW]
+    named = ", ".join(f"{kind} ({over.count(kind)})" for kind in dict.fromkeys(over)) or "none"
+    mixed = sum(one.kind == MIXED for one in results)
+    return f"{len(results)} runs, {mixed} with one to three faults. Beyond the law: {named}."
 
 
 def main() -> int:
@@ -112,7 +119,8 @@ def main() -> int:
     with ProcessPoolExecutor(arguments.jobs) as pool:
         results = list(pool.map(run, *zip(*tasks, strict=True)))
     own = {kind: [one for one in results if one.kind == kind] for kind in (*draws.SINGLE, MIXED)}
-    table = "\n".join([*HEAD, *(row(kind, some) for kind, some in own.items() if some)])
+    rows = [row(kind, some) for kind, some in own.items() if some]
+    table = "\n".join([*HEAD, *rows, "", summary(results)])
     print(table)
     for one in sorted(results, key=lambda one: -one.share):
         if one.share > LAW:

@@ -1,6 +1,6 @@
 """Equations of the paper on the sample bag: stiffness matrix, propagated tensions, rho.
 
-Equation numbers are those of docs/model.md, sections 9 to 11.
+Equation numbers are those of examples/paper/derivation.md.
 
     python3 -m examples.paper.equations
 """

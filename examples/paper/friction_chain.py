@@ -1,6 +1,6 @@
 """Friction along a cable whose motion and one tension are known: (22), (E17) to (E20), (38).
 
-docs/model.md, section 10.
+examples/paper/derivation.md, section 2.
 """
 
 from __future__ import annotations

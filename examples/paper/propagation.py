@@ -6,7 +6,7 @@ pulley follows from the lengths behind it, and the transmission of a slipping pu
 its two tensions: every element is a known multiple of the measured one.  A pulley that has not
 slipped far enough since its last reversal leaves an interval.
 
-docs/model.md, sections 10 and 11; examples/paper/equations.py.
+examples/paper/derivation.md, sections 2 and 3; examples/paper/equations.py.
 """
 
 from __future__ import annotations

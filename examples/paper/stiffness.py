@@ -10,7 +10,7 @@ pull of the cable on node i and the imbalance at pulley i are
     r_i = eta_i t_i - t_{i-1}    where it slips towards the last node
 
 and K = -d(F, r) / d(displacement, slip), so that (27) reads (T - F, T_0) = K (Delta, S).
-See docs/model.md, section 9, and examples/paper/equations.py.
+See examples/paper/derivation.md, section 1, and examples/paper/equations.py.
 """
 
 from __future__ import annotations

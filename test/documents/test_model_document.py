@@ -1,4 +1,4 @@
-"""docs/model.md and the code refer to the same equations and functions."""
+"""docs/model.md, examples/paper/derivation.md and the code refer to the same equations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ from pathlib import Path
 
 from support.places import ROOT
 
-DOCUMENT = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+HEADING = "Where each equation is computed"
+PAGES = [
+    (ROOT / page).read_text(encoding="utf-8")
+    for page in ("docs/model.md", "examples/paper/derivation.md")
+]
 SOURCES = [
     *sorted(
         path
@@ -60,10 +64,10 @@ def resolved(name: str) -> object:
 
 
 def computed() -> dict[str, list[str]]:
-    """Functions by equation, from the last section's table."""
+    """Functions by equation, from the tables of both pages."""
     table: dict[str, list[str]] = {}
-    section = DOCUMENT[DOCUMENT.index("## 12.") :]
-    for line in section.splitlines():
+    sections = "".join(page[page.rindex(HEADING) :] for page in PAGES)
+    for line in sections.splitlines():
         cells = line.split("|")
         if line.startswith("| ("):
             for number in equations(cells[1]):
@@ -74,8 +78,8 @@ def computed() -> dict[str, list[str]]:
 def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
     table = computed()
     assert all(table.values())
-    before = DOCUMENT[: DOCUMENT.index("## 12.")]
-    assert equations(before) == set(table)
+    derived = "".join(page[: page.rindex(HEADING)] for page in PAGES)
+    assert equations(derived) == set(table)
     assert {str(n) for n in range(1, 45)} <= set(table), "none of the source's is left out"
     ours = sorted(int(number[1:]) for number in table if number.startswith("E"))
     assert ours == list(range(1, len(ours) + 1))
@@ -87,6 +91,6 @@ def test_a_function_of_an_equation_cites_it() -> None:
 
 
 def test_every_equation_cited_in_the_code_is_in_the_document() -> None:
-    known = equations(DOCUMENT)
+    known = equations("".join(PAGES))
     for path in SOURCES:
         assert equations(remarks(path)) <= known, path
