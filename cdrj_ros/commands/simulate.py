@@ -123,12 +123,14 @@ def _body(argv: Sequence[str]) -> int:
 def _motion_notes(
     robot: Robot, arguments: argparse.Namespace, plan: Plan, reason: str
 ) -> tuple[str, ...]:
-    """Notes on a default motion that differs from the usual one about the reference pose."""
+    """Notes on a motion that differs from what was asked for, or from the usual one."""
+    notes = (plan.slower,) if plan.slower else ()
     motions = ", ".join(swing_text(robot, one) for one in plan.swings)
     if reason:
-        return (f"the default motion is reduced to {motions}: {reason}",)
+        return (*notes, f"the default motion is reduced to {motions}: {reason}")
     moved = any(one.centre != robot.joints[one.joint].reference_angle for one in plan.swings)
-    return (f"the default motion is {motions}",) if adaptable(arguments) and moved else ()
+    usual = adaptable(arguments) and moved
+    return (*notes, f"the default motion is {motions}") if usual else notes
 
 
 def _check_output(path: Path) -> None:
@@ -155,13 +157,13 @@ def _simulated(
     Raises:
         UsageError: the rig cannot perform the motion.
     """
-    plan = make_plan(model.robot, arguments, rig)
+    plan = make_plan(model, arguments, rig)
     try:
         return plan, _run(model, plan, arguments.cells), ""
     except MotionError as error:
         refused = error
     for share in SMALLER_SHARES if adaptable(arguments) else ():
-        smaller = make_plan(model.robot, arguments, rig, share)
+        smaller = make_plan(model, arguments, rig, share)
         try:
             return smaller, _run(model, smaller, arguments.cells), str(refused)
         except MotionError:
@@ -182,7 +184,11 @@ def _run(model: Model, plan: Plan, cells: int) -> Truth:
     elif plan.mode == "balance":
         # speed of the motion as sampled by the simulation, corners included
         course = motion.differences(plan.time, plan.joints[:, plan.moved])
-        given = {"joint_torque": plan.load.torque(*course), "motor_speed": plan.motor_speed}
+        given = {
+            "joint_torque": plan.load.torque(*course),
+            "motor_speed": plan.motor_speed,
+            "motor_acceleration": plan.motor_acceleration,
+        }
     with ProgressBar("simulating", plan.time.size) as report:
         return simulate(
             model.robot, plan.time, plan.joints, cells=cells, progress=report, joint=plan.moved,

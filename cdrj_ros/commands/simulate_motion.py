@@ -8,16 +8,18 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.robot.description import Joint, Robot
+from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Joint, Motor, Robot
 from cdrj_ros.robot.names import known_name
 from cdrj_ros.simulation import motion
+from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.faults import CableFault
 from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
+from cdrj_ros.simulation.truth import SPEEDING_UP
 
 Mode = Literal["balance", "follow", "forward"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
@@ -33,6 +35,9 @@ TRUTH_RATE: Final = 1000.0
 
 USUAL_SPEED: Final = 5.0
 """Default largest speed of a motor that balances a joint [rad/s]."""
+
+FOR_THE_MOTION: Final = 0.8
+"""Share of an axis's limits that the motion may take; the rest is for the stretch of the cables."""
 
 USUAL_SHARE: Final = 0.25
 """Default amplitude of a prismatic joint, as a share of its range."""
@@ -62,7 +67,7 @@ class Plan:
 
     time: Vector
     """[s], shape (n,)."""
-    joints: NDArray[np.float64]
+    joints: Table
     """Prescribed angles [rad], shape (n, joints)."""
     moved: int
     """Index of the joint that is balanced or free."""
@@ -72,6 +77,10 @@ class Plan:
     allow_slack: bool
     motor_speed: float
     """Largest speed of a motor that balances the joint [rad/s]."""
+    motor_acceleration: float
+    """Its largest acceleration [rad/s^2]."""
+    slower: str
+    """A note if the motion is slower than asked for; otherwise empty."""
     swings: tuple[Swing, ...]
     """Amplitudes and centres."""
 
@@ -82,12 +91,12 @@ def adaptable(arguments: argparse.Namespace) -> bool:
 
 
 def make_plan(
-    robot: Robot, arguments: argparse.Namespace, rig: RigDescription, share: float = 1.0
+    model: Model, arguments: argparse.Namespace, rig: RigDescription, share: float = 1.0
 ) -> Plan:
     """Check every choice against the robot.
 
     Args:
-        robot: robot whose joints move.
+        model: robot whose joints move.
         arguments: arguments of the command line.
         rig: the content of the rig file.
         share: factor of the default amplitude; it does not apply to given amplitudes.
@@ -95,6 +104,7 @@ def make_plan(
     Raises:
         UsageError: an option does not suit the robot.
     """
+    robot = model.robot
     names = [joint.name for joint in robot.joints]
     if not names:
         raise UsageError(f"simulate moves joints, and {robot.name} has none")
@@ -115,16 +125,55 @@ def make_plan(
     duration = 60.0 if arguments.duration is None else arguments.duration
     time = np.arange(round(duration * TRUTH_RATE) + 1) / TRUTH_RATE
     joints = _prescribed(robot, time, motions)
+    speed = rig.drives.get("max_speed", USUAL_SPEED)
+    acceleration = rig.drives.get("max_acceleration", SPEEDING_UP * speed)
+    limits = (speed, acceleration) if mode == "balance" else (np.inf, np.inf)
+    slower, because = _slower(model, time, joints, *limits)
+    if slower > 1.0:
+        moving = np.maximum(time - DWELL_S, 0.0) / slower
+        joints = _prescribed(robot, np.minimum(time, DWELL_S) + moving, motions)
     load = rig.load.made(usual_load(robot, moved), USUAL_PAYLOAD, damping=0.0)
     return Plan(
         time, joints, moved, load, mode, rig.faults, arguments.allow_slack,
-        rig.drives.get("max_speed", USUAL_SPEED), swings,
+        speed, acceleration, because, swings,
     )  # fmt: skip
 
 
-def _prescribed(
-    robot: Robot, time: Vector, motions: dict[int, motion.Motion]
-) -> NDArray[np.float64]:
+def _slower(
+    model: Model, time: Vector, joints: Table, most_speed: float, most_acceleration: float
+) -> tuple[float, str]:
+    """How many times slower the joints must move for all axes to stay within their limits.
+
+    Args:
+        model: the robot; its axes may have a ``max_speed``.
+        time: [s], shape (n,).
+        joints: angles of all joints [rad], shape (n, joints).
+        most_speed: of the motors [rad/s].
+        most_acceleration: of the motors [rad/s^2].
+
+    Returns:
+        The factor, and a note that says so and names the axis; 1 and nothing if all do.
+    """
+    robot, motors = model.robot, len(model.robot.motors)
+    axes: tuple[Motor | Joint, ...] = (*robot.motors, *robot.joints)
+    angle = np.hstack([follow_joints(model, joints).motor_angle, joints])
+    speed = np.gradient(angle, time, axis=0)
+    hardest = np.abs(np.gradient(speed[:, :motors], time, axis=0)).max(axis=0)
+    most = np.array([axis.max_speed for axis in axes])
+    most[:motors] = np.minimum(most[:motors], most_speed)
+    factor = np.abs(speed).max(axis=0) / (FOR_THE_MOTION * most)
+    enough = np.sqrt(hardest / (FOR_THE_MOTION * most_acceleration))
+    factor[:motors] = np.maximum(factor[:motors], enough)
+    worst = int(np.argmax(factor))
+    if factor[worst] <= 1.0:
+        return 1.0, ""
+    return float(factor[worst]), (
+        f"the motion is {factor[worst]:.3g} times slower than asked for, so that "
+        f"{axes[worst].name} keeps to its largest speed and acceleration"
+    )
+
+
+def _prescribed(robot: Robot, time: Vector, motions: dict[int, motion.Motion]) -> Table:
     """Angles of all joints, those without a motion in the reference pose; shape (n, joints)."""
     joints = np.tile(robot.reference_pose, (time.size, 1))
     for index, move in motions.items():

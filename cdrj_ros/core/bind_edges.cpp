@@ -68,13 +68,14 @@ public:
             upper};
     }
 
-    void balance(const Given& direction, double rising, double motor_speed, double drive) {
+    void balance(
+        const Given& direction, double rising, double speed, double acceleration, double drive) {
         require(
             direction.size() == robot_.topology.sizes.motors,
             "direction needs an entry for every motor");
         const auto given = span_of(direction);
         stepper_.rule = BalancedJoint{
-            {given.begin(), given.end()}, rising, motor_speed, drive};
+            {given.begin(), given.end()}, rising, speed, acceleration, drive};
     }
 
     void prescribe() { stepper_.rule = PrescribedJoints{}; }
@@ -95,7 +96,7 @@ public:
         return found;
     }
 
-    std::pair<Index, double> run(
+    Index run(
         const Given& motors, const Given& joints, const Given& torque, const Given& dt,
         const Given& offset, const GivenFlags& happening, const Written& motors_out, const Written& joints_out,
         const Written& imbalance, const Written& estimates) {
@@ -109,20 +110,18 @@ public:
         require_rows(estimates, samples, Index(robot_.estimate_size()), "estimates");
         require(
             happening.size() == samples && imbalance.size() == samples &&
-                stepper_.phase < phases,
+                stepper_.phase < static_cast<double>(phases),
             "the arrays differ in their numbers of samples");
         const Plan plan{
             {const_cast<double*>(motors.data()), sizes.motors},
             {const_cast<double*>(joints.data()), sizes.joints}, span_of(torque)};
-        Outcome outcome{true, 0.0};
-        const Index done = for_samples(samples, [&](Index k) {
+        return for_samples(samples, [&](Index k) {
             const Interval sample{dt.data()[k], row_of(offset, k), happening.data()[k]};
-            outcome = stepper_.step(
+            const Outcome outcome = stepper_.step(
                 plan, sample, row_of(motors_out, k), row_of(joints_out, k), row_of(estimates, k));
             if (outcome.done) imbalance.data()[k] = outcome.imbalance;
             return outcome.done;
         });
-        return {done, outcome.asked};
     }
 
     Written state() const { return copy_of(stepper_.trials.state); }
@@ -145,7 +144,7 @@ public:
         stepper_.swing = {now[0], now[1], now[2], now[3]};
     }
 
-    Index phase() const { return stepper_.phase; }
+    double phase() const { return stepper_.phase; }
 
 private:
     static Index checked(const HeldRobot& held, Index joint) {
@@ -237,13 +236,15 @@ void bind_simulation(nb::module_& core) {
                 effort_sign: +1 or -1, that of its efforts.
                 lower, upper: its range [rad] or [m].)")
         .def(
-            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "motor_speed"_a, "drive"_a, R"(
+            "balance", &HeldStepper::balance, "direction"_a, "rising"_a, "speed"_a, "acceleration"_a,
+            "drive"_a, R"(
             From now on, the motors turn so that the cables exert the plan's torque on the joint.
 
             Args:
                 direction: of the motors per unit of the drive, shape (motors,).
                 rising: sign of the joint's effort over the drive.
-                motor_speed: largest speed of the drive; the joint waits for the motors [rad/s].
+                speed: largest speed of the drive; the plan waits for the motors [rad/s].
+                acceleration: its largest acceleration [rad/s^2].
                 drive: angle by which the motors are driven beyond the plan at first [rad].)")
         .def("efforts", &HeldStepper::efforts, "motors"_a, "joints"_a, R"(
             Effort on the joint in poses without a state before [N m], shape (n,).
@@ -254,7 +255,7 @@ void bind_simulation(nb::module_& core) {
         .def(
             "run", &HeldStepper::run, "motors"_a, "joints"_a, "torque"_a, "dt"_a, "offset"_a,
             "happening"_a, "motors_out"_a, "joints_out"_a, "imbalance"_a, "estimates"_a, R"(
-            Take n samples, each of which goes on by a phase of the plan unless the joint waits.
+            Take n samples, each of which goes on by a phase of the plan, or less.
 
             Args:
                 motors, joints: the plan's angles [rad] or [m], one row a phase.
@@ -269,13 +270,13 @@ void bind_simulation(nb::module_& core) {
 
             Returns:
                 Number of samples done: fewer than n where the free joint leaves its range or no drive
-                balances the joint; and the speed that this would have asked of the motors [rad/s].)")
+                balances the joint.)")
         .def_prop_rw("state", &HeldStepper::state, &HeldStepper::set_state,
             "The robot's state, shape (state_size,); a copy.")
         .def_prop_rw("swing", &HeldStepper::swing, &HeldStepper::set_swing,
             "Angle, speed, acceleration of the free joint, and the cables' torque on it; a copy.")
         .def_prop_ro("phase", &HeldStepper::phase,
-            "Row of the plan that is carried out.");
+            "Row of the plan that is carried out; between two rows where the plan is slowed down.");
 }
 
 }  // namespace cdrj

@@ -13,6 +13,60 @@ constexpr double BALANCE_TOLERANCE = 1e-6;
 /// Largest imbalance of torque in a step of a free joint [N m].
 constexpr double MOTION_TOLERANCE = 1e-9;
 
+/// A drive that balances the joint is looked for this far from the present one [rad].
+constexpr double FARTHEST = 1.0;
+
+/// The first interval of that search [rad].
+constexpr double NEAREST = 1e-5;
+
+/// Phases that a drive which cannot brake as hard as the plan may take in a sample.
+constexpr double MOST_PHASES = 2.0;
+
+/// Where a function vanishes, as far as is known: the point last tried, and its value there.
+struct Root {
+    double at, left;
+
+    bool is_found() const { return std::abs(left) <= BALANCE_TOLERANCE; }
+};
+
+/// Root between two points (regula falsi, Illinois); the second one if both values have one sign.
+template <typename Function>
+Root root_between(Function& tried, Root one, Root other) {
+    auto [a, fa] = one;
+    auto [b, fb] = other;
+    int side = 0;
+    for (int k = 0; k < 200; ++k) {
+        if (std::abs(fb) <= BALANCE_TOLERANCE || !(fa * fb < 0.0)) break;
+        const double c = b - fb * (b - a) / (fb - fa);
+        const double fc = tried(c);
+        if (fc * fb < 0.0) {
+            a = b;
+            fa = fb;
+            side = 0;
+        } else {
+            ++side;
+            fa *= side > 0 ? 0.5 : 1.0;
+        }
+        b = c;
+        fb = fc;
+    }
+    return {b, fb};
+}
+
+/// Root on one side of a point; the interval is widened geometrically, because friction makes the
+/// joint's effort a very flat function of the winch angle just after a reversal.
+template <typename Function>
+Root root_beyond(Function& tried, double begin, double rising) {
+    Root one{begin, tried(begin)}, other = one;
+    const double towards = one.left > 0.0 ? -rising : rising;
+    for (double width = NEAREST; width <= FARTHEST; width *= 2.0) {
+        if (other.is_found() || !(one.left * other.left > 0.0)) break;
+        one = other;
+        other = {begin + towards * width, tried(begin + towards * width)};
+    }
+    return root_between(tried, one, other);
+}
+
 /// Torque that the step q0 -> q1 needs minus the mean torque of the cables [N m].
 double required(
     const JointLoad& load, double q0, double v0, double q1, double dt, double torque0,
@@ -102,76 +156,77 @@ Outcome FreeJoint::step(
 }
 
 double BalancedJoint::imbalance(
-    Trials& trials, const Plan& plan, const Interval& sample, Index at, double drive_at,
+    Trials& trials, const Plan& plan, const Interval& sample, double at, double drive_at,
     Angles& angles) const {
+    const Index before = static_cast<Index>(at);
+    const Index after = std::min(before + 1, static_cast<Index>(plan.torque.size()) - 1);
+    const double share = at - static_cast<double>(before);
+    const auto between = [&](double one, double other) { return one + share * (other - one); };
     for (std::size_t m = 0; m < direction.size(); ++m) {
-        angles.motors[m] = plan.motors(at, static_cast<Index>(m)) + direction[m] * drive_at;
+        const Index motor = static_cast<Index>(m);
+        angles.motors[m] = between(plan.motors(before, motor), plan.motors(after, motor)) +
+                           direction[m] * drive_at;
         angles.offset_motors[m] = angles.motors[m] + sample.offset[m];
     }
-    std::copy_n(&plan.pose(at, 0), angles.pose.size(), angles.pose.begin());
-    return trials.effort(angles.offset_motors, angles.pose, sample.dt) - plan.torque[at];
+    for (std::size_t j = 0; j < angles.pose.size(); ++j) {
+        const Index joint = static_cast<Index>(j);
+        angles.pose[j] = between(plan.pose(before, joint), plan.pose(after, joint));
+    }
+    const double wanted = between(plan.torque[before], plan.torque[after]);
+    return trials.effort(angles.offset_motors, angles.pose, sample.dt) - wanted;
 }
 
-/// Bracket, then regula falsi (Illinois). Just after a reversal, friction makes the joint's effort a
-/// very flat function of the winch angle, so the bracket is widened geometrically.
 Outcome BalancedJoint::step(
-    Trials& trials, const Plan& plan, const Interval& sample, Index& phase, Index following,
-    Angles& angles) {
-    const double dt = sample.dt;
-    const auto tried = [&](double at) {
-        return imbalance(trials, plan, sample, following, at, angles);
+    Trials& trials, const Plan& plan, const Interval& sample, double& phase, Angles& angles) {
+    const double dt = sample.dt, last = static_cast<double>(plan.torque.size() - 1);
+    const double next = dt > 0.0 ? std::min(phase + 1.0, last) : phase;
+    const auto balanced_in = [&](double at) {
+        const auto tried = [&](double with) {
+            return imbalance(trials, plan, sample, at, with, angles);
+        };
+        return root_beyond(tried, drive, rising);
     };
-    const double far = 2.0 * motor_speed * dt + 1e-2;
-    double a = drive, fa = tried(a), b = a, fb = fa, width = 1e-5;
-    const double towards = fa > 0.0 ? -rising : rising;
-    while (std::abs(fb) > BALANCE_TOLERANCE && fa * fb > 0.0 && width < 2.0 * far) {
-        a = b;
-        fa = fb;
-        b = drive + towards * width;
-        fb = tried(b);
-        width *= 2.0;
-    }
-    int side = 0;
-    for (int k = 0; k < 200; ++k) {
-        if (std::abs(fb) <= BALANCE_TOLERANCE || fa * fb > 0.0) break;
-        const double c = b - fb * (b - a) / (fb - fa);
-        const double fc = tried(c);
-        if (fc * fb < 0.0) {
-            a = b;
-            fa = fb;
-            side = 0;
-        } else {
-            ++side;
-            fa *= side > 0 ? 0.5 : 1.0;
-        }
-        b = c;
-        fb = fc;
-    }
     excused = excused || sample.happening;
-    if (std::abs(b - drive) > motor_speed * dt && dt > 0.0) {
-        const double asked = std::abs(fb) <= BALANCE_TOLERANCE ? std::abs(b - drive) / dt : 0.0;
-        following = phase;  // the joint waits for the motor
-        b = b > drive ? drive + motor_speed * dt : drive - motor_speed * dt;
-        const double before = tried(drive);
-        fb = tried(b);
-        if (std::abs(fb - before) > 0.1 * (1.0 + std::abs(plan.torque[phase])) && !excused) {
-            return {false, fb, asked};
-        }
-    } else if (std::abs(fb) > BALANCE_TOLERANCE) {
-        return {false, fb};
-    } else {
+    const Root wanted = balanced_in(next);
+    if (!wanted.is_found() && !excused) return {false, wanted.left};
+    const double least = std::max(speed - most_acceleration * dt, -most_speed);
+    const double most = std::min(speed + most_acceleration * dt, most_speed);
+    const double change = wanted.at - drive;
+    if (wanted.is_found() && (dt == 0.0 || (least * dt <= change && change <= most * dt))) {
+        if (dt > 0.0) speed = change / dt;
+        drive = wanted.at;
+        phase = next;
         excused = sample.happening;
+        return {true, wanted.left};
     }
-    drive = b;
-    phase = following;
-    return {true, fb};
+    // no faster than it can brake without getting ahead of the plan
+    const double side = change < 0.0 ? -1.0 : 1.0;
+    double fast = std::abs(change) / dt;
+    for (double ahead = 2.0; ahead * dt * most_acceleration < 2.0 * most_speed; ahead *= 2.0) {
+        const double way = side * (balanced_in(std::min(phase + ahead, last)).at - drive);
+        fast = std::min(fast, way / (ahead * dt) + 0.5 * most_acceleration * ahead * dt);
+    }
+    speed = std::clamp(side * fast, least, most);
+    drive += speed * dt;
+    const auto tried = [&](double at) {
+        return imbalance(trials, plan, sample, at, drive, angles);
+    };
+    const double end = std::min(phase + MOST_PHASES, last);
+    const Root early{phase, tried(phase)}, late{end, tried(end)};
+    Root found = root_between(tried, early, late);
+    if (!(early.left * late.left < 0.0) && std::abs(early.left) <= std::abs(late.left)) {
+        found = {phase, tried(phase)};
+    }
+    phase = found.at;
+    return {true, found.left};
 }
 
 Outcome Stepper::step(
     const Plan& plan, const Interval& sample, std::span<double> motors, std::span<double> pose,
     std::span<double> estimate) {
     const Index last = static_cast<Index>(plan.torque.size()) - 1;
-    const Index following = sample.dt > 0.0 ? std::min(phase + 1, last) : phase;
+    const Index row = static_cast<Index>(phase);
+    const Index following = sample.dt > 0.0 ? std::min(row + 1, last) : row;
     std::copy_n(&plan.motors(following, 0), motors.size(), motors.begin());
     std::copy_n(&plan.pose(following, 0), pose.size(), pose.begin());
     offset_motors_.assign(motors.begin(), motors.end());
@@ -179,14 +234,14 @@ Outcome Stepper::step(
     Angles angles{motors, pose, offset_motors_};
     Outcome outcome;
     if (auto* balanced = std::get_if<BalancedJoint>(&rule)) {
-        outcome = balanced->step(trials, plan, sample, phase, following, angles);
+        outcome = balanced->step(trials, plan, sample, phase, angles);
     } else {
         if (const auto* moving = std::get_if<FreeJoint>(&rule)) {
             outcome = moving->step(trials, swing, angles, plan.torque[following], sample.dt);
         } else {
             outcome = std::get<PrescribedJoints>(rule).step(trials, angles, sample.dt);
         }
-        if (outcome.done) phase = following;
+        if (outcome.done) phase = static_cast<double>(following);
     }
     if (outcome.done) trials.keep(estimate);
     return outcome;

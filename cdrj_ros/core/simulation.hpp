@@ -52,8 +52,7 @@ struct Interval {
 /// How a sample ended.
 struct Outcome {
     bool done;
-    double imbalance;    // torque of the cables less the needed one [N m]
-    double asked = 0.0;  // speed that was asked of the motors where they could not follow [rad/s]
+    double imbalance;  // torque of the cables less the needed one [N m]
 };
 
 /// Angles of a sample: those of the plan before, those that were found after it.
@@ -106,23 +105,26 @@ struct FreeJoint {
 
 /// The motors drive one joint so that the torque of the cables on it is the wanted one.
 ///
-/// The motors have the angles of the plan + `direction` * drive, and a largest speed of the drive.
-/// Where they would have to be faster, the joint waits: it stays in its phase.
+/// The motors have the angles of the plan + `direction` * drive. Speed and acceleration of the drive are
+/// limited. Where the plan asks for more, it is carried out more slowly (or faster, if the drive cannot
+/// brake as hard), so that the joint stays balanced. At a reversal no phase is balanced before the drive
+/// has taken up the difference along the cable: the joint waits, and the drive brakes in time.
 struct BalancedJoint {
     std::vector<double> direction;  // of the motors per unit of the drive
     double rising;                  // sign of the torque's change with the drive
-    double motor_speed;             // largest speed of the drive [rad/s]
+    double most_speed;              // of the drive [rad/s]
+    double most_acceleration;       // of the drive [rad/s^2]
     double drive;                   // present drive [rad]
+    double speed = 0.0;             // of the drive [rad/s]
     bool excused = false;           // whether the motor compensates a fault
 
-    /// One sample from `phase`, which it advances to `following` unless the joint waits.
+    /// One sample from `phase`, which it advances.
     Outcome step(
-        Trials& trials, const Plan& plan, const Interval& sample, Index& phase, Index following,
-        Angles& angles);
+        Trials& trials, const Plan& plan, const Interval& sample, double& phase, Angles& angles);
 
     /// Torque of the cables less the wanted one with a drive, in phase `at` [N m].
     double imbalance(
-        Trials& trials, const Plan& plan, const Interval& sample, Index at, double drive_at,
+        Trials& trials, const Plan& plan, const Interval& sample, double at, double drive_at,
         Angles& angles) const;
 };
 
@@ -141,8 +143,8 @@ public:
 
     Trials trials;
     JointRule rule = PrescribedJoints{};
-    Swing swing{};    // of the free joint
-    Index phase = 0;  // present row of the plan
+    Swing swing{};       // of the free joint
+    double phase = 0.0;  // of the plan: its row, between two rows where the plan is slowed down
 
 private:
     std::vector<double> offset_motors_;

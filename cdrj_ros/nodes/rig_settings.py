@@ -101,6 +101,8 @@ def declare_rig(node: Node) -> tuple[Model, RigOptions]:
         )
     rig = load_rig(given["rig"])
     load_of = _loads(model, joint, rig.load)
+    in_bags_only = "max_acceleration"
+    limits = {key: value for key, value in rig.drives.items() if key != in_bags_only}
     rate = given["rate"]
     lower, upper = rig.load.stops or (None, None)
     settings = LiveSettings(
@@ -108,7 +110,7 @@ def declare_rig(node: Node) -> tuple[Model, RigOptions]:
     )
     return model, RigOptions(
         settings,
-        drive_limits(model.robot, rate, **rig.drives),
+        drive_limits(model.robot, rate, **limits),
         given["motion"],
         load_of,
         rig.sensors,

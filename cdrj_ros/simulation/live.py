@@ -190,7 +190,7 @@ class LiveRig:
         """Take a step; returns False and keeps the state if the joint would leave its range."""
         drums = self._rig.drums(motor_angle[None])
         joints = np.empty((1, self._pose.size))
-        done, _ = self._stepper.run(
+        done = self._stepper.run(
             drums, self._pose[None], np.array([self.push_torque], dtype=np.float64),
             np.array([dt]), self._rig.wiring.offset(np.array([self.time_s])),
             np.zeros(1, dtype=np.bool_), np.empty_like(drums), joints, self._imbalance,

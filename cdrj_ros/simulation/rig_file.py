@@ -52,7 +52,7 @@ class RigDescription:
     sensors: SensorSettings = IDEAL_SENSORS
     load: LoadChoice = field(default_factory=LoadChoice)
     drives: Mapping[str, float] = field(default_factory=dict)
-    """Arguments of ``drive_limits`` that are given."""
+    """``max_acceleration``, and arguments of ``drive_limits``, that are given."""
     faults: tuple[CableFault, ...] = ()
     """Faults of cables; those of encoders are in ``sensors``."""
 

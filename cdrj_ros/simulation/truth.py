@@ -35,6 +35,9 @@ from cdrj_ros.simulation.load import UNSOLVED, Load, balanced_start
 Progress = Callable[[int], None]
 
 
+SPEEDING_UP: Final = 10.0
+"""Default largest acceleration of a motor that balances a joint, by its largest speed [1/s]."""
+
 BALANCED: Final = 1e-6
 """Largest imbalance of a joint that does not wait for its motors [N m]."""
 
@@ -63,6 +66,7 @@ def simulate(
     cells: int = 8,
     progress: Progress | None = None,
     *,
+    motor_acceleration: float | None = None,
     motor_angle: Table | None = None,
     load: Load | None = None,
     start: float | None = None,
@@ -77,8 +81,9 @@ def simulate(
     ``joint_torque`` balances one joint: a single motor turns freely, several follow the joints and
     move in addition by a common amount, in the ratios in which they load the joint.  At a reversal
     friction holds the joint's tensions while the motor takes up the difference along the cable, so
-    the joint dwells, as on the real machine.  ``load`` releases one joint, which then moves by its
-    dynamics.  With neither, all joints follow the motion.
+    the joint dwells, as on the real machine; where the motor would be too fast, the motion goes on
+    more slowly.  ``load`` releases one joint, which then moves by its dynamics.  With neither, all
+    joints follow the motion.
 
     Args:
         robot: any robot; a joint and a motor are needed to balance, a joint to release.
@@ -86,9 +91,10 @@ def simulate(
         joint_angle: prescribed [rad], shape (n,) for one joint, (n, joints) for several; None for
             the reference pose.  The column of a released joint is ignored.
         joint_torque: torque that the cables must exert on the balanced joint [N m], shape (n,).
-        motor_speed: largest speed of a balancing motor [rad/s]; the joint waits for the motor.
+        motor_speed: largest speed of a balancing motor [rad/s]; the motion waits for the motor.
         cells: contact cells per pulley.
         progress: called with the number of samples done.
+        motor_acceleration: its largest acceleration [rad/s^2]; None: full speed after 0.1 s.
         motor_angle: [rad], shape (n,) or (n, motors); None: the motors follow the joints, so that
             the cables keep their lengths.
         load: load of the released joint.
@@ -115,7 +121,8 @@ def simulate(
     notes: tuple[str, ...] = ()
     if joint_torque is not None:
         torque = joint_torque * robot.joints[joint].effort_sign
-        base = _balance(rig, stepper, joints, torque[0], offset[0], joint, motor_speed)
+        limits = (motor_speed, motor_acceleration or SPEEDING_UP * motor_speed)
+        base = _balance(rig, stepper, joints, torque[0], offset[0], joint, limits)
     elif motor_angle is None:
         following = follow_joints(rig.lumped, joints)
         base, notes = rig.drums(following.motor_angle), _untaken_notes(robot, following)
@@ -132,7 +139,7 @@ def simulate(
     imbalance, motors_out, joints_out = np.empty(n), np.empty_like(base), np.empty_like(joints)
     for begin in range(0, n, BATCH):
         rows = slice(begin, min(begin + BATCH, n))
-        done, asked = stepper.run(
+        done = stepper.run(
             base, joints, torque, dt[rows], offset[rows], happening[rows], motors_out[rows],
             joints_out[rows], imbalance[rows], batch[: rows.stop - begin],
         )  # fmt: skip
@@ -140,9 +147,9 @@ def simulate(
         require_taut(rig, time[begin:], joints_out[begin:upto], batch[:done], allow_slack)
         kept.append(read_out(rig, batch[:done]))  # the whole would take 7 kB for every sample
         if upto < rows.stop and joint_torque is not None:
-            where = joint_text(robot, joint, joints[stepper.phase, joint])
-            needed = float(joint_torque[stepper.phase])
-            raise _unbalanced(f"{where}, t = {time[upto]:.4g} s", needed, asked, motor_speed)
+            row = int(stepper.phase)
+            where = joint_text(robot, joint, joints[row, joint])
+            raise _unbalanced(float(joint_torque[row]), f"{where}, t = {time[upto]:.4g} s")
         if upto < rows.stop:
             raise _out_of_range(robot.joints[joint], float(time[upto]))
         if load is not None:
@@ -223,13 +230,8 @@ def _out_of_range(axis: Joint, time: float) -> MotionError:
     )
 
 
-def _unbalanced(where: str, torque: float, asked: float, motor_speed: float) -> MotionError:
+def _unbalanced(torque: float, where: str) -> MotionError:
     """The error of a sample for which no motor angle was found."""
-    if asked > motor_speed:
-        return MotionError(
-            f"the motion needs a motor speed of {asked:.3g} rad/s at {where}, above the limit of "
-            f"{motor_speed:.3g} rad/s: move more slowly or raise the limit"
-        )
     return MotionError(
         f"no winch angle balances {torque:.4g} N m at {where}: a cable would have to push"
     )
@@ -255,12 +257,13 @@ def _balance(
     torque: float,
     offset: Vector,
     joint: int,
-    motor_speed: float,
+    limits: tuple[float, float],
 ) -> Table:
     """Let the motors balance the joint, from the drive that does so without friction.
 
     The motors have the angles that are returned, those of all motors of the fine robot [rad],
     shape (n, all motors), plus one unknown, the drive, times the ratios of ``pull_together``.
+    Largest speed and acceleration of the drive are given as ``limits``.
     """
     robot, owner = rig.lumped.robot, rig.wiring.owner
     direction = np.where(owner >= 0, pull_together(rig.lumped, joint)[owner], 0.0)
@@ -270,7 +273,7 @@ def _balance(
     else:
         base, centre = rig.drums(follow_joints(rig.lumped, joints).motor_angle), 0.0
     drive, rising = _first_drive(stepper, base[0] + offset, direction, centre, joints[0], torque)
-    stepper.balance(direction, rising, motor_speed, drive)
+    stepper.balance(direction, rising, *limits, drive)
     return base
 
 
@@ -292,6 +295,4 @@ def _first_drive(
         if crossings.size:
             near = crossings[np.argmin(np.abs(drives[crossings] - centre))]
             return float(drives[near]), float(np.sign(efforts[near + 1] - efforts[near]))
-    raise MotionError(
-        f"no winch angle balances {torque:.4g} N m at the start: a cable would have to push"
-    )
+    raise _unbalanced(torque, "the start")

@@ -58,15 +58,18 @@ def test_the_same_command_gives_the_same_bag_and_another_seed_another(
 
 
 def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) -> None:
-    kept = read_recording(SAMPLE)
-    assert main([str(tmp_path / "bag"), "--robot", ROBOT, "--duration", "2"]) == 0
+    """The motor of the sample bags needed no time to accelerate, see bags/README.md."""
+    kept, rig = read_recording(SAMPLE), tmp_path / "rig.yaml"
+    rig.write_text("drives: {max_acceleration: 1e6}", encoding="utf-8")
+    command = [str(tmp_path / "bag"), "--robot", ROBOT, "--rig", str(rig), "--duration", "8"]
+    assert main(command) == 0
     made = read_recording(tmp_path / "bag")
-    for there, here in (
-        (kept.motors["winch"], made.motors["winch"]),
-        (kept.joints["elbow"], made.joints["elbow"]),
+    for there, here, most in (
+        (kept.motors["winch"], made.motors["winch"], 0.01),
+        (kept.joints["elbow"], made.joints["elbow"], 3.01 * 2.0 * np.pi / 16384),
     ):
         count = here.value.size - 20  # derivatives near the end depend on the end of the motion
-        np.testing.assert_array_equal(there.value[:count], here.value[:count])
+        np.testing.assert_allclose(there.value[:count], here.value[:count], rtol=0.0, atol=most)
         np.testing.assert_array_equal(there.stamp_ns[:count], here.stamp_ns[:count])
 
 
@@ -231,10 +234,8 @@ def test_positions_of_a_prismatic_joint_are_printed_in_metres(
     command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
     assert main([*command, "--amplitude", "20deg"]) == 2
     assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
-    assert main([*command, "--amplitude", "0.4", "--centre", "0.5"]) == 2
-    error = capsys.readouterr().err
-    assert " m, t = " in error
-    assert "= 0.5 rad" not in error
+    assert main([*command, "--centre", "0.5"]) == 0
+    assert "load by 0.25 m about 0.5 m" in capsys.readouterr().out
 
 
 def test_a_joint_may_be_named_without_the_prefix_of_the_file(tmp_path: Path) -> None:

@@ -51,7 +51,8 @@ def test_every_key_sets_what_it_says() -> None:
                  dropout: 0.02, latency: 0.04}
     references: {noise: 1.1, bias: 1.2}
     load: {kind: lift, payload: 2, gravity: -3, damping: 4, stops: [-1, 1]}
-    drives: {max_speed: 1, max_torque: 2, rotor_inertia: 3, rotor_damping: 4, command_timeout: 5}
+    drives: {max_speed: 1, max_acceleration: 6, max_torque: 2, rotor_inertia: 3, rotor_damping: 4,
+             command_timeout: 5}
     faults:
       - {kind: snap, at: 20, cable: lower, amount_mm: 3}
       - {kind: freeze, at: 7, encoder: elbow}
@@ -76,8 +77,8 @@ def test_every_key_sets_what_it_says() -> None:
             (Freeze(7.0, "elbow"),),
         ),
         LoadChoice("lift", 2, -3, 4, (-1.0, 1.0)),
-        {"max_speed": 1, "max_torque": 2, "rotor_inertia": 3, "rotor_damping": 4,
-         "command_timeout": 5},
+        {"max_speed": 1, "max_acceleration": 6, "max_torque": 2, "rotor_inertia": 3,
+         "rotor_damping": 4, "command_timeout": 5},
         (Snap(20.0, 0.003, "lower"), Slip(1.0)),
     )  # fmt: skip
 
