@@ -41,11 +41,11 @@ def written(rows: Sequence[Row], machine: str, compared: str, failed: Sequence[s
     lines = [
         f"Measured on: {machine}. Versions: {compared}.",
         "",
-        "Ratio: ours over theirs. Medians; the JSON has the quartiles.",
+        "Ratio: ours over theirs. Medians. The JSON has quartiles, and figures beside nothing.",
         "",
         "| what | ours | beside | theirs | ratio | aim |",
         "|---|---|---|---|---|---|",
-        *(_line(row) for row in rows),
+        *(_line(row) for row in rows if row.ratio or row.aim),
         "",
     ]
     if failed:
