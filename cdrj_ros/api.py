@@ -250,6 +250,8 @@ def validate(
 ) -> Errors:
     """Estimate recordings and compare the estimates with the references that were recorded.
 
+    Several are processed one after another, or as ``joblib.parallel_config`` says.
+
     Args:
         model: from ``load``, or what ``load`` takes.
         bags: rosbag2 folder or MCAP file, or a recording as of ``read_table``, or several.
@@ -263,22 +265,18 @@ def validate(
     Raises:
         BagError: a recording cannot be read, or has no reference or lacks a motor or joint.
     """
+    import joblib
+
     from cdrj_ros.evaluation.metrics import errors_of
     from cdrj_ros.evaluation.validation import validate_bag
     from cdrj_ros.recordings.recording import Recording, Topics
 
     model = _loaded(model)
     several = [bags] if isinstance(bags, (str, Path, Recording)) else bags
+    one = joblib.delayed(validate_bag)
+    read = (bag if isinstance(bag, Recording) else str(bag) for bag in several)
     given = topics or Topics()
-    return errors_of(
-        [
-            validate_bag(
-                model, bag if isinstance(bag, Recording) else str(bag), given,
-                uncertainty=uncertainty,
-            )
-            for bag in several
-        ]
-    )  # fmt: skip
+    return errors_of(joblib.Parallel()(one(model, bag, given, uncertainty) for bag in read))
 
 
 def draw(model: Model | str | Path, path: str | Path) -> None:

@@ -29,9 +29,8 @@ from cdrj_ros.evaluation.parallel import (
     Progress,
     Work,
     default_jobs,
-    in_processes,
-    in_this_process,
     processors,
+    results_of,
 )
 from cdrj_ros.evaluation.validation import HEALTH, LOAD_CELLS, BagTask, compare_bag, prepared_model
 from cdrj_ros.foundation.errors import UsageError
@@ -52,9 +51,7 @@ def _compared(
     if len(tasks) == 1:
         return [compare_bag(tasks[0], lambda share: report(share * work.sizes[0]))]
     jobs = default_jobs(work.sizes) if arguments.jobs is None else arguments.jobs or processors()
-    if jobs == 1:
-        return in_this_process(work, report)
-    return in_processes(work, jobs, report)
+    return results_of(work, jobs, report)
 
 
 def _parser() -> argparse.ArgumentParser:

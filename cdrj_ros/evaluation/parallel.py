@@ -1,23 +1,21 @@
-"""One task per recording, in this process or in several processes of this machine.
+"""One task per recording, in this process, in several of this machine, or on a cluster.
 
-A task has the same input wherever it runs, and the results keep the order of the tasks; they are
-therefore identical to the last digit. A task that fails, or whose process dies, does not stop the
-others: its result is a ``Failed``.
+joblib runs the tasks, by default in processes of this machine.  Within ``joblib.parallel_config``
+it runs them wherever that says, a Dask or Ray cluster for example.  A task has the same input
+wherever it runs, and the results keep the order of the tasks; they are therefore identical to the
+last digit.  A task that fails, or whose process dies, does not stop the others: its result is a
+``Failed``.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import active_children, forkserver, get_context
-from multiprocessing.connection import wait
-from multiprocessing.process import parent_process
 from typing import Final, Generic, TypeVar
+
+import joblib
+from joblib.parallel import get_active_backend
 
 from cdrj_ros.foundation.errors import CdrjError, reason_of
 
@@ -28,9 +26,6 @@ Progress = Callable[[float], None]
 
 WORTH_PROCESSES: Final = 16 * 1024 * 1024
 """Total size of recordings above which additional processes save time despite their start [B]."""
-
-POOL_S: Final = 10.0
-"""Time allowed for closing a pool whose processes have been ended [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +52,8 @@ class Work(Generic[T, R]):
 
 
 def processors() -> int:
-    """Number of processors that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """Number of tasks that can run at a time: on this machine's processors, or on the cluster."""
+    return int(joblib.effective_n_jobs(-1))
 
 
 def default_jobs(sizes: Sequence[int]) -> int:
@@ -68,49 +63,46 @@ def default_jobs(sizes: Sequence[int]) -> int:
     return max(1, min(processors(), len(sizes)))
 
 
-def in_this_process(work: Work[T, R], report: Progress) -> list[R | Failed]:
-    """Process the tasks one after another.
-
-    Args:
-        work: the tasks.
-        report: called with the amount done, in the unit of the sizes.
-    """
-    results: list[R | Failed] = []
-    for task, name in zip(work.tasks, work.names, strict=True):
-        results.append(_attempt(work.function, task, name))
-        report(sum(work.sizes[: len(results)]))
-    return results
-
-
-def in_processes(work: Work[T, R], jobs: int, report: Progress) -> list[R | Failed]:
-    """As ``in_this_process``, but ``jobs`` tasks at a time, each in a process of this machine.
+def results_of(work: Work[T, R], jobs: int, report: Progress) -> list[R | Failed]:
+    """The results of all tasks.
 
     Large tasks begin first: at the end they would leave other processes idle.  The death of a
     process may also cost tasks that were waiting; they are then tried one by one.
+
+    Args:
+        work: the tasks.
+        jobs: number of tasks at a time; with 1, they run in this process.  A cluster runs as many
+            as it has processors.
+        report: called with the amount done, in the unit of the sizes.
     """
-    forkserver.set_forkserver_preload([work.function.__module__])
     order = sorted(range(len(work.tasks)), key=lambda k: -work.sizes[k])
     found: dict[int, R | Failed] = {}
-
-    def submitted(executor: Executor, k: int) -> Future[R | Failed]:
-        return executor.submit(_attempt, work.function, work.tasks[k], work.names[k])
 
     def note(k: int, result: R | Failed) -> None:
         found[k] = result
         report(sum(work.sizes[k] for k in found))
 
-    with _processes(jobs) as executor:
-        futures = {submitted(executor, k): k for k in order}
-        for future in as_completed(futures):
-            if future.exception() is None:
-                note(futures[future], future.result())
-    for k in sorted(set(order) - set(found)):
-        with _processes(1) as executor:
-            future = submitted(executor, k)
-            reason = f"{work.names[k]}: its process died, twice (out of memory?)"
-            died = future.exception() is not None
-            note(k, Failed(work.names[k], reason) if died else future.result())
+    try:
+        for result, k in zip(_results(work, order, jobs), order, strict=True):
+            note(k, result)
+    except BrokenProcessPool:
+        for k in sorted(set(order) - set(found)):
+            try:
+                note(k, *_results(work, [k], 2))  # 2: not in this process
+            except BrokenProcessPool:
+                reason = f"{work.names[k]}: its process died, twice (out of memory?)"
+                note(k, Failed(work.names[k], reason))
     return [found[k] for k in range(len(work.tasks))]
+
+
+def _results(work: Work[T, R], which: Iterable[int], jobs: int) -> Iterator[R | Failed]:
+    """The results of some tasks, as they come if joblib's backend can do this."""
+    as_they_come = get_active_backend()[0].supports_return_generator
+    parallel = joblib.Parallel(
+        n_jobs=jobs, batch_size=1, return_as="generator" if as_they_come else "list"
+    )
+    attempt = joblib.delayed(_attempt)
+    return iter(parallel(attempt(work.function, work.tasks[k], work.names[k]) for k in which))
 
 
 def _attempt(function: Callable[[T], R], task: T, name: str) -> R | Failed:
@@ -122,34 +114,3 @@ def _attempt(function: Callable[[T], R], task: T, name: str) -> R | Failed:
     except Exception as error:  # noqa: BLE001  one failure must not stop the other tasks
         words = " ".join(str(error).split())
         return Failed(name, f"unexpected {type(error).__name__}: {words}")
-
-
-@contextmanager
-def _processes(jobs: int) -> Iterator[Executor]:
-    """Processes that are ended on an error or Ctrl-C, for which the pool alone would wait.
-
-    Nor is the pool's own thread waited for long: Ctrl-C may have left a lock that it needs.
-    """
-    pool = ProcessPoolExecutor(jobs, get_context("forkserver"), initializer=_begin_process)
-    try:
-        yield pool
-    except BaseException:
-        for process in active_children():
-            process.kill()
-        closing = threading.Thread(target=pool.shutdown, daemon=True)
-        closing.start()
-        closing.join(POOL_S)
-        raise
-    pool.shutdown()
-
-
-def _begin_process() -> None:
-    """Leave it to the parent process when to stop, and end when it does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def end_with_the_parent() -> None:
-        if parent := parent_process():
-            wait([parent.sentinel])
-            os._exit(1)  # even while the core calculates
-
-    threading.Thread(target=end_with_the_parent, name="parent", daemon=True).start()

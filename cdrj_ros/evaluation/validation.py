@@ -241,7 +241,7 @@ prepared_model = cache(load_model)
 
 
 def validate_bag(
-    model: Model, bag: str | Recording, topics: Topics | Columns, *, uncertainty: bool = False
+    model: Model, bag: str | Recording, topics: Topics | Columns, uncertainty: bool = False
 ) -> BagComparison:
     """``compare_bag`` with a given model; ``uncertainty`` requests standard deviations."""
     read = bag if isinstance(bag, Recording) else None
