@@ -88,7 +88,8 @@ def results_of(work: Work[T, R], jobs: int, report: Progress) -> list[R | Failed
     except BrokenProcessPool:
         for k in sorted(set(order) - set(found)):
             try:
-                note(k, *_results(work, [k], 2))  # 2: not in this process
+                for result in _results(work, [k], 2):  # not in this process
+                    note(k, result)
             except BrokenProcessPool:
                 reason = f"{work.names[k]}: its process died, twice (out of memory?)"
                 note(k, Failed(work.names[k], reason))
