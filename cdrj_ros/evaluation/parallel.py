@@ -9,7 +9,7 @@ last digit.  A task that fails, or whose process dies, does not stop the others:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
@@ -83,20 +83,21 @@ def results_of(work: Work[T, R], jobs: int, report: Progress) -> list[R | Failed
         report(sum(work.sizes[k] for k in found))
 
     try:
-        for result, k in zip(_results(work, order, jobs), order, strict=True):
+        results = _results(work, order, jobs)
+        for result, k in zip(results, order, strict=True):
             note(k, result)
     except BrokenProcessPool:
         for k in sorted(set(order) - set(found)):
             try:
-                for result in _results(work, [k], 2):  # not in this process
-                    note(k, result)
+                (result,) = _results(work, [k], 2)  # not in this process
+                note(k, result)
             except BrokenProcessPool:
                 reason = f"{work.names[k]}: its process died, twice (out of memory?)"
                 note(k, Failed(work.names[k], reason))
     return [found[k] for k in range(len(work.tasks))]
 
 
-def _results(work: Work[T, R], which: Iterable[int], jobs: int) -> Iterator[R | Failed]:
+def _results(work: Work[T, R], which: Sequence[int], jobs: int) -> Iterator[R | Failed]:
     """The results of some tasks, as they come if joblib's backend can do this."""
     as_they_come = get_active_backend()[0].supports_return_generator
     parallel = joblib.Parallel(
