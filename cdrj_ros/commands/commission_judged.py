@@ -60,7 +60,7 @@ def judged(model: Model, known: Uncertainty | None = None) -> Judged:
     assert stddev is not None
     values = found.values
     preload = preload_of_elements(model.robot)
-    mark_unsure(values, preload, stddev, UNSURE_SHARE, samples.doubtful)
+    mark_unsure(model.core, values, preload, stddev, UNSURE_SHARE, samples.doubtful)
     after = slice(round(KNOWN_FROM * len(values)), None)
     tension = values[after, model.layout.tension]
     status = values[after, tension.shape[1] : 2 * tension.shape[1]]

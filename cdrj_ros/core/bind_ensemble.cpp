@@ -29,7 +29,7 @@ void make_ensemble(
     const Given& span, const Given& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
     const Index members = slipping.size(), axes = sizes.axes();
-    const Index quantities = sizes.elements + sizes.pulleys + axes;
+    const Index quantities = unmodelled.shape(1);
     const Index errors = reading_error.shape(0), paths = unseen_share.shape(0);
     require(errors > 0 && paths > 0, "reading_error and unseen_share need at least one row");
     const std::vector<double> lower_upper = taken(span, {2, axes}, "span");
@@ -220,29 +220,31 @@ std::pair<bool, Written> advance(
 
 /// Mark one estimate, or the rows of a table.
 void mark_estimates(
-    const Written& estimates, const Given& preload, const Given& stddev, double share,
+    const HeldRobot& robot, const Written& estimates, const Given& preload, const Given& stddev, double share,
     const GivenFlags& doubtful) {
     require(
         estimates.ndim() > 0 && (stddev.size() == 0 || stddev.ndim() == estimates.ndim()),
         "estimates and stddev are not both of one time or both tables");
     const bool single = estimates.ndim() == 1;
-    const Index samples = single ? 1 : estimates.shape(0), elements = preload.size();
+    const Sizes& sizes = robot.robot.topology.sizes;
+    const Index samples = single ? 1 : estimates.shape(0);
     const Index size = estimates.shape(estimates.ndim() - 1);
     const Index columns = stddev.size() > 0 ? stddev.shape(stddev.ndim() - 1) : 0;
     require(
-        size >= 2 * elements &&
-            (columns == 0 || (stddev.size() == samples * columns && columns >= elements)) &&
+        size == Index(robot.robot.estimate_size()) && preload.size() == sizes.elements &&
+            (columns == 0 || (stddev.size() == samples * columns && columns >= sizes.elements)) &&
             (doubtful.size() == 0 || doubtful.size() == samples),
-        "estimates, stddev and doubtful differ in their numbers of samples or have too few elements");
-    double* first = estimates.data();
+        "estimates, stddev and doubtful differ in their numbers of samples or are not of this robot");
+    const Index first = first_of(sizes, &Estimate::tension, true);
     const auto mark = [&](Index k) {
-        const auto estimate = std::span(first + k * size, static_cast<std::size_t>(size));
+        const Estimate estimate(sizes, estimates.data() + k * size);
         if (columns > 0) {
             const auto width = static_cast<std::size_t>(columns);
-            mark_unsure(estimate, span_of(preload), {stddev.data() + k * columns, width}, share);
+            const std::span<const double> stddevs(stddev.data() + k * columns, width);
+            mark_unsure(estimate, span_of(preload), stddevs.subspan(first, sizes.elements), share);
         }
         if (doubtful.size() > 0 && doubtful.data()[k]) {
-            for (double& status : estimate.subspan(elements, elements)) doubt(status);
+            for (double& status : estimate.status) doubt(status);
         }
         return true;
     };
@@ -376,14 +378,14 @@ void bind_ensemble(nb::module_& core) {
             "Updates in turn so far, stamps of the last sample and of the last of them [ns] or -1.");
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_estimates, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(
+        "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(
         Set ``UNSURE`` where standard deviations are too large for tension and preload, or in doubt.
 
         Args:
-            estimates: tensions, then status of all elements, then the rest, shape (size,) or (n, size);
-                changed.
+            robot: of the estimates.
+            estimates: shape (estimate_size,) or (n, estimate_size); changed.
             preload: see ``cdrj_ros.estimation.ensemble.preload_of_elements`` [N].
-            stddev: of the tensions, then the rest [N], shape (columns,) or (n, columns); with a size of
+            stddev: of all uncertain quantities, shape (columns,) or (n, columns); with a size of
                 0, none is known.
             share: see ``cdrj_ros.estimation.ensemble.UNSURE_SHARE``.
             doubtful: see ``cdrj_ros.estimation.estimator.Samples.doubtful``, shape (n,) or (0,).)");

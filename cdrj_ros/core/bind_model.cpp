@@ -202,6 +202,19 @@ std::pair<Written, Written> residual_products(const Given& inputs, const Given& 
     return {products, trust};
 }
 
+/// By name of a part: first and end among an estimate's numbers, and first among the uncertain ones, or -1.
+ByName<std::tuple<Index, Index, Index>> estimate_parts(const GivenIntegers& topology) {
+    require(topology.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "topology is too short");
+    const Sizes& sizes = *reinterpret_cast<const Sizes*>(topology.data());
+    ByName<std::tuple<Index, Index, Index>> parts;
+    for (const EstimatePart& part : ESTIMATE) {
+        const Index first = first_of(sizes, part.numbers);
+        parts[part.name] = std::tuple(
+            first, first + sizes.*part.count, part.uncertain ? first_of(sizes, part.numbers, true) : -1);
+    }
+    return parts;
+}
+
 HeldState start(
     HeldRobot& held, const Given& motor_angle, const Given& joint_angle, const Given& share) {
     held.require_angles(motor_angle.size(), joint_angle.size());
@@ -239,6 +252,10 @@ void bind_robot(nb::module_& core) {
         Returns:
             The products of all rows and columns, shape (n, weights), and the share of the correction
             that applies, shape (n,).)");
+    core.def("estimate_parts", estimate_parts, "topology"_a, R"(
+        Parts of an estimate in their order: first and end among its numbers, first of the standard deviations.
+
+        The last is -1 for a part without standard deviations.)");
     core.attr("NEVER") = NEVER_NS;
     nb::class_<HeldState>(core, "State",
         "History-dependent state of the cables; opaque, never changed in place.")

@@ -51,22 +51,22 @@ std::vector<Index> up_to(Index count) {
 std::vector<Quantity> quantities_of(const Robot& robot, std::span<const double> unmodelled) {
     const auto& [topology, constants] = robot;
     const Sizes& sizes = topology.sizes;
-    std::vector<double> numbers(robot.estimate_size());
-    const Estimate estimate(sizes, numbers.data());
+    std::vector<Index> of_elements, of_pulleys;  // their cables
+    for (Index c = 0; c < sizes.cables; ++c) {
+        of_elements.insert(of_elements.end(), topology.cables[c].elements, c);
+        of_pulleys.insert(of_pulleys.end(), topology.cables[c].pulleys, c);
+    }
     std::vector<Quantity> found;
-    for (Index c = 0; c < sizes.cables; ++c) {
-        for (Index k = 0; k < topology.cables[c].elements; ++k) {
-            found.push_back({std::ssize(found), c, -1, -1, 0.0, 0.0});
+    Index axis = 0;
+    for (const EstimatePart& part : ESTIMATE) {
+        if (!part.uncertain) continue;
+        const Index first = first_of(sizes, part.numbers);
+        for (Index k = 0; k < sizes.*part.count; ++k) {
+            const bool on_cable = part.count == &Sizes::elements || part.count == &Sizes::pulleys;
+            const auto& cables = part.count == &Sizes::elements ? of_elements : of_pulleys;
+            found.push_back({first + k, on_cable ? cables[k] : -1, on_cable ? -1 : axis++, -1, 0.0, 0.0});
         }
     }
-    const Index forces = estimate.magnitude.data() - numbers.data();
-    for (Index c = 0; c < sizes.cables; ++c) {
-        for (Index k = 0; k < topology.cables[c].pulleys; ++k) {
-            found.push_back({forces + topology.cables[c].first_pulley + k, c, -1, -1, 0.0, 0.0});
-        }
-    }
-    const Index efforts = estimate.motor_effort.data() - numbers.data();  // then those of joints
-    for (Index a = 0; a < sizes.axes(); ++a) found.push_back({efforts + a, -1, a, -1, 0.0, 0.0});
     for (std::size_t q = 0; q < found.size(); ++q) {
         found[q].unmodelled_variance = unmodelled[q];
         found[q].slack = unmodelled[found.size() + q];
@@ -85,6 +85,13 @@ Ensemble::Ensemble(
     : topology_(std::move(topology)),
       constants_(std::move(constants)),
       robot_(topology_.data(), constants_.data()),
+      first_{
+          first_of(robot_.topology.sizes, &Estimate::status),
+          first_of(robot_.topology.sizes, &Estimate::tension, true),
+          first_of(robot_.topology.sizes, &Estimate::magnitude, true),
+          first_of(robot_.topology.sizes, &Estimate::motor_effort, true),
+          first_of(robot_.topology.sizes, &Estimate::correction),
+          first_of(robot_.topology.sizes, &Estimate::trust)},
       quantities(quantities_of(robot_, unmodelled)),
       draws(std::move(of_draws)),
       population(robot_.topology, draws.slipping.size(), std::move(of_members)),

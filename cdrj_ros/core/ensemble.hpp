@@ -166,6 +166,18 @@ private:
     std::vector<double> constants_;
     Robot robot_;  // of the estimate
 
+    /// Where parts of an estimate begin, and those of quantities.
+    struct Firsts {
+        Index status;
+        Index tension_quantity;
+        Index force_quantity;
+        Index effort_quantity;
+        Index correction;
+        Index trust;
+    };
+
+    const Firsts first_;
+
 public:
     const std::vector<Quantity> quantities;
     Draws draws;
@@ -210,10 +222,7 @@ private:
     bool is_invalid(std::span<const double> estimate, const Quantity& quantity) const;
     bool is_invalid(std::span<const double> estimate, Index cable) const;
 
-    /// The part of an estimate that learned corrections have; `part` 0: the corrections, 1: their trust.
-    double learned(std::span<const double> estimate, Index residual, Index part) const;
-
-    /// What samples change.
+   /// What samples change.
     struct Kept {
         std::vector<double> states;  // empty where no member was advanced
         EnsembleMemory memory;
@@ -253,14 +262,12 @@ inline void doubt(double& status) {
 /// Set UNSURE where the standard deviation exceeds `share` of the tension or of the preload,
 /// whichever is larger.
 ///
-/// `estimate`: tensions, then status of all elements, then the rest. `preload`: of every element's
-/// cable [N]. `stddev`: of the tensions, then the rest [N].
+/// `preload`: of every element's cable [N]. `stddev`: of the tensions [N].
 inline void mark_unsure(
-    std::span<double> estimate, std::span<const double> preload, std::span<const double> stddev,
+    const Estimate& estimate, std::span<const double> preload, std::span<const double> stddev,
     double share) {
-    const std::size_t elements = preload.size();
-    for (std::size_t e = 0; e < elements; ++e) {
-        if (stddev[e] > share * std::max(estimate[e], preload[e])) doubt(estimate[elements + e]);
+    for (std::size_t e = 0; e < preload.size(); ++e) {
+        if (stddev[e] > share * std::max(estimate.tension[e], preload[e])) doubt(estimate.status[e]);
     }
 }
 

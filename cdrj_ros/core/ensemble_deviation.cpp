@@ -18,7 +18,7 @@ void Ensemble::compare(
         if (is_invalid(nominal, one) || is_invalid(own, one)) continue;
         double& deviation = memory.deviation[member * std::ssize(quantities) + q];
         double now = own[one.index] - nominal[one.index];
-        if (one.residual >= 0) now += learned(nominal, one.residual, 0);
+        if (one.residual >= 0) now += nominal[first_.correction + one.residual];
         memory.variance[q] += (now * now - deviation * deviation) / count;
         deviation = now;
     }
@@ -37,7 +37,7 @@ void Ensemble::compare_cable(const Step& step, Index member, Index c) {
     const auto compared = [&](Index q) {
         const auto& [index, cable, axis, residual, unmodelled, slack] = quantities[q];
         const double now = own[index] - estimate_[index] +
-                           (residual >= 0 ? learned(estimate_, residual, 0) : 0.0);
+                           (residual >= 0 ? estimate_[first_.correction + residual] : 0.0);
         return now - std::exchange(deviation[q], now);
     };
     const Index motors = topology.sizes.motors;
@@ -141,7 +141,7 @@ double Ensemble::shown(Index q, std::span<const double> nominal) const {
     total += slipped_[q] + late_[q] * late;  // (U12), (U13)
     if (residual >= 0) {  // (U14)
         const double more = robot_.constants.residuals[residual].variance - unmodelled;
-        total += more > 0.0 ? more : more * learned(nominal, residual, 1);
+        total += more > 0.0 ? more : more * nominal[first_.trust + residual];
     }
     return total;
 }
@@ -157,11 +157,6 @@ double Ensemble::hidden(Index q) const {
     return total;
 }
 
-double Ensemble::learned(std::span<const double> estimate, Index residual, Index part) const {
-    const Index residuals = robot_.topology.sizes.residuals;
-    return estimate.last(2 * residuals)[part * residuals + residual];
-}
-
 /// Whether a cable that a quantity depends on is INVALID in an estimate.
 bool Ensemble::is_invalid(std::span<const double> estimate, const Quantity& quantity) const {
     if (quantity.cable >= 0) return is_invalid(estimate, quantity.cable);
@@ -170,28 +165,25 @@ bool Ensemble::is_invalid(std::span<const double> estimate, const Quantity& quan
 }
 
 bool Ensemble::is_invalid(std::span<const double> estimate, Index cable) const {
-    const Sizes& sizes = robot_.topology.sizes;
-    const double status = estimate[sizes.elements + robot_.topology.cables[cable].first_element];
+    const double status = estimate[first_.status + robot_.topology.cables[cable].first_element];
     return (static_cast<int>(status) & INVALID) != 0;
 }
 
 /// The quantities that are tensions of a cable: the first, and the one after the last.
 std::pair<Index, Index> Ensemble::tensions_of(Index c) const {
     const CableTopology& cable = robot_.topology.cables[c];
-    return {cable.first_element, cable.first_element + cable.elements};
+    const Index first = first_.tension_quantity + cable.first_element;
+    return {first, first + cable.elements};
 }
 
 /// Those that are forces of a cable on its pulleys.
 std::pair<Index, Index> Ensemble::forces_of(Index c) const {
     const CableTopology& cable = robot_.topology.cables[c];
-    const Index first = robot_.topology.sizes.elements + cable.first_pulley;
+    const Index first = first_.force_quantity + cable.first_pulley;
     return {first, first + cable.pulleys};
 }
 
 /// The quantity that is the effort of an axis.
-Index Ensemble::effort_of(Index axis) const {
-    const Sizes& sizes = robot_.topology.sizes;
-    return sizes.elements + sizes.pulleys + axis;
-}
+Index Ensemble::effort_of(Index axis) const { return first_.effort_quantity + axis; }
 
 }  // namespace cdrj

@@ -168,26 +168,22 @@ std::size_t State::size(const Sizes& sizes) {
 
 Estimate::Estimate(const Sizes& sizes, double* estimate) {
     Parts parts(estimate);
-    tension = parts.take<double>(sizes.elements);
-    status = parts.take<double>(sizes.elements);
-    force_x = parts.take<double>(sizes.pulleys);
-    force_y = parts.take<double>(sizes.pulleys);
-    force_z = parts.take<double>(sizes.pulleys);
-    magnitude = parts.take<double>(sizes.pulleys);
-    friction = parts.take<double>(sizes.pulleys);
-    slip_speed = parts.take<double>(sizes.pulleys);
-    motor_effort = parts.take<double>(sizes.motors);
-    joint_effort = parts.take<double>(sizes.joints);
-    iterations = parts.take<double>(sizes.cables);
-    residual = parts.take<double>(sizes.cables);
-    correction = parts.take<double>(sizes.residuals);
-    trust = parts.take<double>(sizes.residuals);
+    for (const EstimatePart& part : ESTIMATE) this->*part.numbers = parts.take<double>(sizes.*part.count);
 }
 
 std::size_t Estimate::size(const Sizes& sizes) {
-    const Index words =
-        2 * sizes.elements + 6 * sizes.pulleys + sizes.axes() + 2 * sizes.cables + 2 * sizes.residuals;
+    Index words = 0;
+    for (const EstimatePart& part : ESTIMATE) words += sizes.*part.count;
     return static_cast<std::size_t>(words);
+}
+
+Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among_uncertain) {
+    Index first = 0;
+    for (const EstimatePart& one : ESTIMATE) {
+        if (one.numbers == part) break;
+        if (one.uncertain || !among_uncertain) first += sizes.*one.count;
+    }
+    return first;
 }
 
 Workspace::Workspace(const Sizes& sizes, double* scratch) {

@@ -183,6 +183,36 @@ struct Estimate {
     std::span<double> trust;         // share of it that applies there, (R3)
 };
 
+/// A part of an estimate.
+struct EstimatePart {
+    const char* name;
+    std::span<double> Estimate::*numbers;
+    Index Sizes::*count;
+    bool uncertain;  // whether its numbers have standard deviations
+};
+
+/// All parts of an estimate in their order, in which the standard deviations lie too; the only place that knows
+/// it. What joints have follows what motors have, so that both are one part of all axes.
+inline constexpr EstimatePart ESTIMATE[] = {
+    {"tension", &Estimate::tension, &Sizes::elements, true},
+    {"status", &Estimate::status, &Sizes::elements, false},
+    {"force_x", &Estimate::force_x, &Sizes::pulleys, false},
+    {"force_y", &Estimate::force_y, &Sizes::pulleys, false},
+    {"force_z", &Estimate::force_z, &Sizes::pulleys, false},
+    {"magnitude", &Estimate::magnitude, &Sizes::pulleys, true},
+    {"friction", &Estimate::friction, &Sizes::pulleys, false},
+    {"slip_speed", &Estimate::slip_speed, &Sizes::pulleys, false},
+    {"motor_effort", &Estimate::motor_effort, &Sizes::motors, true},
+    {"joint_effort", &Estimate::joint_effort, &Sizes::joints, true},
+    {"iterations", &Estimate::iterations, &Sizes::cables, false},
+    {"residual", &Estimate::residual, &Sizes::cables, false},
+    {"correction", &Estimate::correction, &Sizes::residuals, false},
+    {"trust", &Estimate::trust, &Sizes::residuals, false},
+};
+
+/// Index of the first number of a part among all numbers of an estimate, or among the uncertain ones.
+Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among_uncertain = false);
+
 /// Intermediate values of a sample. The memory begins with zeros, as what no path leads over stays zero.
 struct Workspace {
     Workspace(const Sizes& sizes, double* scratch);

@@ -195,9 +195,9 @@ class Corrections:
         assert estimate.stddev is not None
         before = values[self._columns]
         after = before + self._shift
-        tensions = slice(0, len(layout.elements))
-        pulleys = slice(tensions.stop, tensions.stop + len(layout.pulleys))
-        np.maximum(after[: pulleys.stop], 0.0, out=after[: pulleys.stop])
+        pulleys = layout.stddev["magnitude"]
+        for part in (layout.stddev["tension"], pulleys):
+            np.maximum(after[part], 0.0, out=after[part])
         before_ = estimate.stddev**2
         variance = before_ - self._known * np.minimum(history, before_) + self._left
         variance = np.maximum(variance, (SMALLEST_SHARE * after) ** 2)

@@ -49,10 +49,9 @@ MEMBERS: Final = 32
 def stddev_columns(layout: Layout) -> NDArray[np.int64]:
     """Indices in the estimate of the quantities that have a standard deviation.
 
-    In order: tensions of all elements, magnitudes of the force on all pulleys, efforts of all
-    motors, efforts of all joints.
+    Their order is that of ``Layout.stddev``.
     """
-    parts = (layout.tension, layout.magnitude, layout.motor_effort, layout.joint_effort)
+    parts = [getattr(layout, name) for name in layout.stddev]
     return np.concatenate([np.arange(part.start, part.stop) for part in parts]).astype(np.int64)
 
 

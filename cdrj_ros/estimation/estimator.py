@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.packing import Layout, channel_columns
+from cdrj_ros.model.packing import Layout, channel_columns, stddev_places
 from cdrj_ros.model.prepared import Model
 
 ALL_SEEN: Vector = _core.ALL_SEEN
@@ -208,7 +208,7 @@ class Quantities:
     @property
     def tension_stddev(self) -> Vector | None:
         """Standard deviations of ``tension`` [N]; None if none are estimated."""
-        return None if self.stddev is None else self.stddev[..., : len(self.layout.elements)]
+        return None if self.stddev is None else self.stddev[..., self.layout.stddev["tension"]]
 
 
 @dataclass(slots=True)
@@ -287,11 +287,11 @@ class Estimates(Quantities):
             ``stamp_ns`` [ns], ``tension/upper/8`` [N], ``nodal_force/upper/3`` [N] and
             ``effort/winch`` [N m]; ``stddev/...`` of all these, if any; and ``status/upper/8``.
         """
-        at = channel_columns(self.layout)
+        at, places = channel_columns(self.layout), stddev_places(self.layout)
         named: dict[str, NDArray[Any]] = {"stamp_ns": self.stamp_ns}
         named |= {name: self.values[:, column] for name, column in at.items()}
         if self.stddev is not None:
-            named |= {f"stddev/{name}": self.stddev[:, k] for k, name in enumerate(at)}
+            named |= {f"stddev/{name}": self.stddev[:, k] for name, k in places.items()}
         flags = self.status.astype(np.uint8).T
         elements = self.layout.elements
         return named | {f"status/{name}": one for name, one in zip(elements, flags, strict=True)}

@@ -17,6 +17,7 @@ from cdrj_ros.estimation.sensors import Sensor
 from cdrj_ros.estimation.signatures import Signatures
 from cdrj_ros.estimation.unknowns import unknowns_of
 from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import has_number, part_of
@@ -132,22 +133,19 @@ def _of_cables(model: Model, cables: Sequence[int]) -> Model:
     return prepare(build_robot(part_of(robot, cables), robot.source), check_range=False)
 
 
-def _columns_in(model: Model, own: Model) -> Vector:
+def _columns_in(model: Model, own: Model) -> NDArray[np.int64]:
     """Index in ``stddev_columns`` of a robot of every quantity of the robot with fewer cables."""
-
-    def names(one: Model) -> list[str]:
-        layout = one.layout
-        kinds = (layout.elements, layout.pulleys, layout.motors, layout.joints)
-        return [f"{k} {name}" for k, part in enumerate(kinds) for name in part]
-
-    at = {name: k for k, name in enumerate(names(model))}
-    return np.array([at[name] for name in names(own)], dtype=np.int64)
+    at, places = stddev_places(model.layout), stddev_places(own.layout)
+    found = np.empty(len(places), dtype=np.int64)
+    found[list(places.values())] = [at[name] for name in places]
+    return found
 
 
-def _cables_of_columns(model: Model) -> Vector:
+def _cables_of_columns(model: Model) -> NDArray[np.int64]:
     """Number of the cable of every quantity in ``stddev_columns``; -1 for efforts."""
     robot = model.robot
-    elements = robot.per_element(np.arange(len(robot.cables)))
-    pulleys = np.repeat(np.arange(len(robot.cables)), [len(one.pulleys) for one in robot.cables])
-    efforts = np.full(len(robot.axes), -1)
-    return np.concatenate([elements, pulleys, efforts])
+    cables, places = range(len(robot.cables)), model.layout.stddev
+    found = np.full(stddev_columns(model.layout).size, -1)
+    found[places["tension"]] = robot.per_element(np.array(cables))
+    found[places["magnitude"]] = np.repeat(cables, [len(one.pulleys) for one in robot.cables])
+    return found

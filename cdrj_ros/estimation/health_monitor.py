@@ -23,6 +23,7 @@ from cdrj_ros.estimation.health_verdict import Report, report
 from cdrj_ros.estimation.sensors import LARGEST
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.packing import EFFORT, TENSION, stddev_places
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
 
@@ -90,9 +91,9 @@ class HealthMonitor:
         self._columns = np.array(columns)
         self._index = {name: k for k, name in enumerate((*layout.motors, *layout.elements))}
         """Index of every sensor in ``_columns``."""
-        motors = len(layout.elements) + len(layout.pulleys)
-        self._stddev_column = {name: motors + k for k, name in enumerate(layout.motors)}
-        self._stddev_column |= {name: k for k, name in enumerate(layout.elements)}
+        places = stddev_places(layout)
+        self._stddev_column = {name: places[f"{EFFORT}/{name}"] for name in layout.motors}
+        self._stddev_column |= {name: places[f"{TENSION}/{name}"] for name in layout.elements}
         self._makers: deque[Callable[[], Change]] = deque(changes_of(model.robot, known))
         self._changes: list[Change] = []
         self._constants = [model.constants]

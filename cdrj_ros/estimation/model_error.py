@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, Shape, shape_at
 from cdrj_ros.robot.description import Robot, Winch
 
@@ -33,10 +34,7 @@ def unmodelled(model: Model) -> Table:
     given = dict(robot.uncertainty.model_error) if robot.uncertainty is not None else {}
     error = _tension_errors(robot, shape, given) if given else np.zeros(slack.size)
     known = in_all_quantities(model, shape, error)
-    names = [f"tension/{name}" for name in model.layout.elements]
-    names += [""] * len(model.layout.pulleys)
-    names += [f"effort/{name}" for name in (*model.layout.motors, *model.layout.joints)]
-    for k, name in enumerate(names):
+    for name, k in stddev_places(model.layout).items():
         known[k] = given.get(name, known[k])
     return np.stack([known**2, in_all_quantities(model, shape, slack)])
 
@@ -81,7 +79,7 @@ def offset_gain(model: Model) -> Table:
     shape = shape_at(model, robot.reference_pose)
     tension = robot.per_element(stiffness(robot, shape))
     efforts = np.einsum("ea,eb->ab", _arms(robot, shape), tension)
-    return np.concatenate([tension, _forces(model, shape, tension), efforts])
+    return _in_order(model, tension, _forces(model, shape, tension), efforts)
 
 
 def length_share(model: Model) -> Vector:
@@ -136,8 +134,18 @@ def _forces(model: Model, shape: Shape, tension: Table) -> Table:
     return np.asarray(lever * (tension[before] + tension[before + 1]))
 
 
+def _in_order(model: Model, tension: Table, magnitude: Table, effort: Table) -> Table:
+    """Numbers of all elements, pulleys and axes in the order of ``stddev_columns``."""
+    motors = len(model.robot.motors)
+    own = {
+        "tension": tension, "magnitude": magnitude,
+        "motor_effort": effort[:motors], "joint_effort": effort[motors:],
+    }  # fmt: skip
+    return np.concatenate([own[name] for name in model.layout.stddev])
+
+
 def in_all_quantities(model: Model, shape: Shape, tension: Vector) -> Vector:
     """What errors of the tensions are in all columns, where cables err independently."""
     own = _by_cable(model.robot, _arms(model.robot, shape) * tension[:, None])
     efforts = np.linalg.norm(own, axis=0)
-    return np.concatenate([tension, _forces(model, shape, tension), efforts])
+    return _in_order(model, tension, _forces(model, shape, tension), efforts)

@@ -14,6 +14,7 @@ import numpy as np
 
 from cdrj_ros.estimation.unknowns import preload_of
 from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Robot
@@ -119,10 +120,10 @@ def _verified(sensor: Sensor) -> Sensor:
 
 
 def _cells(model: Model) -> Iterator[Sensor]:
-    elements = iter(enumerate(model.layout.elements))
+    places = stddev_places(model.layout)
     for c, cable in enumerate(model.robot.cables):
-        for _ in cable.element_names:
-            column, name = next(elements)
+        for name in cable.element_names:
+            column = places[f"tension/{name}"]
             yield replace(
                 _sensor(name, column, (c,), cable.sensor_noise, preload_of(cable), CELL),
                 verified=cable.sensor_verified,
@@ -132,7 +133,7 @@ def _cells(model: Model) -> Iterator[Sensor]:
 def _efforts(model: Model) -> Iterator[Sensor]:
     """Efforts of motors, and of joints whose file gives ``effort_noise``."""
     robot, layout = model.robot, model.layout
-    first = len(layout.elements) + len(layout.pulleys)
+    places = stddev_places(layout)
     arms = shape_at(model, robot.reference_pose).lever_arm
     of_joints = np.array([np.abs(arms[part]).max(axis=0, initial=0.0) for part in robot.parts])
     contributes = np.hstack([np.abs(robot.drums), of_joints.reshape(len(robot.cables), -1)])
@@ -143,7 +144,9 @@ def _efforts(model: Model) -> Iterator[Sensor]:
         if axis.effort_noise is None or not cables:
             continue
         scale = float(own @ preload)
-        one = _sensor(axis.name, first + a, cables, axis.effort_noise, scale, EFFORT)
+        one = _sensor(
+            axis.name, places[f"effort/{axis.name}"], cables, axis.effort_noise, scale, EFFORT
+        )
         yield replace(
             one,
             prior=(*one.prior[:2], _friction_stddev(robot, a, scale)),

@@ -341,7 +341,9 @@ class LiveEstimator:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
         if estimate.stddev is not None:
             share = self.options.unsure_share
-            mark_unsure(estimate.values, self._preload, estimate.stddev, share, NO_DOUBTS)
+            mark_unsure(
+                self.model.core, estimate.values, self._preload, estimate.stddev, share, NO_DOUBTS
+            )
         if sample.doubtful:
             mark_elements_unsure(estimate.values, self._everywhere)
         if self.always_unsure is not None:

@@ -110,8 +110,6 @@ class AnswerTopic(NamedTuple):
 
     def columns(self, layout: Layout, array: str) -> slice:
         """Place of an array in ``Estimates.values``."""
-        if array == "effort":
-            return slice(layout.motor_effort.start, layout.joint_effort.stop)
         place: slice = getattr(layout, array)
         return place
 

@@ -14,7 +14,14 @@ from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.recorded_health import Verdict
 from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.messages import cdr
-from cdrj_ros.model.packing import EFFORT, NODAL_FORCE, TENSION, Layout, channel_columns
+from cdrj_ros.model.packing import (
+    EFFORT,
+    NODAL_FORCE,
+    TENSION,
+    Layout,
+    channel_columns,
+    stddev_places,
+)
 from cdrj_ros.model.prepared import Model, shape_at
 
 
@@ -162,7 +169,7 @@ def stddev_channels(layout: Layout, stddev: Floats | None) -> dict[str, Floats]:
     """
     if stddev is None:
         return {}
-    return {name: stddev[:, k] for k, name in enumerate(channel_columns(layout))}
+    return {name: stddev[:, k] for name, k in stddev_places(layout).items()}
 
 
 def size_of(values: Floats) -> Floats:

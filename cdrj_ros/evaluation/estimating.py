@@ -18,6 +18,7 @@ from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.messages.templates import FORCES
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording
 from cdrj_ros.recordings.source import open_source
@@ -62,7 +63,7 @@ def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estim
     for piece, estimates in _ahead(_estimated(model, samples)):
         found = estimates if ensemble is None else ensemble.follow(piece, estimates)
         stddev = UNKNOWN if found.stddev is None else found.stddev
-        mark_unsure(found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        mark_unsure(model.core, found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield found
 
 
@@ -98,7 +99,7 @@ def _pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Itera
         piece = samples.part(slice(begin, begin + AT_ONCE))
         estimates = encoderless.run(piece, efforts[begin : begin + AT_ONCE])
         stddev = UNKNOWN if estimates.stddev is None else estimates.stddev
-        mark_unsure(estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        mark_unsure(model.core, estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield estimates
 
 
@@ -197,8 +198,6 @@ def _write_piece(
     bag: BagWriter, piece: Estimates, log_ns: NDArray[np.int64], outputs: tuple[str, str, str]
 ) -> None:
     layout, values, stamps, stddev = piece.layout, piece.values, piece.stamp_ns, piece.stddev
-    deviations = np.empty((stamps.size, 0)) if stddev is None else stddev
-    elements, pulleys = len(layout.elements), len(layout.pulleys)
     status = values[:, layout.status].astype(np.uint8)
     tensions, forces, efforts = outputs
     bag.write_tensions(
@@ -206,7 +205,7 @@ def _write_piece(
         stamps,
         layout.elements,
         values[:, layout.tension],
-        None if stddev is None else deviations[:, :elements],
+        None if stddev is None else stddev[:, layout.stddev["tension"]],
         status,
         log_ns=log_ns,
         frame_id=layout.base_link,
@@ -216,21 +215,17 @@ def _write_piece(
         stamps,
         layout.pulleys,
         values[:, layout.magnitude],
-        force_x=values[:, layout.force_x],
-        force_y=values[:, layout.force_y],
-        force_z=values[:, layout.force_z],
-        stddev=None if stddev is None else deviations[:, elements : elements + pulleys],
-        friction=values[:, layout.friction],
-        slip_speed=values[:, layout.slip_speed],
-        status=layout.pulley_status(status),
         log_ns=log_ns,
         frame_id=layout.force_frame,
+        stddev=None if stddev is None else stddev[:, layout.stddev["magnitude"]],
+        status=layout.pulley_status(status),
+        **{array: values[:, getattr(layout, array)] for array in FORCES if array != "magnitude"},
     )
     bag.write_joint_states(
         efforts,
         stamps,
         layout.motors + layout.joints,
-        effort=values[:, layout.motor_effort.start : layout.joint_effort.stop],
+        effort=values[:, layout.effort],
         log_ns=log_ns,
         frame_id=layout.base_link,
     )

@@ -152,7 +152,9 @@ def _blank(
     return b"\0\1\0\0" + bytes(body), spans
 
 
-FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed")
+FORCES: Final = tuple(
+    field.name for field in NODAL_FORCES.fields if field.code == "f8" and field.name != "stddev"
+)
 """Arrays that nodal forces and estimates have by the same names."""
 
 NONE_KNOWN: Final = np.empty(0)
@@ -192,12 +194,14 @@ class EstimateEncoder:
             uncertain: whether the messages include standard deviations.
         """
         self._layout = layout
-        elements, pulleys = len(layout.elements), len(layout.pulleys)
-        axes = layout.motors + layout.joints
-        self._width = elements + pulleys + len(axes) if uncertain else 0
-        of_elements = [(k, k) for k in range(elements)]
+        axes, places = layout.motors + layout.joints, layout.stddev
+        self._width = max(one.stop for one in places.values()) if uncertain else 0
+        of_elements = [(k, k) for k in range(len(layout.elements))]
         of_pulleys = [(int(k), int(k) + 1) for k in layout.element_before]
-        begins = (0, elements, elements + pulleys) if uncertain else (None, None, None)
+        begins = [
+            places[part].start if uncertain else None
+            for part in ("tension", "magnitude", "motor_effort")
+        ]
         prepare = partial(_encoder_of, layout)
         self._tensions = prepare(
             CABLE_TENSIONS, layout.elements, ("tension",), begins[0], beside=of_elements
@@ -262,12 +266,6 @@ def _encoder_of(
         stddev: its array that holds the standard deviations.
         beside: for a message with status, the elements beside each of its names.
     """
-
-    def first(array: str) -> int:
-        """Index of the first number of an array among the estimate's values."""
-        part = layout.motor_effort if array == "effort" else getattr(layout, array)
-        return int(part.start)
-
     uncertain = first_stddev is not None
     arrays = (*values, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
     frame = layout.force_frame if message is NODAL_FORCES else layout.base_link
@@ -276,7 +274,7 @@ def _encoder_of(
     status = layout.status.start
     return MessageEncoder(
         blank.payload,
-        values=[(at[one], first(one), len(names)) for one in values],
+        values=[(at[one], getattr(layout, one).start, len(names)) for one in values],
         stddevs=[(at[stddev], first_stddev, len(names))] if first_stddev is not None else [],
         flags=[
             (at["status"] + k, status + before, status + after)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from math import cos, pi, sin
 from typing import Any, Final
@@ -15,12 +15,15 @@ from cdrj_ros._core import Law, Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.laws import contact_cells, elasticity_of, friction_numbers, stribeck_of
 from cdrj_ros.model.packing import (
+    TENSION,
     Indices,
     Sizes,
     Views,
+    channel_columns,
     code_of,
     constant_views,
     empty_robot,
+    layout_of,
     topology_views,
 )
 from cdrj_ros.robot.description import (
@@ -50,9 +53,10 @@ def pack(robot: Robot) -> tuple[Indices, Vector]:
     rows = _Rows(robot, topology_views(topology), constant_views(sizes, constants))
     rows.axes()
     rows.frames()
-    rows.residuals()
     for c in range(len(robot.cables)):
         rows.cable(c)
+    if robot.residuals:
+        rows.residuals(channel_columns(layout_of(robot, topology)))
     return topology, constants
 
 
@@ -150,23 +154,21 @@ class _Rows:
                 offset=frame.offset,
             )
 
-    def residuals(self) -> None:
-        """Fill the rows of the learned corrections."""
+    def residuals(self, columns: Mapping[str, int]) -> None:
+        """Fill the rows of the learned corrections; ``columns``: of the outputs in an estimate."""
         axes = {axis.name: a for a, axis in enumerate(self._robot.axes)}
-        cables = [c for c, cable in enumerate(self._robot.cables) for _ in cable.element_names]
-        elements = [name for cable in self._robot.cables for name in cable.element_names]
-        pulleys = len(self._topology.pulleys)
-        columns = {f"tension/{name}": e for e, name in enumerate(elements)}
-        before = 2 * len(elements) + 6 * pulleys  # what an estimate has before its efforts
-        columns |= {f"effort/{name}": before + a for name, a in axes.items()}
+        cables = {
+            f"{TENSION}/{name}": c
+            for c, cable in enumerate(self._robot.cables)
+            for name in cable.element_names
+        }
         entry = weight = 0
         for r, one in enumerate(self._robot.residuals):
-            column = columns[one.output]
             _fill(
                 self._topology.residuals,
                 r,
-                column=column,
-                cable=cables[column] if column < len(elements) else -1,
+                column=columns[one.output],
+                cable=cables.get(one.output, -1),
                 first_input=entry,
                 inputs=len(one.inputs),
                 first_weight=weight,

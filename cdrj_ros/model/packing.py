@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import lru_cache
-from itertools import pairwise
 from math import prod
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -274,6 +273,8 @@ class Layout:
     """Index of the element before every pulley; the next index is the one after it.  Read-only."""
     size: int
     """Floats of one estimate."""
+    stddev: Mapping[str, slice]
+    """Places of the parts that have standard deviations among these, in their order."""
     tension: slice
     """[N]."""
     status: slice
@@ -303,6 +304,11 @@ class Layout:
     trust: slice
     """Share of it that applies."""
 
+    @property
+    def effort(self) -> slice:
+        """Of all motors, then all joints."""
+        return slice(self.motor_effort.start, self.joint_effort.stop)
+
     def in_frame(self, base_link: str) -> Layout:
         """The layout with another name of the base frame; empty: this one."""
         base = base_link or self.base_link
@@ -318,39 +324,50 @@ class Layout:
         return status[..., before] | status[..., before + 1]
 
 
-def layout_of(robot: Robot, rows: Any, sizes: Sizes) -> Layout:
-    """Layout of the estimate, whose parts have the order of ``Estimate`` in ``core/layout.hpp``."""
-    elements = tuple(name for cable in robot.cables for name in cable.element_names)
-    pulleys = tuple(name for cable in robot.cables for name in cable.pulley_names)
-    counts = [*2 * [sizes.elements], *6 * [sizes.pulleys], sizes.motors, sizes.joints]
-    counts += [*2 * [sizes.cables], *2 * [sizes.residuals]]
-    ends = np.cumsum([0, *counts]).tolist()
-    slices = [slice(a, b) for a, b in pairwise(ends)]
-    before = rows["element"].astype(np.intp)
+def layout_of(robot: Robot, topology: Indices) -> Layout:
+    """Layout of the estimates of a robot and its topology, whose parts the core lays out."""
+    parts = _core.estimate_parts(topology)
+    before = topology_views(topology).pulleys["element"].astype(np.intp)
     before.flags.writeable = False
     placed = any(cable.placed for cable in robot.cables)
     return Layout(
-        elements,
-        pulleys,
+        tuple(name for cable in robot.cables for name in cable.element_names),
+        tuple(name for cable in robot.cables for name in cable.pulley_names),
         robot.base_link,
         robot.base_link if placed else "",
         tuple(motor.name for motor in robot.motors),
         tuple(joint.name for joint in robot.joints),
         tuple(cable.name for cable in robot.cables),
         before,
-        ends[-1],
-        *slices,
+        max(end for _, end, _ in parts.values()),
+        {name: slice(at, at + end - first) for name, (first, end, at) in parts.items() if at >= 0},
+        **{name: slice(first, end) for name, (first, end, _) in parts.items()},
     )
 
 
 def channel_columns(layout: Layout) -> dict[str, int]:
     """Columns of tensions, nodal forces, motor and joint efforts in an estimate, by channel."""
-    named: dict[str, int] = {}
-    for prefix, names, where in (
-        (TENSION, layout.elements, layout.tension),
-        (NODAL_FORCE, layout.pulleys, layout.magnitude),
-        (EFFORT, layout.motors, layout.motor_effort),
-        (EFFORT, layout.joints, layout.joint_effort),
-    ):
-        named |= {f"{prefix}/{name}": where.start + k for k, name in enumerate(names)}
-    return named
+    return {
+        f"{prefix}/{name}": getattr(layout, part).start + k
+        for part, prefix, names in _channels(layout)
+        for k, name in enumerate(names)
+    }
+
+
+def stddev_places(layout: Layout) -> dict[str, int]:
+    """Places of the same channels among the standard deviations."""
+    return {
+        f"{prefix}/{name}": layout.stddev[part].start + k
+        for part, prefix, names in _channels(layout)
+        for k, name in enumerate(names)
+    }
+
+
+def _channels(layout: Layout) -> tuple[tuple[str, str, tuple[str, ...]], ...]:
+    """Parts of an estimate that are channels, with the prefix and the ends of their names."""
+    return (
+        ("tension", TENSION, layout.elements),
+        ("magnitude", NODAL_FORCE, layout.pulleys),
+        ("motor_effort", EFFORT, layout.motors),
+        ("joint_effort", EFFORT, layout.joints),
+    )

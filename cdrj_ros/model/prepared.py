@@ -203,7 +203,7 @@ def _model(robot: Robot) -> Model:
         topology=topology,
         constants=constants,
         sizes=sizes,
-        layout=layout_of(robot, parts.pulleys, sizes),
+        layout=layout_of(robot, topology),
     )
 
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, MESSAGE_TYPES, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
 from cdrj_ros.recordings.definitions import (
@@ -128,31 +128,19 @@ class BagWriter:
         names: Sequence[str],
         magnitude: ArrayLike,
         *,
-        force_x: ArrayLike | None = None,
-        force_y: ArrayLike | None = None,
-        force_z: ArrayLike | None = None,
-        stddev: ArrayLike | None = None,
-        friction: ArrayLike | None = None,
-        slip_speed: ArrayLike | None = None,
-        status: ArrayLike | None = None,
         log_ns: ArrayLike | None = None,
         frame_id: str = "",
+        **others: ArrayLike | None,
     ) -> None:
         """Add cdrj_msgs/NodalForces [N, m/s]; stamps (n,), arrays (n, len(names)).
 
-        `status` of None is written as OK, any other array of None as empty (unknown).
-        Takes 14 arguments because the message has eight arrays and each may be missing.
+        `others` are arrays of the message by name. A `status` of None is written as OK, any other
+        array of None as empty (unknown).
         """
-        status = np.zeros(np.shape(magnitude), np.uint8) if status is None else status
         arrays = {
-            "force_x": force_x,
-            "force_y": force_y,
-            "force_z": force_z,
+            "status": np.zeros(np.shape(magnitude), np.uint8),
+            **others,
             "magnitude": magnitude,
-            "stddev": stddev,
-            "friction": friction,
-            "slip_speed": slip_speed,
-            "status": status,
         }
         self._write(NODAL_FORCES.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
@@ -287,6 +275,8 @@ class BagWriter:
         stamps = np.array(stamp_ns, np.int64)
         times = stamps if log_ns is None else np.array(log_ns, np.int64)
         given = {name: np.array(a) for name, a in arrays.items() if a is not None}
+        if unknown := set(given) - {field.name for field in MESSAGE_TYPES[msgtype].fields}:
+            raise BagError(f"{topic}: {msgtype} has no {', '.join(sorted(unknown))}")
         shape = (*stamps.shape, len(names))
         wrong = {name: a.shape for name, a in given.items() if a.shape != shape}
         if stamps.ndim != 1 or times.shape != stamps.shape or wrong:

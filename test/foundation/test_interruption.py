@@ -11,10 +11,12 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
+from support.places import ROBOT
 
 from cdrj_ros._core import mark_unsure
 from cdrj_ros.foundation.interruption import BLAS_THREADS, thread_pool
 from cdrj_ros.model.packing import UNSURE
+from cdrj_ros.model.prepared import load_model
 
 PATIENCE_S = 30.0
 PRELUDE = """
@@ -146,12 +148,14 @@ def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
     def ask(*_: object) -> None:
         raise InterruptedError
 
-    values, nothing = np.zeros((4_000_000, 2)), np.empty((0, 0))
-    preload, doubtful = np.ones(1), np.ones(len(values), dtype=np.bool_)
+    model = load_model(ROBOT)
+    values, nothing = np.zeros((200_000, model.layout.size)), np.empty((0, 0))
+    preload = np.ones(len(model.layout.elements))
+    doubtful = np.ones(len(values), dtype=np.bool_)
 
     def loop() -> None:
         signal.setitimer(signal.ITIMER_REAL, 1e-3)
-        mark_unsure(values, preload, nothing, 0.5, doubtful)
+        mark_unsure(model.core, values, preload, nothing, 0.5, doubtful)
 
     before = signal.signal(signal.SIGALRM, ask)
     try:
@@ -160,5 +164,6 @@ def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-    assert values[0, 1] == UNSURE
-    assert values[-1, 1] != UNSURE
+    status = values[:, model.layout.status]
+    assert (status[0] == UNSURE).all()
+    assert not status[-1].any()
