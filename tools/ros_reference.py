@@ -54,6 +54,7 @@ PARAMETER_SERVICES = (
     "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters",
     "set_parameters", "set_parameters_atomically", "get_type_description",
 )  # fmt: skip
+LIFECYCLE = "lifecycle_msgs/"
 
 
 def _overrides(**given):
@@ -134,9 +135,10 @@ def _topics(node):
 
 def _services(node):
     return [
-        (f"`{name}`", _type(service.srv_type))
+        (f"`{name}`", kind)
         for service in node.services
         if (name := _short(service.srv_name, node)).rpartition("/")[2] not in PARAMETER_SERVICES
+        and not (kind := _type(service.srv_type)).startswith(LIFECYCLE)
     ]
 
 
