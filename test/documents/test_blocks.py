@@ -50,9 +50,9 @@ def test_bash_can_read_every_line_of_commands() -> None:
 
 
 def test_programs_in_python_stand_on_the_page_whose_programs_a_test_runs() -> None:
-    """test/project/test_api.py and test/documents/test_tables_page.py run them."""
+    """test_api.py and test_tables_page.py run them, test_parallel.py what recordings.md shows."""
     with_programs = {page.name for page in PAGES for kind, _ in fenced(page) if kind == "python"}
-    assert with_programs == {"api.md", "tables.md"}
+    assert with_programs == {"api.md", "recordings.md", "tables.md"}
 
 
 def test_settings_of_every_page_are_taken_by_their_reader(tmp_path: Path) -> None:
