@@ -49,4 +49,4 @@ cp "$made"/_core.*.so "$tree/cdrj_ros/"
 export ASAN_OPTIONS=detect_leaks=0
 LD_PRELOAD=$(c++ -print-file-name=libasan.so) PYTHONPATH=$tree:${PYTHONPATH:-} \
     pytest -q -p no:cacheprovider test/messages/test_cdr.py \
-        test/estimation/test_{conditioner,core_ensemble,time_line,time_line_properties,tracking}.py
+        test/estimation/test_{beliefs,conditioner,core_ensemble,time_line,time_line_properties,tracking}.py

@@ -135,7 +135,7 @@ auto copy_of(const Numbers& numbers) {
 template <typename T>
 struct nanobind::detail::type_caster<cdrj::Array<T>> {
     static constexpr auto NUMBER = const_name<std::is_same_v<std::remove_const_t<T>, double>>(
-        const_name("float64"), const_name<std::is_same_v<T, const bool>>("bool_", "int64"));
+        const_name("float64"), const_name<std::is_same_v<std::remove_const_t<T>, bool>>("bool_", "int64"));
     NB_TYPE_CASTER(
         cdrj::Array<T>, const_name("numpy.typing.NDArray[numpy.") + NUMBER + const_name("]"))
 
@@ -237,6 +237,7 @@ void bind_kinds(nb::module_& core, const char* name, const char* const (&names)[
 void bind_laws(nb::module_& core);
 void bind_messages(nb::module_& core);
 void bind_conditioning(nb::module_& core);
+void bind_beliefs(nb::module_& core);
 void bind_ensemble(nb::module_& core);
 void bind_encoderless(nb::module_& core);
 void bind_simulation(nb::module_& core);

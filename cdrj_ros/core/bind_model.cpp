@@ -378,6 +378,7 @@ NB_MODULE(_core, core) {
     cdrj::bind_ensemble(core);
     cdrj::bind_encoderless(core);
     cdrj::bind_laws(core);
+    cdrj::bind_beliefs(core);
     cdrj::bind_robot(core);
     cdrj::bind_simulation(core);
 }

@@ -21,10 +21,15 @@ public:
     double operator()(std::size_t row, std::size_t column) const {
         return numbers_[row * columns_ + column];
     }
+    std::span<double> row(std::size_t row) {
+        return std::span(numbers_).subspan(row * columns_, columns_);
+    }
     std::span<const double> row(std::size_t row) const {
         return std::span(numbers_).subspan(row * columns_, columns_);
     }
 
+    std::span<double> numbers() { return numbers_; }
+    std::span<const double> numbers() const { return numbers_; }
     std::size_t rows() const { return columns_ == 0 ? 0 : numbers_.size() / columns_; }
     void fill(double number) { std::ranges::fill(numbers_, number); }
 

@@ -85,28 +85,20 @@ double motor_arm(const Step& step, Index c, Index end) {
     return step.constants.ends[2 * c + end].winding * drum_lever(step, c, end);
 }
 
-namespace {
-
-/// Effort of the cables on an axis (E12), without its own friction and spring.
-double effort_of_cables(const Step& step, Index axis) {
+double effort_of_cable(const Step& step, Index axis, Index c, double effort) {
     const auto& [topology, constants, before, after, estimate, work] = step;
     const Index joint = axis - topology.sizes.motors;
-    double effort = 0.0;
-    for (const Index c : topology.paths->cables_of_axis[axis]) {
-        const CableTopology& cable = topology.cables[c];
-        const std::span tension = estimate.tension.subspan(cable.first_element, cable.elements);
-        for (Index k = 0; joint >= 0 && k < cable.elements; ++k) {
-            effort -= tension[k] * work.lever_arm(cable.first_element + k, joint);
-        }
-        for (const Index end : {Index{0}, Index{1}}) {
-            if (topology.ends[2 * c + end].motor != axis) continue;
-            effort -= motor_arm(step, c, end) * (end == 0 ? tension.front() : tension.back());
-        }
+    const CableTopology& cable = topology.cables[c];
+    const std::span tension = estimate.tension.subspan(cable.first_element, cable.elements);
+    for (Index k = 0; joint >= 0 && k < cable.elements; ++k) {
+        effort -= tension[k] * work.lever_arm(cable.first_element + k, joint);
+    }
+    for (const Index end : {Index{0}, Index{1}}) {
+        if (topology.ends[2 * c + end].motor != axis) continue;
+        effort -= motor_arm(step, c, end) * (end == 0 ? tension.front() : tension.back());
     }
     return effort;
 }
-
-}  // namespace
 
 void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles& angles) {
     auto& [topology, constants, before, after, estimate, work] = step;
@@ -124,7 +116,11 @@ void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles&
         after.bearing_friction[a] = friction;
         double& effort =
             a < motors ? estimate.motor_effort[a] : estimate.joint_effort[a - motors];
-        effort = axis.effort_sign * (effort_of_cables(step, a) + torque);
+        double cables = 0.0;
+        for (const Index c : topology.paths->cables_of_axis[a]) {
+            cables = effort_of_cable(step, a, c, cables);
+        }
+        effort = axis.effort_sign * (cables + torque);
     }
 }
 

@@ -163,6 +163,9 @@ void report_cable(Step& step, Index cable, bool solved);
 /// motor's effort per newton (E12), (E27).
 double motor_arm(const Step& step, Index cable, Index end);
 
+/// Add the effort of one cable on an axis (E12), before the sign, to that of others.
+double effort_of_cable(const Step& step, Index axis, Index cable, double others = 0.0);
+
 /// Write the efforts of some axes: those of their cables (E12), friction and spring (E13), and the sign.
 void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles& angles);
 

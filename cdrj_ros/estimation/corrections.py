@@ -16,7 +16,7 @@ import numpy as np
 
 from cdrj_ros.estimation.changes import SPRING_SCALE_NOW
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, Sample
+from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample
 from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
@@ -28,6 +28,12 @@ from cdrj_ros.robot.groups import connected_cables
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a reading [ns]."""
+
+TICK_NS: Final = 20_000_000
+"""Shortest time between two samples at which signatures are renewed [ns]; they follow the pose."""
+
+LONGEST_NS: Final = 1_000_000_000
+"""After a longer time without a sample their robots start anew [ns]."""
 
 KEPT: Final = 5_000
 """Maximum number of past estimates."""
@@ -84,6 +90,8 @@ class Corrections:
         self._group_of = {c: group for group in self.groups for c in group.cables}
         self._directions = Directions(model.robot)
         self._past: deque[_Past] = deque(maxlen=KEPT)
+        self._renewed_ns = NEVER
+        """Stamp of the sample at which signatures were last renewed [ns]."""
         self._shift = np.zeros(self._columns.size)
         """Change of every quantity by what the sensors say."""
         self._known = np.zeros(self._columns.size)
@@ -103,8 +111,8 @@ class Corrections:
     def restart(self) -> None:
         """Begin with an unknown history; what is known of robot and sensors is kept."""
         for group in self.groups:
-            group.signatures.reset()
-            group.beliefs.pause()
+            group.beliefs.core.pause()
+        self._renewed_ns = NEVER
         self._directions.forget()
         self._past.clear()
         self._known[:] = 0.0
@@ -117,7 +125,7 @@ class Corrections:
             for c in group.cables:
                 k = at[f"preload of {self.model.layout.cables[c]}"]
                 size[k] = (changes[c] / group.unknowns[k].unit) ** 2
-            group.beliefs.widen(size)
+            group.beliefs.core.widen(size)
 
     def follow(self, sample: Sample, estimate: Estimate, readings: Sequence[Reading],
                ensemble: Ensemble) -> None:  # fmt: skip
@@ -129,18 +137,18 @@ class Corrections:
             readings: that have become due.
             ensemble: whose members have been updated with the sample.
         """
-        renewed = [group.follow(sample) for group in self.groups]
+        renewed = self._renew_signatures(sample)
         values = estimate.values[self._columns]
         angles = np.concatenate([sample.motor_angle, sample.joint_angle])
         assert estimate.stddev is not None
-        slopes = [group.signatures.slopes for group in self.groups]
+        slopes = [group.slopes for group in self.groups]
         direction = self._directions.follow(angles)
         self._past.append(_Past(sample.stamp_ns, values, estimate.stddev, slopes, direction))
         while sample.stamp_ns - self._past[0].stamp_ns > HISTORY_NS:
             self._past.popleft()
-        touched = {id(group) for group, new in zip(self.groups, renewed, strict=True) if new}
-        touched |= {id(self._take(reading)) for reading in readings}
-        if not touched:
+        for reading in readings:
+            self._take(reading)
+        if not (renewed or readings):
             return
         ensemble.catch_up(sample, estimate)
         self._shift[:] = self._left[:] = 0.0
@@ -150,23 +158,35 @@ class Corrections:
             self._known[group.columns] = found[1]
             self._left[group.columns] += found[2]
 
-    def _take(self, reading: Reading) -> Group | None:
+    def _renew_signatures(self, sample: Sample) -> bool:
+        """Renew the signatures of all groups, unless too soon; whether that was done."""
+        passed = sample.stamp_ns - self._renewed_ns
+        if self._renewed_ns != NEVER and 0 <= passed < TICK_NS:
+            return False
+        goes_on = self._renewed_ns != NEVER and 0 < passed <= LONGEST_NS
+        self._renewed_ns = sample.stamp_ns
+        for group in self.groups:
+            if not goes_on:
+                group.signatures.reset()
+            group.follow(sample, passed * 1e-9 if goes_on else 0.0)
+        return True
+
+    def _take(self, reading: Reading) -> None:
         """Take one reading, unless it is refused."""
         sensor = self.sensors[reading.name]
         group = self._group_of[sensor.cables[0]]
         past = self._at(reading.stamp_ns, sensor.column)
         if past is None:
             self.refused += 1
-            return None
+            return
         h, then = past
         k = group.hear(sensor)
         slopes = then.slopes[self.groups.index(group)][:, group.place[sensor.column]]
         direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
-        group.beliefs.take(
+        group.beliefs.core.take(
             k, reading.stamp_ns, reading.value, reading.noise, h, slopes,
             float(then.stddev[sensor.column]), direction,
         )  # fmt: skip
-        return group
 
     def _at(self, stamp_ns: int, column: int) -> tuple[float, _Past] | None:
         """A quantity by the model at a time, and the sample at or after it; None if too old."""
@@ -235,17 +255,18 @@ class Corrections:
         right, found = self.right, {}
         for group in self.groups:
             mean, stddev = group.beliefs.moments()
-            for one in group.beliefs.heard:
-                bias, gain, friction = range(one.first, one.first + 3)
-                unit = "N" if one.sensor.axis < 0 else "N m"
+            for k, sensor in enumerate(group.beliefs.sensors):
+                bias, gain, friction = group.beliefs.errors_of(k)
+                _, used, frozen = group.beliefs.core.heard(k)
+                unit = "N" if sensor.axis < 0 else "N m"
                 words = (
-                    f"right with {right[one.sensor.name]:.0%}; {one.used} readings; "
+                    f"right with {right[sensor.name]:.0%}; {used} readings; "
                     f"bias {mean[bias]:.3g} +- {stddev[bias]:.2g} {unit}, "
                     f"gain {mean[gain]:+.1%} +- {stddev[gain]:.1%}"
                 )
-                if one.sensor.prior[2] > 0.0:
+                if sensor.prior[2] > 0.0:
                     words += f", friction {mean[friction]:.3g} +- {stddev[friction]:.2g} {unit}"
-                found[one.sensor.name] = words + (", frozen" if one.frozen else "")
+                found[sensor.name] = words + (", frozen" if frozen else "")
         return found
 
     def confirmed_by(self, preloads: Mapping[str, float]) -> set[str]:
@@ -260,8 +281,7 @@ class Corrections:
                 allowed = CONFIRMED * float(np.hypot(stddev, SPRING_SCALE_NOW * value))
                 if stddev <= TELLING * value and abs(value - mean) <= allowed:
                     c = self.model.layout.cables.index(cable)
-                    found |= {one.sensor.name for one in group.beliefs.heard
-                              if c in one.sensor.cables}  # fmt: skip
+                    found |= {one.name for one in group.beliefs.sensors if c in one.cables}
         return found
 
     def memory(self) -> list[dict[str, Any]]:

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Sample
-from cdrj_ros.estimation.present import present
 from cdrj_ros.estimation.sensors import Sensor
-from cdrj_ros.estimation.signatures import Signatures
-from cdrj_ros.estimation.unknowns import unknowns_of
+from cdrj_ros.estimation.unknowns import Unknown, unknowns_of
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.packing import stddev_places
+from cdrj_ros.model.packing import constant_views, stddev_places
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import has_number, part_of
@@ -44,50 +43,61 @@ class Group:
         self._parameters = own_known.parameters if own_known is not None else ()
         self.unknowns, self.modes = unknowns_of(own, own_known)
         """Change of the file's numbers per unit of every mode, see ``unknowns_of``."""
-        self.signatures = Signatures(own, self.unknowns, stddev_columns(own.layout))
-        self.beliefs = Beliefs(self.unknowns)
+        self.signatures = _signatures(own, self.unknowns)
         self.columns = _columns_in(model, own)
         """Index of every quantity of the group among those of the robot."""
         self.place = {column: k for k, column in enumerate(self.columns.tolist())}
-        self.index: dict[str, int] = {}
-        """Index of every sensor that was heard in ``beliefs``, by name."""
-        self._related: list[NDArray[np.bool_]] = []
+        self.slopes: Table = np.zeros((len(self.unknowns), self.columns.size))
+        """Change of every quantity per unit of every unknown, (B2), shape (unknowns, columns); a
+        new array whenever it is renewed."""
         self._own = own
         self._cable_of = _cables_of_columns(own)
+        self.forget()
 
-    def follow(self, sample: Sample) -> bool:
-        """``Signatures.follow`` of the group, with a sample of the whole robot."""
-        return self.signatures.follow(
-            sample.stamp_ns, sample.motor_angle[self._motors], sample.joint_angle[self._joints]
+    def follow(self, sample: Sample, dt: float) -> None:
+        """Renew the signatures, with a sample of the whole robot.
+
+        Args:
+            sample: now.
+            dt: time since the last one [s]; 0 if unknown.
+        """
+        self.slopes = self.signatures.follow(
+            sample.motor_angle[self._motors], sample.joint_angle[self._joints], dt
         )
 
     def forget(self) -> None:
         """Forget what sensors have said."""
         self.beliefs = Beliefs(self.unknowns)
-        self.index.clear()
-        self._related.clear()
+        self.index: dict[str, int] = {}
+        """Index of every sensor that was heard in ``beliefs``, by name."""
 
     def hear(self, sensor: Sensor) -> int:
         """Index of a sensor in ``beliefs``, which begin to know it."""
         if sensor.name not in self.index:
             self.index[sensor.name] = len(self.index)
-            self.beliefs.hear(sensor)
-            self._relate(sensor)
+            own = [self.cables.index(c) for c in sensor.cables if c in self.cables]
+            contributes = np.isin(self._cable_of, [-1, *own])
+            self.beliefs.hear(sensor, self.place[sensor.column], contributes)
         return self.index[sensor.name]
-
-    def _relate(self, sensor: Sensor) -> None:
-        own = [self.cables.index(c) for c in sensor.cables if c in self.cables]
-        self._related.append(np.isin(self._cable_of, [-1, *own]))
 
     def correction(
         self, stamp_ns: int, values: Vector, deviation: Table
     ) -> tuple[Vector, Vector, Vector]:
-        """``present`` for the group, from quantities and members of the whole robot."""
-        return present(
-            self.beliefs, stamp_ns, values[self.columns], self.signatures.slopes,
-            deviation[:, self.columns], self.place,
-            np.array(self._related, dtype=np.bool_).reshape(-1, self.columns.size),
-        )  # fmt: skip
+        """What the sensors say about the present, (B4).
+
+        Args:
+            stamp_ns: now [ns].
+            values: quantities of the whole robot by the model, shape (columns,).
+            deviation: of the members from them by their histories, shape (members, columns).
+
+        Returns:
+            Changes of the group's quantities; the shares of the variances of their histories that
+            the readings take away; and the variances that the unknowns leave.
+        """
+        columns = self.columns
+        return self.beliefs.core.present(
+            stamp_ns, values[columns], self.slopes, deviation[:, columns]
+        )
 
     def preload_of(self, cable: str) -> tuple[float, float] | None:
         """The preload of a cable and its standard deviation [N]; None if it is of another group."""
@@ -104,12 +114,34 @@ class Group:
         return self._own.robot.cables[names.index(cable)].preload + mean, stddev
 
     def recall(self, memory: Mapping[str, Any], sensors: Mapping[str, Sensor]) -> None:
-        """Take up the memory of ``beliefs``, whose errors it raises."""
-        self.beliefs.recall(memory, sensors)
-        self.index = {one.sensor.name: k for k, one in enumerate(self.beliefs.heard)}
-        self._related.clear()
-        for one in self.beliefs.heard:
-            self._relate(one.sensor)
+        """Take up the memory of ``beliefs``.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is not one of this robot.
+        """
+        self.forget()
+        for name, _ in memory["sensors"]:
+            self.hear(sensors[name])
+        self.beliefs.restore(memory)
+
+
+def _signatures(model: Model, unknowns: Sequence[Unknown]) -> _core.Signatures:
+    """The robots at plus and minus one unit of every unknown of a robot."""
+    ends = {id(end): end for one in unknowns for end in (one.more, one.less)}
+    number = {end: k for k, end in enumerate(ends)}
+    constants = np.stack([end.model.constants for end in ends.values()])
+    residuals: Any = constant_views(model.sizes, constants).residuals
+    residuals["bound"] = 0.0  # the estimate alone is corrected by what its file has learned
+    return _core.Signatures(
+        model.core, constants, np.stack([end.angle for end in ends.values()]),
+        np.array(
+            [
+                (number[id(one.more)], number[id(one.less)], -1 if one.cable is None else one.cable)
+                for one in unknowns
+            ],
+            dtype=np.int64,
+        ),
+    )  # fmt: skip
 
 
 def _known_of(known: Uncertainty | None, own: Model) -> Uncertainty | None:

@@ -144,8 +144,7 @@ def _by_groups(robot: Robot, known: Uncertainty) -> Causes:
     owners = Owners(robot, connected_cables(robot, branches=True))
     causes: Causes = {None: []}
     for cause in independent_causes(known):
-        concerned = {owners.group(known.parameters[k]) for k in cause.numbers.tolist()}
-        group = concerned.pop() if len(concerned) == 1 else None
+        group = owners.group_of_all(known.parameters[k] for k in cause.numbers)
         causes.setdefault(group, []).append(cause)
     return causes
 

@@ -261,6 +261,11 @@ class WaitingReadings:
         """Stamp of the last reading of every sensor that waits or was used [ns]."""
 
     @property
+    def expected(self) -> bool:
+        """Whether the robot has any sensor whose readings may be used."""
+        return not self._ignored.issuperset(self.sensors)
+
+    @property
     def heard(self) -> bool:
         """Whether any sensor has sent a reading that may be used."""
         return bool(self._read_ns)

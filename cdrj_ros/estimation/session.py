@@ -105,6 +105,8 @@ class LiveEstimator:
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
         """What they say, from the first of them on."""
+        self._expected: Corrections | None = None
+        """Corrections that are prepared for the first of them."""
         self._verified: set[str] = set()
         """Sensors that a spring scale has confirmed."""
         self.encoderless: LiveEncoderless | None = None
@@ -130,20 +132,37 @@ class LiveEstimator:
         options = self.options
         if model.robot.unmeasured:
             self.encoderless = LiveEncoderless(model, self.encoderless)
-        elif options.uncertainty:
-            known = narrowed(model.robot, self.changes)
-            if self.corrections is not None:
-                sensors = self.readings.sensors = sensors_of(model, self._verified)
-                self.corrections = Corrections(model, known, sensors)
-                known = exact(known)
-            before, self.ensemble = self.ensemble, Ensemble(model, known=known)
-            if before is not None:
-                self.ensemble.core.continue_lags(before.core)
         self.model = model
+        expected, self._expected = self._expected, None
+        if options.uncertainty and not model.robot.unmeasured:
+            if self.corrections is not None:
+                self.corrections = self._new_corrections()
+            self._renew_members()
         self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
         self._preload = preload_of_elements(model.robot)
         self._everywhere = np.ones(self._preload.size, dtype=np.bool_)
+        if expected is not None:
+            self.expect_sensors()
+
+    def _new_corrections(self) -> Corrections:
+        self.readings.sensors = sensors_of(self.model, self._verified)
+        known = narrowed(self.model.robot, self.changes)
+        return Corrections(self.model, known, self.readings.sensors)
+
+    def _renew_members(self) -> None:
+        """Draw the members anew; with corrections they hold the history alone."""
+        known = narrowed(self.model.robot, self.changes)
+        if self.corrections is not None:
+            known = exact(known)
+        before, self.ensemble = self.ensemble, Ensemble(self.model, known=known)
+        if before is not None:
+            self.ensemble.core.continue_lags(before.core)
+
+    def expect_sensors(self) -> None:
+        """Prepare now what the first reading of a sensor needs: for a hand, that takes a second."""
+        if self._uses_sensors and self.corrections is None and self.readings.expected:
+            self._expected = self._new_corrections()
 
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
@@ -189,10 +208,9 @@ class LiveEstimator:
 
         The friction history begins anew.
         """
-        known = narrowed(self.model.robot, self.changes)
-        sensors = self.readings.sensors
-        self.corrections = Corrections(self.model, known, sensors)
-        self.use(self.model)
+        self.corrections = self._expected or self._new_corrections()
+        self._expected = None
+        self._renew_members()
         self.corrections.widen(self._moved)
         self.state = initial_state(self.model)
 

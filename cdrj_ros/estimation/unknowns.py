@@ -8,6 +8,8 @@ shares of the preloads.  With the singular values of V = U D Wᵀ,
     numbers = file + F W x,     x ~ N(0, 1),                                             (B1)
 
 the ``modes`` x are independent, and the few with D of at least ``LEAST`` stand for all numbers.
+Causes that change one cable alone have modes of their own: one robot then shows what a mode of
+every cable does.
 
 What may have changed since the file was written are preloads, zeros of joints and friction: one
 unknown each, in units of a large change, most likely far smaller, and sometimes sudden.
@@ -16,19 +18,22 @@ See docs/estimation.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros.estimation.parameter_draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.laws import elasticity_of, tensions_at
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Model, poses_in_range, prepare, segments_of, shape_at
+from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, segments_of
 from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot, Uncertainty
+from cdrj_ros.robot.groups import Owners
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
@@ -69,14 +74,12 @@ FRICTION: Final = Kind(unit=0.25, start=0.2, drift=0.01, jump=0.0)
 """Coefficients rise and fall with wear, dust and oil."""
 
 
-class Robots(NamedTuple):
-    """A robot with one number changed to either side, and its angles less those that are read."""
+class Changed(NamedTuple):
+    """A robot with other numbers."""
 
-    more: Model
-    less: Model
-    angle_more: Vector
-    """[rad], of prismatic joints [m], shape (axes,)."""
-    angle_less: Vector
+    model: Model
+    angle: Vector
+    """Its angles less those that are read [rad], of prismatic joints [m], shape (axes,)."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +94,12 @@ class Unknown:
     drift: float
     jump: float
     """As ``Kind``."""
-    robots: Robots
+    more: Changed
+    less: Changed
     """The robot at plus and minus one unit."""
+    cable: int | None = None
+    """The only cable that it changes: the others of these robots show other unknowns; None where
+    it changes several."""
 
 
 def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown], Table]:
@@ -108,59 +115,100 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
     """
     if known is None or not known.parameters or not model.robot.document:
         return _changes(model), np.empty((0, 0))
-    shapes = _modes(model, known)
-    none = model, np.zeros(len(model.robot.axes))
-    more, less = (_changed(model.robot, known, sign * shapes) for sign in (1.0, -1.0))
-    found = []
-    for ends in zip(more, less, strict=True):
-        (up, shift_up), (down, shift_down) = (one or none for one in ends)
-        robots = Robots(up, down, shift_up, shift_down)
-        found.append(Unknown("", 1.0, 1.0, 0.0, 0.0, robots))
+    shapes, cables = _modes(model, known)
+    ends: dict[int, Changed] = {}
+    both = np.concatenate([shapes, -shapes], axis=1)
+    for some, changed in _changed(model.robot, known, both, 2 * cables):
+        ends |= dict.fromkeys(some, changed or _same(model))
+    found = [
+        Unknown("", 1.0, 1.0, 0.0, 0.0, ends[k], ends[len(cables) + k], cable)
+        for k, cable in enumerate(cables)
+    ]
     return found + _changes(model), shapes
+
+
+def _same(model: Model) -> Changed:
+    return Changed(model, np.zeros(len(model.robot.axes)))
 
 
 # --- modes of the file's numbers ------------------------------------------------------------------
 
 
-def _modes(model: Model, known: Uncertainty) -> Table:
-    """F W of (B1) for the modes of at least ``LEAST``."""
+def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int | None]]:
+    """F W of (B1) for the modes of at least ``LEAST``, and the only cable that each changes."""
     causes = independent_causes(known)
     factor = np.zeros((len(known.parameters), len(causes)))
     for k, one in enumerate(causes):
         factor[one.numbers, k] = one.factor
+    owners = Owners(model.robot, tuple((c,) for c in range(len(model.robot.cables))))
+    cables = [owners.group_of_all(known.parameters[k] for k in one.numbers) for one in causes]
     poses = _poses(model)
-    without = _effects(model, np.zeros(len(model.robot.axes)), poses)
-    effects = np.zeros((factor.shape[1], without.size))
-    for k, changed in enumerate(_changed(model.robot, known, factor)):
-        if changed is not None:
-            effects[k] = _effects(*changed, poses) - without
-    _, size, turn = np.linalg.svd(effects.T, full_matrices=False)
-    return np.asarray(factor @ turn[size >= LEAST].T)
+    cable_of, without = _effects(_same(model), poses)
+    effects = np.zeros((len(causes), without.size))
+    for some, changed in _changed(model.robot, known, factor, cables):
+        if changed is None:
+            continue
+        change = _effects(changed, poses)[1] - without
+        for k in some:
+            effects[k] = np.where((cables[k] is None) | (cable_of == cables[k]), change, 0.0)
+    shapes, found = [np.empty((len(factor), 0))], list[int | None]()
+    for cable in (*range(len(model.robot.cables)), None):
+        own = [k for k, other in enumerate(cables) if other == cable]
+        _, size, turn = np.linalg.svd(effects[own].T, full_matrices=False)
+        shapes.append(factor[:, own] @ turn[size >= LEAST].T)
+        found += [cable] * shapes[-1].shape[1]
+    return np.concatenate(shapes, axis=1), found
 
 
 def _changed(
-    robot: Robot, known: Uncertainty, changes: Table
-) -> Iterator[tuple[Model, Vector] | None]:
-    """The robot with other numbers, and its angles less those that are read [rad].
-
-    None where no robot can have these numbers.
+    robot: Robot, known: Uncertainty, changes: Table, cables: Sequence[int | None]
+) -> Iterator[tuple[list[int], Changed | None]]:
+    """Robots with other numbers; changes of one cable each share a robot.
 
     Args:
         robot: the robot.
         known: with the paths of the numbers.
-        changes: of them, one column per robot [SI], shape (numbers, robots).
+        changes: of them, shape (numbers, changes) [SI].
+        cables: the only one that every change concerns; None for several.
+
+    Yields:
+        Indices of changes, and the robot with all of these; None where no robot can have them.
     """
     given: Any = robot.document
     write = writer_of({**given, "uncertainty": {"others": "exact"}}, known.parameters)
+    together = _together(cables)
+    shares = np.zeros((len(cables), len(together)))
+    for r, some in enumerate(together):
+        shares[some, r] = 1.0
+    added = changes @ shares
     values = np.array(
-        [within_range(given, path, by) for path, by in zip(known.parameters, changes, strict=True)]
+        [within_range(given, path, by) for path, by in zip(known.parameters, added, strict=True)]
     )
-    for column in values.T.tolist():
+    for some, column in zip(together, values.T.tolist(), strict=True):
         try:
             other = build_robot(write(column), robot.source)
-            yield prepare(other, check_range=False), np.subtract(other.offsets, robot.offsets)
+            shift = np.subtract(other.offsets, robot.offsets)
+            yield some, Changed(prepare(other, check_range=False), shift)
         except CdrjError:
-            yield None
+            if len(some) == 1:
+                yield some, None
+                continue
+            for k in some:  # most of them are possible alone
+                for _, one in _changed(robot, known, changes[:, [k]], [None]):
+                    yield [k], one
+
+
+def _together(cables: Sequence[int | None]) -> list[list[int]]:
+    """Indices of changes that may share a robot, for the only cable that each concerns."""
+    alone: list[list[int]] = []
+    of_cable: dict[int, list[int]] = {}
+    for k, cable in enumerate(cables):
+        if cable is None:
+            alone.append([k])
+        else:
+            of_cable.setdefault(cable, []).append(k)
+    together = zip_longest(*of_cable.values())
+    return alone + [[k for k in some if k is not None] for some in together]
 
 
 def _poses(model: Model) -> tuple[Table, Table]:
@@ -168,40 +216,45 @@ def _poses(model: Model) -> tuple[Table, Table]:
     robot = model.robot
     every = poses_in_range(robot)
     joints = every[np.linspace(0, len(every) - 1, min(POSES, len(every))).astype(int)]
-    rest = shape_at(model, robot.reference_pose).length
-    longer = np.array([shape_at(model, pose).length - rest for pose in joints])
+    longer = lengths_at(model, joints) - lengths_at(model, robot.reference_pose[None])
     needed = np.stack([longer[:, part].sum(axis=1) for part in robot.parts])
     turned, *_ = np.linalg.lstsq(robot.drums, -needed, rcond=None)
     return joints, np.array([one.reference_angle for one in robot.motors]) + turned.T
 
 
-def _effects(model: Model, angle: Vector, poses: tuple[Table, Table]) -> Vector:
+def _effects(changed: Changed, poses: tuple[Table, Table]) -> tuple[NDArray[np.int64], Vector]:
     """What V of (B1) compares: tensions of all cables in all poses, and the losses of all pulleys.
 
     The tensions are those without friction, as shares of the preloads; below 0 they go on.
 
     Args:
-        model: a robot.
-        angle: its angles less those that are read [rad], shape (axes,).
+        changed: a robot.
         poses: readings of joints, shape (poses, joints), and of motors, shape (poses, motors).
+
+    Returns:
+        The cable that each is of, and the numbers.
     """
+    model, angle = changed
     robot, (joints, motors) = model.robot, poses
     views: Any = constant_views(model.sizes, model.constants)
     count = len(robot.motors)
     reference = np.array([motor.reference_angle for motor in robot.motors])
     wound = (motors + angle[:count] - reference) @ robot.drums.T
-    length = np.array([shape_at(model, pose + angle[count:]).length for pose in joints])
+    length = lengths_at(model, joints + angle[count:])
     found = []
     for c, cable in enumerate(robot.cables):
         material = float(views.segments["material"][segments_of(model, c)].sum())
         strain = (length[:, robot.parts[c]].sum(axis=1) + wound[:, c]) / material - 1.0
         tension = tensions_at(elasticity_of(cable), strain)
         found.append(tension / (preload_of(cable) * np.sqrt(len(joints))))
-    of_pulleys = np.repeat(
-        [preload_of(cable) for cable in robot.cables], [len(one.pulleys) for one in robot.cables]
+    every = np.arange(len(robot.cables))
+    of_pulleys = np.repeat(every, [len(one.pulleys) for one in robot.cables])
+    preload = np.array([preload_of(cable) for cable in robot.cables])
+    losses = views.pulleys["kinetic_loss"] + views.pulleys["drag"] / preload[of_pulleys]
+    return (
+        np.concatenate([np.repeat(every, len(joints)), of_pulleys]),
+        np.concatenate([*found, losses]),
     )
-    losses = views.pulleys["kinetic_loss"] + views.pulleys["drag"] / of_pulleys
-    return np.concatenate([*found, losses])
 
 
 # --- changes since the file was written -----------------------------------------------------------
@@ -215,42 +268,26 @@ def preload_of(cable: Cable) -> float:
 def _changes(model: Model) -> list[Unknown]:
     """Changes of preloads, zeros and friction, in this order."""
     robot = model.robot
+    tighter, looser = _cables_changed(model, _with_preload)
+    rougher, smoother = _cables_changed(model, _with_friction)
     return [
-        *(_preload(model, c) for c in range(len(robot.cables))),
+        *(
+            _unknown(f"preload of {cable.name}", PRELOAD, preload_of(cable), tighter, looser, c)
+            for c, cable in enumerate(robot.cables)
+        ),
         *(_zero(model, j) for j in range(len(robot.joints))),
-        *(_friction(model, c) for c in range(len(robot.cables)) if _has_friction(robot.cables[c])),
+        *(
+            _unknown(f"friction of {cable.name}", FRICTION, 1.0, rougher, smoother, c)
+            for c, cable in enumerate(robot.cables)
+            if any(pulley.friction.mu_c > 0.0 for pulley in cable.pulleys)
+        ),
     ]
 
 
-def _has_friction(cable: Cable) -> bool:
-    return any(pulley.friction.mu_c > 0.0 for pulley in cable.pulleys)
-
-
-def _unknown(name: str, kind: Kind, size: float, robots: Robots) -> Unknown:
-    return Unknown(name, kind.unit * size, kind.start, kind.drift, kind.jump, robots)
-
-
-def _with_cable(model: Model, c: int, changed: Callable[[float], Cable]) -> Robots:
-    """The robot with one cable changed by the share +1 and -1 of the unit."""
-    cables, none = model.robot.cables, np.zeros(len(model.robot.axes))
-    more, less = (
-        prepare(
-            replace(model.robot, cables=(*cables[:c], changed(sign), *cables[c + 1 :])),
-            check_range=False,
-        )
-        for sign in (1.0, -1.0)
-    )
-    return Robots(more, less, none, none)
-
-
-def _preload(model: Model, c: int) -> Unknown:
-    cable = model.robot.cables[c]
-    size = preload_of(cable)
-
-    def changed(sign: float) -> Cable:
-        return replace(cable, preload=max(cable.preload + sign * PRELOAD.unit * size, 0.0))
-
-    return _unknown(f"preload of {cable.name}", PRELOAD, size, _with_cable(model, c, changed))
+def _unknown(
+    name: str, kind: Kind, size: float, more: Changed, less: Changed, cable: int | None
+) -> Unknown:
+    return Unknown(name, kind.unit * size, kind.start, kind.drift, kind.jump, more, less, cable)
 
 
 def _zero(model: Model, j: int) -> Unknown:
@@ -259,22 +296,37 @@ def _zero(model: Model, j: int) -> Unknown:
     kind = ZERO_M if joint.name in robot.prismatic_joints else ZERO
     shift = np.zeros(len(robot.axes))
     shift[len(robot.motors) + j] = kind.unit
-    return _unknown(f"zero of joint {joint.name}", kind, 1.0, Robots(model, model, shift, -shift))
+    more, less = Changed(model, shift), Changed(model, -shift)
+    return _unknown(f"zero of joint {joint.name}", kind, 1.0, more, less, None)
 
 
-def _friction(model: Model, c: int) -> Unknown:
-    cable = model.robot.cables[c]
+def _cables_changed(
+    model: Model, changed: Callable[[Cable, float], Cable]
+) -> tuple[Changed, Changed]:
+    """The robot with all cables changed, by plus and by minus one unit."""
 
-    def changed(sign: float) -> Cable:
-        factor = 1.0 + sign * FRICTION.unit
+    def by(sign: float) -> Changed:
+        cables = tuple(changed(cable, sign) for cable in model.robot.cables)
+        return _same(prepare(replace(model.robot, cables=cables), False))
 
-        def scaled(friction: Friction) -> Friction:
-            return replace(friction, mu_c=factor * friction.mu_c, mu_s=factor * friction.mu_s)
+    return by(1.0), by(-1.0)
 
-        nodes = tuple(
-            replace(node, friction=scaled(node.friction)) if isinstance(node, Pulley) else node
-            for node in cable.nodes
-        )
-        return replace(cable, nodes=nodes)
 
-    return _unknown(f"friction of {cable.name}", FRICTION, 1.0, _with_cable(model, c, changed))
+def _with_preload(cable: Cable, sign: float) -> Cable:
+    """A cable with its preload changed by one unit."""
+    changed = cable.preload + sign * PRELOAD.unit * preload_of(cable)
+    return replace(cable, preload=max(changed, 0.0))
+
+
+def _with_friction(cable: Cable, sign: float) -> Cable:
+    """A cable with its coefficients of friction changed by one unit."""
+    factor = 1.0 + sign * FRICTION.unit
+
+    def scaled(friction: Friction) -> Friction:
+        return replace(friction, mu_c=factor * friction.mu_c, mu_s=factor * friction.mu_s)
+
+    nodes = tuple(
+        replace(node, friction=scaled(node.friction)) if isinstance(node, Pulley) else node
+        for node in cable.nodes
+    )
+    return replace(cable, nodes=nodes)

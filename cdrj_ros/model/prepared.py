@@ -178,6 +178,22 @@ def placed(
     return found, views
 
 
+def lengths_at(model: Model, joint_angle: Table) -> Table:
+    """Lengths of all elements in many poses, drums at rest [m], shape (poses, elements).
+
+    Args:
+        model: the robot.
+        joint_angle: [rad] or [m], shape (poses, joints).
+    """
+    scratch = np.zeros(model.core.scratch_size)
+    length = scratch_views(model.sizes, scratch).element_length
+    found = np.empty((len(joint_angle), length.size))
+    for k, pose in enumerate(joint_angle):
+        model.core.shape(np.empty(0), pose, scratch)
+        found[k] = length
+    return found
+
+
 def segments_of(model: Model, c: int) -> slice:
     """Segments of a cable, in the order of the robot's."""
     cable = topology_views(model.topology).cables[c]

@@ -114,6 +114,7 @@ class Estimation:
         if started.health != "disabled" and self.live.encoderless is None:
             self.health = HealthWatch(self.live, marks_unsure=started.health == "mark")
         self._read_state()
+        self.live.expect_sensors()
         self._limit = RateLimit(started.max_rate_hz)
         self.latest = None
         self.times = StepTimes()

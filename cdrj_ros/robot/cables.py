@@ -168,7 +168,7 @@ class CableReader:
             pulley,
             wrap=wrap,
             place=place,
-            cells=int(entry.get("cells", Pulley.cells)),
+            cells=1 if entry["type"] == "eyelet" else int(entry.get("cells", Pulley.cells)),
             moving_end=moving_end,
         )
 

@@ -9,8 +9,8 @@ and nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, Winch
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space import Frame
 from cdrj_ros.robot.stated import with_covariance
+
+NAMED: Final = ("motors", "joints", "frames", "cables")
+"""Parts of a robot file whose entries have names."""
 
 Groups = tuple[tuple[int, ...], ...]
 """Indices of cables, increasing; the groups in the order of their first cables."""
@@ -161,6 +164,11 @@ class Owners:
         found = self._of.get(part, set())
         return min(found) if len(found) == 1 else None
 
+    def group_of_all(self, paths: Iterable[str]) -> int | None:
+        """Index of the only group with these numbers; None if there are several."""
+        found = {self.group(path) for path in paths}
+        return found.pop() if len(found) == 1 else None
+
 
 def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Document:
     """What the block ``uncertainty`` states of the numbers and channels of a part."""
@@ -179,6 +187,10 @@ def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Docume
 
 def has_number(document: Document, path: str) -> bool:
     """Whether a document has a number, if only by default."""
+    kind, _, rest = path.partition(".")
+    parts: Any = document.get(kind)
+    if kind in NAMED and not any(rest.startswith(f"{one['name']}.") for one in parts or ()):
+        return False
     try:
         find_number(document, path)
     except UsageError:

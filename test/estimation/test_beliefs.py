@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation import beliefs
+from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.sensors import Sensor
 from cdrj_ros.estimation.unknowns import Unknown
@@ -20,7 +20,7 @@ NOISE: Final = 0.1
 def _unknowns(count: int, jump: float = 0.0) -> list[Unknown]:
     """Unknowns of standard deviation 1 that do not drift."""
     nothing: Any = None
-    return [Unknown(f"u{k}", 1.0, 1.0, 0.0, jump, nothing) for k in range(count)]
+    return [Unknown(f"u{k}", 1.0, 1.0, 0.0, jump, nothing, nothing) for k in range(count)]
 
 
 def _sensor(name: str, **changes: Any) -> Sensor:
@@ -32,31 +32,40 @@ def _sensor(name: str, **changes: Any) -> Sensor:
     return Sensor(**given | changes)
 
 
+def _hear(known: Beliefs, *names: str, **changes: Any) -> None:
+    """Add sensors that read the first of three quantities."""
+    for name in names:
+        known.hear(_sensor(name, **changes), 0, np.ones(3, dtype=np.bool_))
+
+
 def _read(
     known: Beliefs, k: int, second: float, value: float, slopes: list[float], h: float = 10.0
 ) -> None:
     stamp = round(second * SECOND)
-    known.take(k, stamp, value, NOISE, h, np.array(slopes), 0.0, 0.0)
+    known.core.take(k, stamp, value, NOISE, h, np.array(slopes), 0.0, 0.0)
 
 
-def test_a_right_sensor_gives_the_least_squares_solution(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beliefs, "NONLINEAR", 0.0)
+def test_a_right_sensor_gives_the_weighted_least_squares_solution() -> None:
+    """In information form; what signatures do not say is a part of the noise."""
     generator = np.random.default_rng(0)
     true, slopes = np.array([0.7, -0.4, 0.2]), generator.normal(size=(40, 3))
     values = 10.0 + slopes @ true + NOISE * generator.normal(size=40)
     known = Beliefs(_unknowns(3))
-    known.hear(_sensor("cell"))
+    _hear(known, "cell")
+    information, weighted = np.eye(3), np.zeros(3)
     for k, (row, value) in enumerate(zip(slopes, values, strict=True)):
+        shift = row @ np.linalg.solve(information, weighted)
+        weight = 1.0 / (NOISE**2 + (NONLINEAR * shift) ** 2)
+        information += weight * np.outer(row, row)
+        weighted += weight * row * (value - 10.0)
         _read(known, 0, k, float(value), row.tolist())
-    inverse = np.linalg.inv(np.eye(3) + slopes.T @ slopes / NOISE**2)
-    assert np.allclose(known.mean[0, :3], inverse @ slopes.T @ (values - 10.0) / NOISE**2)
-    assert np.allclose(known.covariance[0, :3, :3], inverse)
+    assert np.allclose(known.mean[0, :3], np.linalg.solve(information, weighted))
+    assert np.allclose(known.covariance[0, :3, :3], np.linalg.inv(information))
 
 
 def test_no_sensor_that_a_hypothesis_holds_wrong_touches_it() -> None:
     known = Beliefs(_unknowns(2))
-    known.hear(_sensor("a"))
-    known.hear(_sensor("b"))
+    _hear(known, "a", "b")
     without = [list(row) for row in known.right].index([False, True])
     before = known.mean[without].copy(), known.covariance[without].copy()
     for k in range(20):
@@ -69,8 +78,7 @@ def test_no_sensor_that_a_hypothesis_holds_wrong_touches_it() -> None:
 def test_of_three_sensors_of_one_quantity_the_one_that_differs_is_wrong(wrong: int) -> None:
     generator = np.random.default_rng(wrong)
     known = Beliefs(_unknowns(1))
-    for name in "abc":
-        known.hear(_sensor(name))
+    _hear(known, *"abc")
     for k in range(60):
         for one in range(3):
             off = 4.0 * (one == wrong)
@@ -89,7 +97,7 @@ def test_what_a_single_sensor_has_corrected_stays_open_to_a_tenth() -> None:
     left = {}
     for verified in (False, True):
         known = Beliefs(_unknowns(1))
-        known.hear(_sensor("cell", verified=verified))
+        _hear(known, "cell", verified=verified)
         for k in range(200):
             _read(known, 0, k, 11.0, [1.0])
         left[verified] = known.moments()[1][0] ** 2
@@ -102,7 +110,7 @@ def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not() -> None:
 
     def after(jump: float, readings: int) -> float:
         known = Beliefs(_unknowns(1, jump=3.0))
-        known.hear(_sensor("cell"))
+        _hear(known, "cell")
         for k in range(100):
             _read(known, 0, 0.1 * k, 10.0 + NOISE * generator.normal(), [1.0])
         for k in range(readings):
@@ -116,27 +124,62 @@ def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not() -> None:
 def test_readings_that_repeat_while_the_estimate_moves_are_no_readings() -> None:
     generator = np.random.default_rng(5)
     known = Beliefs(_unknowns(1))
-    known.hear(_sensor("frozen"))
-    known.hear(_sensor("good"))
+    _hear(known, "frozen", "good")
     for k in range(100):
         h = 10.0 + 2.0 * np.sin(0.3 * k)
         _read(known, 0, 0.1 * k, 10.0, [1.0], h)
         _read(known, 1, 0.1 * k + 0.05, h + NOISE * generator.normal(), [1.0], h)
-    assert known.heard[0].frozen
+    assert known.core.heard(0)[2], "frozen"
     assert known.probability_right(0) < 0.01
     assert known.probability_right(1) > 0.9
 
 
+def test_a_reading_beyond_all_bounds_is_no_reading() -> None:
+    known = Beliefs(_unknowns(1, jump=3.0) + _unknowns(1))
+    _hear(known, "broken", "good")
+    for k in range(30):
+        _read(known, 1, 0.1 * k, 10.0, [1.0, 0.5])
+        before = known.mean[0].copy()
+        _read(known, 0, 0.1 * k + 0.05, 1e6, [1.0, 0.5])
+        assert np.allclose(known.mean[0], before)
+    assert known.probability_right(0) < 0.01
+    assert known.probability_right(1) > 0.9
+
+
+def test_the_present_follows_a_reading_as_gaussian_variables_do() -> None:
+    """Conditional mean and variance of jointly normal quantities, given a noisy one of them."""
+    generator = np.random.default_rng(6)
+    known = Beliefs(_unknowns(1))
+    _hear(known, "cell", verified=True)
+    nothing = [0.0]
+    _read(known, 0, 0, 10.0, nothing)
+    _read(known, 0, 1, 10.8, nothing)
+    h, deviation = np.array([10.0, 12.0, 8.0]), generator.normal(size=(32, 3))
+    deviation[:, 1] += deviation[:, 0]
+    shift, share, left = known.core.present(SECOND, h, np.zeros((1, 3)), deviation)
+    joint = deviation.T @ deviation / len(deviation)
+    gain = joint[:, 0] / (joint[0, 0] + NOISE**2)
+    right, either = known.weight[0], known.core.least_weights
+    off = joint[:, 0] / (joint[0, 0] + NOISE**2 + (0.3 * 10.8) ** 2)  # if the cell is wrong
+    assert np.allclose(shift, 0.8 * (right * gain + (1.0 - right) * off))
+    taken = (either[0] * gain + either[1] * off) * joint[0] / np.diag(joint)
+    assert np.allclose(share, taken)
+    spread = either @ (np.outer([1.0, 0.0], gain) + np.outer([0.0, 1.0], off) - shift / 0.8) ** 2
+    assert np.allclose(left, 0.8**2 * spread)
+
+
 def test_what_is_known_outlasts_a_restart_and_damage_is_refused() -> None:
-    sensors = {name: _sensor(name) for name in ("a", "b")}
-    known = Beliefs(_unknowns(2))
-    for sensor in sensors.values():
-        known.hear(sensor)
+    def fresh(*names: str) -> Beliefs:
+        known = Beliefs(_unknowns(2))
+        _hear(known, *names)
+        return known
+
+    known = fresh("a", "b")
     for k in range(10):
         _read(known, k % 2, k, 10.4, [1.0, -0.5])
     memory = json.loads(json.dumps(known.memory()))
-    again = Beliefs(_unknowns(2))
-    again.recall(memory, sensors)
+    again = fresh("a", "b")
+    again.restore(memory)
     assert np.array_equal(again.mean, known.mean)
     assert np.array_equal(again.covariance, known.covariance)
     assert np.array_equal(again.weight, known.weight)
@@ -144,11 +187,12 @@ def test_what_is_known_outlasts_a_restart_and_damage_is_refused() -> None:
         {"mean": [[0.0]]},
         {"covariance": (-np.array(memory["covariance"])).tolist()},
         {"weight": [float("nan")] * 4},
-        {"sensors": [["c", 0], ["b", 0]]},
-        {"sensors": []},
+        {"sensors": [["a", 0]]},
+        {"sensors": [["a", "now"], ["b", 0]]},
     ]
     for damage in damages:
         with pytest.raises((KeyError, TypeError, ValueError)):
-            again.recall(memory | damage, sensors)
+            again.restore(memory | damage)
         assert np.array_equal(again.mean, known.mean)
-        assert len(again.heard) == 2
+    with pytest.raises(ValueError, match="unknowns"):
+        fresh("a").restore(memory)

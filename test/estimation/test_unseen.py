@@ -400,7 +400,7 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
         live.feed("motors", motor, ("winch",), readings.motor_angle[k])
     assert live.corrections is not None
     (group,) = live.corrections.groups
-    assert group.beliefs.heard[0].used >= 5
+    assert group.beliefs.core.heard(0)[1] >= 5
     assert live.corrections.refused == live.readings.overlooked == 0
 
 

@@ -1,0 +1,174 @@
+// What sensors tell about a robot's unknowns, and which sensors are right. docs/estimation.md.
+//
+// Let h be the quantity that a sensor reads, by the model, and s the signatures (B2) of the unknowns x
+// there. The sensor reads
+//
+//     z = (1 + g) (h + s x) + b + F d + v,                                                     (B3)
+//
+// with a bias b, an error g of its gain and the friction F of its axis in the direction d: three more
+// unknowns. The errors v of noise, model and friction history are no unknowns.
+//
+// A hypothesis says which sensors are right. For each there is one Kalman filter over all unknowns,
+// which no sensor that it holds wrong has touched; there is one for all sensors, one for all but each,
+// and one for none. The readings weigh them.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "normal_equations.hpp"
+#include "robot_records.hpp"
+#include "records.hpp"
+
+namespace cdrj {
+
+/// Error of a correction by signatures, as a share of it.
+inline constexpr double NONLINEAR = 0.1;
+
+/// Time for which errors of the model and of the history last [s].
+inline constexpr double LASTS_S = 0.2;
+
+inline double square(double number) { return number * number; }
+
+/// What is open about a sensor; see `cdrj_ros.estimation.sensors`.
+struct Accuracy {
+    std::size_t quantity;            // that it reads
+    std::vector<bool> contributes;   // whether its cables contribute to every quantity
+    double scale;                    // what the preloads contribute to its reading [N] or [N m]
+    double bias, gain, friction;     // standard deviations of b, g and F
+    double drift;                    // random walk of b after 1 s
+    double model_share, model_least; // error of the model, as a share of the reading and at least
+    double faulty;                   // least weight of its being wrong
+
+    /// Variance of the model's error at a reading.
+    double model_variance(double value) const {
+        return square(std::max(model_share * std::abs(value), model_least));
+    }
+};
+
+/// A reading, and what the model said at its time.
+struct SensorReading {
+    Nanoseconds stamp_ns;
+    double value;
+    double noise;                    // its standard deviation
+    double h;
+    std::span<const double> slopes;  // signatures of the robot's unknowns
+    double history;                  // standard deviation of h by its friction history
+    double direction;                // change of the reading per unit of the axis' friction
+};
+
+/// A sensor that has been heard, and its last reading.
+struct Heard {
+    Accuracy sensor;
+    std::size_t first;             // its bias among the unknowns; gain and friction follow
+    Nanoseconds stamp_ns = NEVER_NS;
+    double value = 0.0;
+    double h = 0.0;
+    std::vector<double> slopes{};  // empty where the estimate has begun anew since
+    double direction = 0.0;
+    double variance = INFINITE;    // of the errors v
+    Index equal = 0;               // how many readings before the last were equal to it,
+    double lowest = INFINITE;      // and the range of h since the first of them
+    double highest = -INFINITE;
+    Index used = 0;                // number of readings
+    std::vector<double> rest{};    // last reading less what was expected, by hypotheses
+    Index strays = 0;              // how many of the latest were stray if all sensors are right
+
+    /// Whether equal readings contradict the motion.
+    bool frozen() const;
+};
+
+/// A hypothesis: which sensors are right, and what is known of all unknowns then.
+struct Hypothesis {
+    std::vector<bool> right;
+    std::vector<double> mean;
+    DenseMatrix covariance;
+    double weight;  // its probability
+};
+
+/// What the readings say about every quantity now, and how sure that is.
+struct Presence {
+    std::span<double> shift;  // its change
+    std::span<double> known;  // share of the variance of its history that they take away
+    std::span<double> left;   // variance that the unknowns leave
+};
+
+/// The hypotheses about one group of cables.
+class Beliefs {
+public:
+    /// Begin without sensors. `start`, `drift` and `jump`: of the robot's unknowns, standard deviations
+    /// at the start, of the random walk after 1 s, and of a sudden change.
+    Beliefs(
+        std::span<const double> start, std::span<const double> drift, std::span<const double> jump);
+
+    /// Add a sensor: its errors become unknowns, and hypotheses extend those there are.
+    void hear(Accuracy sensor);
+
+    /// Take a reading of sensor `k`.
+    void take(std::size_t k, const SensorReading& reading);
+
+    /// Forget the last readings: the estimates to come have another history.
+    void pause();
+
+    /// Add to the variances of the robot's unknowns under all hypotheses.
+    void widen(std::span<const double> variances);
+
+    /// What the sensors say about the present.
+    ///
+    /// The unknowns shift all quantities by their signatures. No number that lasts explains a reading
+    /// where the friction history is wide, or a pose badly known beside stiff cables; but the latest
+    /// readings say where the tensions are now, through the covariance of the members:
+    ///
+    ///     t <- t + C_tz (C_zz + R)^-1 (z - expected).                                          (B4)
+    ///
+    /// Sensors change quantities to which they do not contribute by their unknowns alone: few members
+    /// cannot tell more. `h`: the model's quantities now; `slopes`: their signatures, by unknowns;
+    /// `deviation`: of the members from h by their histories, by members.
+    void present(
+        Nanoseconds stamp_ns, std::span<const double> h, std::span<const double> slopes,
+        std::span<const double> deviation, const Presence& found) const;
+
+    /// Weights of the hypotheses in variances: none less than what its sensors keep.
+    std::vector<double> least_weights() const;
+
+    std::size_t count() const { return drift_.size(); }  // of the robot's unknowns, which come first
+    std::size_t unknowns() const { return count() + 3 * heard.size(); }
+
+    std::vector<Heard> heard;
+    std::vector<Hypothesis> hypotheses;
+
+private:
+    /// What a reading is under a hypothesis.
+    struct Explanation {
+        double rest;      // its difference from what was expected
+        double right;     // log likelihood if the sensor is right,
+        double anywhere;  // and if it may read anything
+        bool used;        // whether it has corrected the unknowns
+    };
+
+    struct Latest;
+
+    std::size_t nearest(const std::vector<bool>& right) const;
+    void note(Heard& one, const SensorReading& reading);
+    void pass_time(const Heard& one, double passed);
+    double shift_of(const Hypothesis& own, const Heard& one) const;
+    double expect(const Hypothesis& own, const Heard& one, std::span<double> change) const;
+    Explanation explain(
+        Hypothesis& own, const Heard& one, bool is_right, double noise, double passed, double sudden);
+    double wrong(const Heard& one, std::size_t hypothesis, double rest, double anywhere) const;
+    void fail(std::size_t k, double passed);
+    Latest latest(
+        Nanoseconds stamp_ns, std::span<const double> h, std::span<const double> deviation) const;
+    double noise_now(const Hypothesis& own, const Latest& latest, std::size_t sensor) const;
+    void condition(
+        const Hypothesis& own, const Latest& latest, std::span<const double> slopes,
+        std::span<const double> bent, const Presence& found) const;
+
+    std::vector<double> drift_, jump_;              // variances of the robot's unknowns
+    std::vector<double> change_, across_, jumped_;  // of the reading in progress
+};
+
+}  // namespace cdrj
