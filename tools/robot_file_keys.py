@@ -26,7 +26,6 @@ PLACES = {
     "coupled_joint": "`joints[]` with `coupled`",
     "frame": "`frames[]`",
     "visual": "`visuals[]`",
-    "part": "`parts[]`",
     "use": "`parts[].used[]`",
     "correction": "`motors[].correction`, `joints[].correction`",
     "friction": "`friction`, `cables[].friction`, `cables[].nodes[].friction`",
@@ -54,8 +53,10 @@ SKIPPED = {
     "node",
     "any_joint",
     "shares",
+    "part",
+    "residual",
 }
-"""Definitions of single values or of a choice between other definitions."""
+"""Definitions of single values, of a choice between others, and those that the page describes."""
 
 NUMBERS = {"point": "2 numbers", "place": "2 or 3 numbers", "vector": "3 numbers"}
 """Types of definitions that are numbers."""
