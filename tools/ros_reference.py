@@ -81,7 +81,7 @@ def _nodes():
     )
     yield "rig", rig
     yield "replay", ReplayNode(Wiring(clock_hz=10.0))
-    yield "watch", WatchNode(forces=True, pattern="*")
+    yield "watch", WatchNode()
     markers = MarkersNode(parameter_overrides=_overrides(robot="prototype"))
     markers.inputs.listen(True)
     yield "markers", markers

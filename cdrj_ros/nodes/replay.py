@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Final
 
-from rclpy.experimental import EventsExecutor
-
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
@@ -34,7 +32,7 @@ from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
-from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, starting
+from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, serving, starting
 from cdrj_ros.recordings.batch import Channel
 from cdrj_ros.recordings.recording import Recording, Topics
 from cdrj_ros.recordings.source import (
@@ -236,13 +234,8 @@ def _replay(
 ) -> int:  # fmt: skip
     with starting():
         node = ReplayNode(wiring)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    try:
+    with serving(node) as executor:
         return _play_and_report(arguments, Player(model, node, executor, stop), bags, stop)
-    finally:  # in this order: the executor must not serve a destroyed node
-        executor.shutdown()
-        node.destroy_node()
 
 
 def _play_and_report(

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.feed import Rate
 from cdrj_ros.nodes.parameters import FRICTION, settings
-from cdrj_ros.report.live_table import FOREIGN_S
+from cdrj_ros.report.status import FOREIGN_S
 from cdrj_ros.view.panels import Controls, SliderRange, filled
 
 READ_S: Final = 1.0

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.live_table import SIGMAS, round_scale, severity, status_words
 from cdrj_ros.report.scene import Colour
+from cdrj_ros.report.status import SIGMAS, round_scale, severity, status_words
 from cdrj_ros.view.history import Curves, Snapshot
 from cdrj_ros.view.picture import DrawnCable, Picture
 

@@ -13,7 +13,6 @@ from cdrj_ros.foundation.arrays import Points, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.packing import SLACK, UNSURE
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.live_table import SIGMAS
 from cdrj_ros.report.scene import (
     LONG_SPAN,
     Body,
@@ -25,6 +24,7 @@ from cdrj_ros.report.scene import (
     scene_of,
     tension_colour,
 )
+from cdrj_ros.report.status import SIGMAS
 from cdrj_ros.view.history import Snapshot, usable
 
 

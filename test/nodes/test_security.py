@@ -79,7 +79,7 @@ def nodes(bench: Bench) -> Bench:
     estimator.trigger_configure()
     estimator.trigger_activate()
     clock = parameters({"use_sim_time": True})
-    watch = WatchNode(forces=True, pattern="*", parameter_overrides=clock)
+    watch = WatchNode(parameter_overrides=clock)
     given = {"robot": ROBOT, "cells": 1, "truth_rate": 1.0, "drive_clock": True}
     rig = RigNode(parameter_overrides=parameters({**given, "rig": "load_cells"}))
     markers = MarkersNode(parameter_overrides=parameters({"robot": ROBOT}))

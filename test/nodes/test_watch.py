@@ -9,19 +9,19 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import pytest
-import rclpy
 from cdrj_msgs.msg import CableTensions
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_msgs.msg import String
+from rich.console import Console
 from support.estimators import Bench
 from support.processes import Output
 
-from cdrj_ros.model.packing import STALE
+from cdrj_ros.model.packing import INVALID, STALE, UNSURE
 from cdrj_ros.nodes import feed
 from cdrj_ros.nodes.watch import WatchNode
 
@@ -80,10 +80,7 @@ def test_a_pipe_gets_lines_and_ctrl_c_ends_it(
         process = start_executable("watch", stdout=writer, stderr=stream)
     os.close(writer)
     output = Output(reader)
-    line = (
-        r"^/cdrj/tensions, \d+ Hz, age -?0\.\d+ s, largest upper/1 40\.00 \+-3\.00 N, "
-        r"1 UNSURE 1 OK$"
-    )
+    line = r"^/cdrj/tensions, \d+ Hz, age -?0\.\d+ s; 1 OK; 1 UNSURE$"
     source.publish_until(lambda: re.search(line, output.text, re.MULTILINE))
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 130
@@ -103,7 +100,7 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(start_executable: Any, sour
         os.close(theirs)
     text = output.finish()
     os.close(ours)
-    assert "█" in text
+    assert "UNSURE" in text
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")
     assert "Traceback" not in text
 
@@ -111,58 +108,59 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(start_executable: Any, sour
 class Looking:
     """A watch in this process, whose clock may run ahead."""
 
-    def __init__(self, bench: Bench, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+    def __init__(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         self.bench, self.ahead_s = bench, 0.0
         monkeypatch.setattr(feed, "monotonic", lambda: monotonic() + self.ahead_s)
-        self.node = bench.add(WatchNode(False, "*", cli_args=["--ros-args", *arguments]))
+        self.node = bench.add(WatchNode())
 
-    def notes(self, words: str, publish: Callable[[], None] = lambda: None) -> None:
-        def noted() -> bool:
-            publish()
-            return any(words in note for note in self.node.view().notes)
+    def flags(self, source: Source, count: int) -> list[int]:
+        """Status of the entries, once there are so many."""
 
-        assert self.bench.until(noted), self.node.view().notes
+        def heard() -> bool:
+            source.publisher.publish(source.message)
+            return len(self.node.rows()) == count
+
+        assert self.bench.until(heard)
+        return [flags for *_, flags in self.node.rows()]
+
+    def says(self, words: str) -> None:
+        assert self.bench.until(lambda: words in self.node.head()), self.node.head()
 
 
-def test_it_notes_why_no_message_arrives(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    reliable = "qos_overrides./cdrj/tensions.subscription.reliability:=reliable"
-    watch = Looking(bench, monkeypatch, "-p", reliable)
-    watch.ahead_s = 60.0
-    watch.notes("no publisher of /cdrj/tensions in ROS domain ")
+def test_it_says_why_no_message_arrives(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = Looking(bench, monkeypatch)
+    watch.says("no publisher of /cdrj/tensions in ROS domain ")
     Source(bench.node, "/left/cdrj/tensions")
-    watch.notes("; there is /left/cdrj/tensions: --ros-args -r tensions:=/left/cdrj/tensions")
-    apart = rclpy.Context()  # a participant of DDS has one type for a topic
-    rclpy.init(context=apart)
-    other = rclpy.create_node("other", context=apart)
-    other.create_publisher(String, "/cdrj/tensions", 10)
-    watch.notes(
-        "/cdrj/tensions is published by /other as std_msgs/msg/String, not as "
-        "cdrj_msgs/msg/CableTensions"
-    )
-    other.destroy_node()
-    rclpy.shutdown(context=apart)
-    Source(bench.node, reliable=False)
-    watch.notes(
-        "the QoS of /cdrj/tensions at /bench does not fit this subscription: Best effort "
-        "publisher and reliable subscription"
-    )
+    watch.says("; there is /left/cdrj/tensions: --ros-args -r tensions:=/left/cdrj/tensions")
+    Source(bench.node)
+    watch.says("nothing from /bench on /cdrj/tensions")
 
 
-def test_what_cannot_be_shown_is_noted_and_what_is_old_is_stale(
+def test_what_cannot_be_shown_is_invalid_and_what_is_old_is_stale(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch, source = Looking(bench, monkeypatch), Source(bench.node)
-
-    def publish() -> None:
-        source.publisher.publish(source.message)
-
     source.message.name.append("odd/1")  # without a value
-    watch.notes("3 names, but 2 values, 2 statuses", publish)
+    assert watch.flags(source, 1) == [INVALID]
     source.message.name.pop()
-    assert bench.until(lambda: publish() or bool(watch.node.view().sections))
-    (section,) = watch.node.view().sections
-    assert [line.status for line in section.lines] == [0, 4]
+    assert watch.flags(source, 2) == [0, 4]
     watch.ahead_s = 60.0
-    (section,) = watch.node.view().sections
-    assert [line.status for line in section.lines] == [STALE, STALE | 4]
-    watch.notes("nothing from /bench on /cdrj/tensions for ")
+    assert [flags for *_, flags in watch.node.rows()] == [STALE, STALE | 4]
+    watch.says("nothing from /bench on /cdrj/tensions")
+
+
+def test_escapes_in_names_reach_no_terminal_and_no_log(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch, source = Looking(bench, monkeypatch), Source(bench.node)
+    source.message.name[0] = "\x1b]0;[red]evil[/red]\x07/1"
+    source.message.status = [64, INVALID | UNSURE]  # no version knows the first flag
+    watch.flags(source, 2)
+    console = Console(file=StringIO(), width=100)
+    console.print(watch.node.table())
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "[red]evil[/red]" in shown
+    assert "FLAG 64" in shown
+    assert "\x1b" not in shown
+    assert "1 FLAG 64; 1 INVALID" in watch.node.line()
+    assert re.search(r"lower/1 *│ *- │ *- │ INVALID", shown)
