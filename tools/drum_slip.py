@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Let `identify` judge whether the cable slips on its drum, on rigs where it does and does not.
 
-python tools/drum_slip.py             print the table of docs/identification.md
+python tools/drum_slip.py             print the ratios behind docs/identification.md
 python tools/drum_slip.py --draws 6   the same with more recordings
 
 The truths have eight contact cells per pulley; their numbers are drawn as in standard_errors.py.

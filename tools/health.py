@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Let the health monitor watch the simulated rig while it changes, and while it does not.
 
-python tools/health.py                 print the table of changes of docs/reliability.md
+python tools/health.py                 print the table of changes and when they are found
 python tools/health.py --hours 4       count false alarms over hours of motion, with several seeds
 
 The truth has four contact cells per pulley.  The motor's effort has a noise of 10 mN m, the load

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Estimate with a robot file that is wrong, and compare the errors with the standard deviations.
 
-python tools/wrong_files.py            print the tables of docs/estimation.md
+python tools/wrong_files.py            print the table of docs/estimation.md, and one with sensors
 python tools/wrong_files.py --quick    the same over a shorter motion
 python tools/wrong_files.py --heard    only the table with motor effort and load cells
 
