@@ -3,7 +3,7 @@
 # make test    every check and every test
 # make check   style, types and import directions only
 # make bench   speed, as ratios to comparable software
-# make figures renew every picture and number of README and docs; DAVINCI=DATA adds those of real recordings
+# make figures renew the pictures and numbers of README and docs that need no foreign recordings
 # make aarch64 the core cross-compiled for aarch64, run by an emulator and compared bit for bit
 # make docs    the site of the documentation, in build/site
 # make soak    longer random campaigns, a million hostile messages, 30 minutes at 1 kHz; MINUTES=10 for less
@@ -86,9 +86,8 @@ soak: setup
 	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
 
 # The pictures of the report and of `view` need Chromium on the path.
-DAVINCI ?=
 figures: setup
-	@$(IN_ENV) python tools/figures.py $(if $(DAVINCI),--davinci $(DAVINCI))
+	@$(IN_ENV) python tools/figures.py
 	@$(IN_ENV) python tools/view_figures.py
 
 setup: $(PACKAGE)

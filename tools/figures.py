@@ -3,13 +3,11 @@
 - runs the demonstration, which measures docs/demo.json;
 - writes its errors into the table of README.md;
 - takes a screenshot of the beginning of report.html as docs/report.png, with Chromium;
-- draws docs/figures/fig*.png with examples/paper and docs/figures/drift.png;
-- with --davinci DATA also those of docs/validation.md, see tools/davinci_figures.py.
+- draws docs/figures/fig*.png with examples/paper and docs/figures/drift.png.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shutil
@@ -94,9 +92,6 @@ def run(*command: object) -> None:
 
 def main() -> int:
     """Renew everything; returns the exit code."""
-    parser = argparse.ArgumentParser(description="Renew the pictures and figures of the documents.")
-    parser.add_argument("--davinci", metavar="DATA", help="recordings, and POSE.yaml among them")
-    arguments = parser.parse_args()
     run(sys.executable, ROOT / "tools" / "demo.py")
     channels = json.loads(MEASURED.read_text(encoding="utf-8"))["channels"]
     text = README.read_text(encoding="utf-8")
@@ -111,12 +106,6 @@ def main() -> int:
         for drawn in Path(folder).glob("fig*.png"):
             shutil.copy(drawn, FIGURES / drawn.name)
     run(sys.executable, ROOT / "tools" / "friction_figures.py")
-    if arguments.davinci:
-        pose = Path(arguments.davinci) / "POSE.yaml"
-        run(
-            sys.executable, ROOT / "tools" / "davinci_figures.py", arguments.davinci,
-            "--pose-robot", pose, "--out", FIGURES,
-        )  # fmt: skip
     return 0
 
 

@@ -1,0 +1,96 @@
+#!/usr/bin/env python3
+"""Draw estimates beside references, over time or over the angle, as in docs/validation.md.
+
+    python tools/draw_bags.py BAG... --robot R.yaml --channels effort/spindle,effort/jaw --out P.png
+
+A column of pictures a recording, a row a channel; `--over angle` draws loops.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+from cdrj_ros.evaluation.channels import Channel, unit_of
+from cdrj_ros.evaluation.validation import validate_bag
+from cdrj_ros.model.prepared import load_model
+from cdrj_ros.recordings.recording import Topics
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+MEASURED, ESTIMATED = "#222222", "#D55E00"
+"""Colours that the colour-blind can tell apart (Okabe, Ito)."""
+
+LOOPS_FROM = 0.25
+"""Share of a recording before which loops are not drawn: the friction history is not yet known."""
+
+
+def over_time(axes: Any, channel: Channel, until_s: float) -> None:
+    """Reference, and estimate with twice its standard deviation."""
+    time = (channel.stamp_ns - channel.stamp_ns[0]) * 1e-9
+    kept = time <= until_s
+    time, reference, estimate = time[kept], channel.reference[kept], channel.estimate[kept]
+    if channel.stddev is not None:
+        band = 2.0 * channel.stddev[kept]
+        axes.fill_between(time, estimate - band, estimate + band, color=ESTIMATED, alpha=0.2, lw=0)
+    axes.plot(time, reference, color=MEASURED, lw=1.2, label="measured")
+    axes.plot(time, estimate, color=ESTIMATED, lw=1.0, label="estimated, ±2σ")
+    margin = 0.35 * np.ptp(reference)
+    axes.set_ylim(reference.min() - margin, reference.max() + margin)
+
+
+def over_angle(axes: Any, channel: Channel) -> None:
+    """Reference and estimate over the angle of the nearest joint or motor."""
+    late = slice(round(LOOPS_FROM * channel.angle.size), None)
+    axes.plot(
+        channel.angle[late], channel.reference[late], color=MEASURED, lw=0.7, label="measured"
+    )
+    axes.plot(
+        channel.angle[late], channel.estimate[late], color=ESTIMATED, lw=0.7, label="estimated"
+    )
+
+
+def main() -> None:
+    """Draw one picture."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bags", nargs="+")
+    parser.add_argument("--robot", required=True)
+    parser.add_argument("--channels", required=True, help="names as `validate` prints them")
+    parser.add_argument("--over", choices=("time", "angle"), default="time")
+    parser.add_argument("--until", type=float, default=np.inf, help="end of the time axis [s]")
+    parser.add_argument("--out", type=Path, required=True)
+    asked = parser.parse_args()
+    model, names = load_model(asked.robot), asked.channels.split(",")
+    plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
+    size = (max(2.3 * len(asked.bags), 7.0), 2.3 * len(names))
+    figure, axes = plt.subplots(
+        len(names), len(asked.bags), figsize=size, sharex="col", squeeze=False, layout="constrained"
+    )
+    for place, name in zip(axes[:, 0], names, strict=True):
+        place.set_ylabel(f"{name} [{unit_of(name)}]")
+    for column, bag in zip(axes.T, asked.bags, strict=True):
+        found = validate_bag(model, bag, Topics(), uncertainty=asked.over == "time")
+        channels = {channel.name: channel for channel in found.channels}
+        for place, name in zip(column, names, strict=True):
+            channel = channels[name]
+            if asked.over == "time":
+                over_time(place, channel, asked.until)
+            else:
+                over_angle(place, channel)
+        angle = f"{channel.angle_name} [{channel.angle_unit}]"
+        column[-1].set_xlabel("time [s]" if asked.over == "time" else angle)
+        column[0].set_title(Path(bag).name, fontsize=9)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, ncols=2, loc="outside lower center")
+    figure.savefig(asked.out, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
