@@ -180,7 +180,7 @@ def fitted(
     seed: int,
 ) -> Identification:
     """Fit to one recording."""
-    settings = Settings(channels=channels, coarse=True, starts=3 if channels else 1)
+    settings = Settings(channels=channels, coarse=True)
     return identify(document, "file", unknowns, [recording(document, values, seed)], settings)
 
 

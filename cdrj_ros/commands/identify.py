@@ -249,7 +249,7 @@ def cross_validated(
     lines = []
     settings = task.settings
     rough = Settings(
-        found.channels, settings.weights, settings.sigmas, settings.loss, 1, 0,
+        found.channels, settings.weights, settings.sigmas, settings.loss,
         settings.settle_s, coarse=True,
     )  # fmt: skip
     begin = with_numbers(task.document, found.by_path)

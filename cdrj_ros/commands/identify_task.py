@@ -81,7 +81,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--settings", metavar="FILE",
-        help="bounds, priors, references to fit, loss, starts and more (YAML; all keys "
+        help="bounds, priors, references to fit, loss and more (YAML; all keys "
         "with their defaults in config/identify.yaml)",
     )  # fmt: skip
     parser.add_argument("--out", metavar="FILE", help="robot file to write; comments are kept")
@@ -228,8 +228,6 @@ def _settings(chosen: Document, quick: bool) -> Settings:
         usual.weights,
         chosen.get("sigmas"),
         chosen.get("loss", usual.loss),
-        chosen.get("starts", usual.starts),
-        chosen.get("seed", usual.seed),
         float(chosen.get("settle", usual.settle_s)),
         coarse=quick,
         compares_drums=True,

@@ -25,7 +25,6 @@ from cdrj_ros.identification.alternatives import (
     DrumFinding,
     compare_drums,
     drums_in_doubt,
-    many_starts,
     sought,
 )
 from cdrj_ros.identification.nuisance import Nuisance
@@ -152,7 +151,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         least = reading_variance(rough, np.zeros(len(rounds.unknowns)))
         for problem in (scout, rough, last):
             problem.least_variance = least
-    begin, starts = _search(scout, settings, say)
+    begin = _search(scout, settings, say)
     if last is not rough:
         say(f"last round: all {sample_count(last)} samples")
     found = minimise(last, begin, loss, say, rough=rough)
@@ -175,7 +174,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         last.values(coordinates),
         np.where(known.silent, _stddev_before(rounds, known.stddev), known.stddev),
         known.correlation,
-        (*lacking(left), *known.findings, *unsettled, *starts, *_sentence(drums)),
+        (*lacking(left), *known.findings, *unsettled, *_sentence(drums)),
         channels,
         sample_count(last),
         residuals.size,
@@ -217,26 +216,14 @@ def _stddev_before(rounds: Rounds, found: Vector) -> Vector:
     return np.array([before.get(name, stddev) for name, stddev in zip(names, found, strict=True)])
 
 
-def _search(scout: Problem, settings: Settings, say: Progress) -> tuple[Vector, tuple[str, ...]]:
-    """Fit to a quarter of the thinned samples, from every start.
-
-    Returns:
-        Coordinates of the best fit, and a message about the starts if there were several.
-    """
+def _search(scout: Problem, settings: Settings, say: Progress) -> Vector:
+    """Coordinates of a fit to a quarter of the thinned samples."""
     first = sought(scout, settings.sought)
     # residuals in units of their noise do not leave the priors their weight
     variance = 1.0 if settings.weights == "spread" else None
-    best, same = many_starts(scout, settings.starts, settings.seed, say, first, variance)
+    best = minimise(scout, first, "linear", say, variance=variance, settled=np.inf)
     # outliers bias the first fit, and a prior has its weight only if the residuals have theirs
-    found = minimise(scout, best.coordinates, settings.loss, say)
-    message = (_of_starts(settings.starts, same),) if settings.starts > 1 else ()
-    return found.coordinates, message
-
-
-def _of_starts(count: int, same: int) -> str:
-    if same == count:
-        return f"All {count} starts ended in the same minimum."
-    return f"{same} of {count} starts ended in the best minimum; the others ended in worse ones."
+    return minimise(scout, best.coordinates, settings.loss, say).coordinates
 
 
 UNSETTLED: Final = 1.0

@@ -50,10 +50,6 @@ class Settings:
     """Divisors by channel pattern, which override that rule [N] or [N m]."""
     loss: Loss = "linear"
     """Loss of the residuals after the first round."""
-    starts: int = 1
-    """Number of starts, all but the first of them random."""
-    seed: int = 0
-    """Seed of the random starts."""
     settle_s: float = 0.0
     """Time at the beginning of each recording that is excluded from the comparison [s]."""
     mean_s: float = 0.0
@@ -81,8 +77,6 @@ def check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings:
         raise UsageError("there is no recording to fit to")
     if settings.loss not in LOSSES:
         raise UsageError(f"the loss must be one of {', '.join(LOSSES)}, got {settings.loss!r}")
-    if not 1 <= settings.starts <= 1000:
-        raise UsageError(f"starts must be in [1, 1000], got {settings.starts}")
 
 
 CHUNK: Final = 1024

@@ -156,9 +156,8 @@ def test_a_mistake_is_answered_in_one_line_with_its_remedy(
         ("priors: {friction.rho: {mean: 1, stddev: 0}}", "stddev must be greater than 0, got 0"),
         ("sigmas: {tension/*: -1}", "sigmas.tension/* must be greater than 0, got -1"),
         ("channels: [tension/upper/99]", "there are tension/upper/1"),
-        ("starts: 0", "starts must be at least 1, got 0"),
         ("settle: .nan", "settle must be a finite number"),
-        ("start: 3", "start is not a known key; did you mean 'starts'?"),
+        ("setle: 3", "setle is not a known key; did you mean 'settle'?"),
         ("[1]", "must hold a mapping with settings of identify"),
     ],
 )

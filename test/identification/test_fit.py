@@ -158,7 +158,7 @@ def test_a_number_that_the_data_do_not_depend_on_stays_as_it_was(document: Docum
     start = {"cables.upper.preload": 33.0}
     found = found_from(
         document, fit, start, [recording(document, 8.0)],
-        Settings(channels=("tension/upper/*",), coarse=True, starts=3),
+        Settings(channels=("tension/upper/*",), coarse=True),
     )  # fmt: skip
     assert found.values[0] == pytest.approx(36.85, rel=0.01)
     assert found.values[1] == 26.26, "not moved by a rounding error"
