@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compare the errors of identified numbers with their standard errors, on recordings of the rig.
 
-python tools/standard_errors.py               print the table of docs/identification.md
+python tools/standard_errors.py               print the figures of docs/identification.md
 python tools/standard_errors.py --draws 100   the same with more recordings
 python tools/standard_errors.py --estimates   print how well the new files estimate another motion
 
