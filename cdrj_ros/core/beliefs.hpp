@@ -20,8 +20,8 @@
 #include <vector>
 
 #include "normal_equations.hpp"
-#include "robot_records.hpp"
 #include "records.hpp"
+#include "robot_records.hpp"
 
 namespace cdrj {
 
@@ -89,11 +89,9 @@ struct Hypothesis {
     double weight;  // its probability
 };
 
-/// What the readings say about every quantity now, and how sure that is.
+/// What the readings say about every quantity now, to be written; as `Said`.
 struct Presence {
-    std::span<double> shift;  // its change
-    std::span<double> known;  // share of the variance of its history that they take away
-    std::span<double> left;   // variance that the unknowns leave
+    std::span<double> shift, known, left;
 };
 
 /// The hypotheses about one group of cables.

@@ -7,6 +7,7 @@
 
 #include "beliefs.hpp"
 #include "bind.hpp"
+#include "correction.hpp"
 #include "signatures.hpp"
 
 namespace cdrj {
@@ -167,6 +168,24 @@ std::tuple<Nanoseconds, Index, bool> heard(const Beliefs& beliefs, std::size_t k
     return {one.stamp_ns, one.used, one.frozen()};
 }
 
+/// Standard deviations of an estimate with what sensors say, which it becomes.
+Written correct_estimate(
+    const HeldRobot& held, const Written& values, const Given& stddev, const Given& history,
+    const Given& shift, const Given& known, const Given& left, const Given& least) {
+    const Sizes& sizes = held.robot.topology.sizes;
+    const Index size = first_of(sizes, &Estimate::joint_effort, true) + sizes.joints;
+    require(
+        values.size() == Index(held.robot.estimate_size()) && stddev.size() == size &&
+            history.size() == size && shift.size() == size && known.size() == size && left.size() == size &&
+            least.size() == size,
+        "the numbers are not those of this robot");
+    const Written found = copy_of(span_of(stddev));
+    correct(
+        held.robot, span_of(values), span_of(found), span_of(history),
+        {span_of(shift), span_of(known), span_of(left)}, span_of(least));
+    return found;
+}
+
 }  // namespace
 
 void bind_beliefs(nb::module_& core) {
@@ -266,6 +285,22 @@ void bind_beliefs(nb::module_& core) {
             [](const Beliefs& beliefs) { return copy_of(beliefs.least_weights()); },
             "Weights of the hypotheses in variances: none less than what its sensors keep.");
     core.attr("NONLINEAR") = NONLINEAR;
+    core.def("correct", correct_estimate, "robot"_a, "values"_a, "stddev"_a, "history"_a, "shift"_a,
+        "known"_a, "left"_a, "least"_a, R"(
+        Change an estimate of the model into that with what the sensors say.
+
+        Args:
+            robot: of which it is.
+            values: the estimate; changed.
+            stddev: of its uncertain quantities, as all that follows, shape (quantities,).
+            history: their variances by the members.
+            shift: their changes.
+            known: shares of ``history`` that the sensors take away.
+            left: variances that they leave.
+            least: magnitudes where cables are slack: the least standard deviations there.
+
+        Returns:
+            The new standard deviations.)");
 }
 
 }  // namespace cdrj

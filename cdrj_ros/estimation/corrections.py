@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from cdrj_ros._core import correct
 from cdrj_ros.estimation.changes import SPRING_SCALE_NOW
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample
@@ -21,7 +22,6 @@ from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import connected_cables
@@ -30,7 +30,7 @@ HISTORY_NS: Final = 200_000_000
 """Maximum age of a reading [ns]."""
 
 TICK_NS: Final = 20_000_000
-"""Shortest time between two samples at which signatures are renewed [ns]; they follow the pose."""
+"""Shortest time between two samples at which signatures and corrections are renewed [ns]."""
 
 LONGEST_NS: Final = 1_000_000_000
 """After a longer time without a sample their robots start anew [ns]."""
@@ -43,9 +43,6 @@ CONFIRMED: Final = 2.0
 
 TELLING: Final = 0.1
 """if they know the preload better than by this share."""
-
-SMALLEST_SHARE: Final = 1e-3
-"""Least standard deviation of a corrected quantity, as a share of it."""
 
 
 def exact(known: Uncertainty | None) -> Uncertainty | None:
@@ -98,8 +95,6 @@ class Corrections:
         """Share of the variance of its history that they take away."""
         self._left = np.zeros(self._columns.size)
         """Variance that they leave."""
-        limits = [(cable.slack_tension, cable.maximum_tension) for cable in model.robot.cables]
-        self._slack, self._most = model.robot.per_element(limits).T
         self._least = unmodelled(model)[1]
 
     def forget(self) -> None:
@@ -131,6 +126,9 @@ class Corrections:
                ensemble: Ensemble) -> None:  # fmt: skip
         """Take a sample, the model's estimate for it, and the readings up to it.
 
+        What is said of the present follows with the signatures, so that many sensors that read at
+        different times cost no more than one.
+
         Args:
             sample: not a predicted one.
             estimate: for it, with standard deviations.
@@ -148,7 +146,7 @@ class Corrections:
             self._past.popleft()
         for reading in readings:
             self._take(reading)
-        if not (renewed or readings):
+        if not renewed:
             return
         ensemble.catch_up(sample, estimate)
         self._shift[:] = self._left[:] = 0.0
@@ -211,35 +209,11 @@ class Corrections:
             estimate: of the model, changed.
             history: variances of its quantities by the members.
         """
-        layout, values = estimate.layout, estimate.values
         assert estimate.stddev is not None
-        before = values[self._columns]
-        after = before + self._shift
-        pulleys = layout.stddev["magnitude"]
-        for part in (layout.stddev["tension"], pulleys):
-            np.maximum(after[part], 0.0, out=after[part])
-        before_ = estimate.stddev**2
-        variance = before_ - self._known * np.minimum(history, before_) + self._left
-        variance = np.maximum(variance, (SMALLEST_SHARE * after) ** 2)
-        slack = np.where(np.abs(after) <= self._least, self._least, 0.0)
-        estimate.stddev = np.maximum(np.sqrt(variance), slack)
-        values[self._columns] = after
-        ratio = after[pulleys] / np.maximum(before[pulleys], 1e-9)
-        for part in (layout.force_x, layout.force_y, layout.force_z):
-            values[part] *= ratio
-        at = layout.element_before
-        tension = values[layout.tension]
-        values[layout.friction] = tension[at + 1] - tension[at]
-        self._set_loads(tension, values[layout.status])
-
-    def _set_loads(self, tension: Vector, status: Vector) -> None:
-        """Set SLACK and OVERLOAD by the corrected tensions; INVALID elements keep their status."""
-        slack, over = tension <= self._slack, tension > self._most
-        if not (status.any() or slack.any() or over.any()):
-            return
-        flags = status.astype(np.int64)
-        loads = flags & ~(SLACK | OVERLOAD) | np.where(slack, SLACK, np.where(over, OVERLOAD, 0))
-        np.copyto(status, loads, where=flags & INVALID == 0)
+        estimate.stddev = correct(
+            self.model.core, estimate.values, estimate.stddev, history,
+            self._shift, self._known, self._left, self._least,
+        )  # fmt: skip
 
     @property
     def right(self) -> dict[str, float]:
