@@ -8,17 +8,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 import yaml
 
-from bench.figures import ROOT, Row, Spread, compared, in_turn, turns
+from bench.figures import ROOT, Row, Spread, compared, in_turn, seconds, turns
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Table
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 FINGER = ROOT / "config" / "robots" / "finger.yaml"
@@ -75,15 +74,29 @@ def plain(model: Model) -> Callable[[], None]:
     return stepped
 
 
-def fed(model: Model, rate: int) -> Callable[[], None]:
-    """Readings of one topic through the live estimator, with standard deviations."""
-    names = (*model.layout.motors, *model.layout.joints)
-    rows = np.concatenate(motion(model, rate), axis=1)
+def fed(model: Model, rate: int, torques: bool = False) -> Callable[[], None]:
+    """Readings of one topic through the live estimator, with standard deviations.
+
+    Args:
+        model: the robot.
+        rate: samples per second.
+        torques: whether the motors report their torques, within 2 % and 1 mN m.
+    """
+    motor, joint = motion(model, rate)
+    names, motors = (*model.layout.motors, *model.layout.joints), model.layout.motors
+    rows = np.concatenate([motor, joint], axis=1)
+    whole = run(model, initial_state(model), Samples(np.array(stamps(rate)), motor, joint))[1]
+    efforts, generator = whole.values[:, model.layout.motor_effort], np.random.default_rng(0)
+    efforts = efforts * (1.0 + 0.02 * generator.normal(size=len(motors)))
+    efforts += 0.001 * generator.normal(size=efforts.shape)
     live, begin = LiveEstimator(model), [0]
 
     def updated() -> None:
-        for stamp, row in zip(stamps(rate), rows, strict=True):
-            live.feed("both", stamp + begin[0], names, row)
+        for at, row, effort in zip(stamps(rate), rows, efforts, strict=True):
+            stamp = at + begin[0]
+            if torques and live.wants_efforts(motors, stamp):
+                live.feed_efforts(stamp, motors, effort)
+            live.feed("both", stamp, names, row)
         begin[0] += 10**9
 
     return updated
@@ -106,7 +119,7 @@ def without_encoders(model: Model) -> Callable[[], None]:
 
 
 def measure() -> list[Row]:
-    """Updates of one finger and of five beside a plain step [µs], and starts [s]."""
+    """Updates of one finger and of five beside a plain step [µs], torques, and starts [s]."""
     rows = []
     for count, name in ((1, "one finger"), (5, "five fingers")):
         model = fingers(count)
@@ -116,6 +129,10 @@ def measure() -> list[Row]:
             ours = np.array(times) * 1e6 / rate
             what = f"{name}, readings at {rate} Hz, with standard deviations"
             rows.append(compared("hand", what, "µs", ours, "a step of the same robot", steps, aim))
+        heard, alone = in_turn(ROUNDS, fed(model, 500, torques=True), fed(model, 500))
+        mine, others = (np.array(times) * 1e6 / 500 for times in (heard, alone))
+        what = f"{name}, torques of all motors, readings at 500 Hz"
+        rows.append(compared("hand", what, "µs", mine, "without torques", others, "≤ 4"))
     (hidden,) = in_turn(ROUNDS, without_encoders(fingers(5)))
     what = "five fingers, no encoder at the outer joints, one update"
     rows.append(
@@ -125,13 +142,15 @@ def measure() -> list[Row]:
     pairs = [(_making(twenty), _making(five)) for _ in turns(ROUNDS, WITHIN_S)]
     larger, smaller = zip(*pairs, strict=True)
     what = "an estimator of twenty fingers made"
-    return [*rows, compared("hand", what, "s", larger, "of five", smaller, "≤ 4.5")]
+    rows.append(compared("hand", what, "s", larger, "of five", smaller, "≤ 4.5"))
+    hand = LiveEstimator(load_model("hand"))
+    ready = [seconds(hand.expect_sensors) for _ in range(ROUNDS)]
+    what = "the shipped hand prepared for the torques of 17 motors"
+    return [*rows, Row("hand", what, "s", Spread.of(ready), aim="≤ 1")]
 
 
 def _making(model: Model) -> float:
-    begin = perf_counter()
-    LiveEstimator(model)
-    return perf_counter() - begin
+    return seconds(lambda: LiveEstimator(model))
 
 
 def draw(path: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -55,6 +56,11 @@ class Model:
     def __post_init__(self) -> None:
         """Hand the robot to the core."""
         object.__setattr__(self, "core", _core.Robot(self.topology, self.constants))
+
+    @cached_property
+    def connections(self) -> Views:
+        """Views of ``topology``."""
+        return topology_views(self.topology)
 
     @property
     def state_size(self) -> int:
@@ -196,7 +202,7 @@ def lengths_at(model: Model, joint_angle: Table) -> Table:
 
 def segments_of(model: Model, c: int) -> slice:
     """Segments of a cable, in the order of the robot's."""
-    cable = topology_views(model.topology).cables[c]
+    cable = model.connections.cables[c]
     first = int(cable.first_contact) + c
     return slice(first, first + int(cable.contacts) + 1)
 
@@ -228,7 +234,7 @@ def _set_references(model: Model, c: int, rest: Views, reference: Vector) -> Non
 
     Then its drums begin to wander.
     """
-    topology = topology_views(model.topology)
+    topology = model.connections
     nodes: Any = constant_views(model.sizes, model.constants).nodes
     touches: Any = rest.touches
     twists: Any = rest.twist

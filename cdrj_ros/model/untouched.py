@@ -9,7 +9,6 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.impossible import RIM, Suspicion
-from cdrj_ros.model.packing import topology_views
 from cdrj_ros.model.prepared import Model, placed, poses_in_range
 from cdrj_ros.robot.description import Cable, Node
 
@@ -36,7 +35,7 @@ def untouched_bodies(model: Model) -> Iterator[Suspicion]:
         shape, views = placed(model, pose)
         if shape.possible:
             looks.append(views.touches)
-    for cable, topology in zip(robot.cables, topology_views(model.topology).cables, strict=True):
+    for cable, topology in zip(robot.cables, model.connections.cables, strict=True):
         for k, node in enumerate(cable.nodes):
             if looks and _is_body(node):
                 touches = np.array([row[int(topology.first_node) + k] for row in looks])
