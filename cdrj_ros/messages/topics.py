@@ -25,6 +25,8 @@ TENSION_STATES: Final = "tension_states"
 """Tensions as efforts of a JointState, on request."""
 WRENCHES: Final = "wrenches"
 """Namespace of the forces on pulleys, one WrenchStamped each, on request."""
+TRUTH: Final = "truth"
+"""Namespace of what a simulated rig knows and no robot publishes."""
 
 BROADCAST: Final = "/joint_states"
 """Motors and joints together, JointState, from ros2_control's joint_state_broadcaster."""

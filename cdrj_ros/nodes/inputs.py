@@ -214,7 +214,7 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
     expected = [axis for axis in topic.axes if axis in unheard]
     if missing := [axis for axis in expected if axis not in names]:
         parts.append(f"the last names {_listed(names) or 'nothing'}, not {_listed(missing)}")
-        if prefix := _common_prefix(names, missing):
+        if prefix := _common_prefix(names, missing, robot.document.get("prefix", "")):
             parts.append(f"prefix: {prefix} in the robot file would fit")
     at = dict(zip(names, topic.last.positions, strict=False))  # a message may have none
     for joint in robot.joints:
@@ -225,11 +225,18 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
     return f"{topic.topic}: {', '.join(parts)}"
 
 
-def _common_prefix(names: Sequence[str], missing: Sequence[str]) -> str:
-    """The text before every missing name that would make it one of the names; empty if none."""
+def _common_prefix(names: Sequence[str], missing: Sequence[str], present: str) -> str:
+    """The prefix that would make every missing name one of the names; empty if none.
+
+    Args:
+        names: published.
+        missing: with the present prefix.
+        present: prefix of the robot file, which may be cut short or another robot's.
+    """
+    short = [one.removeprefix(present) for one in missing]
     for name in names:
-        prefix = name.removesuffix(missing[0])
-        if prefix != name and all(prefix + one in names for one in missing):
+        prefix = name.removesuffix(short[0])
+        if prefix != name and all(prefix + one in names for one in short):
             return printable(prefix)[:LONG]
     return ""
 

@@ -180,12 +180,13 @@ class RigOutputs:
         self._slack_at = robot.per_element([cable.slack_tension for cable in robot.cables])
         self._overload_at = robot.per_element([cable.maximum_tension for cable in robot.cables])
         self._tension_publisher = node.create_publisher(
-            CableTensions, f"truth/{topics.TENSIONS}", default_profile()
+            CableTensions, f"{topics.TRUTH}/{topics.TENSIONS}", default_profile()
         )
         self._force_publisher = node.create_publisher(
-            NodalForces, f"truth/{topics.NODAL_FORCES}", default_profile()
+            NodalForces, f"{topics.TRUTH}/{topics.NODAL_FORCES}", default_profile()
         )
-        self._state_publisher = node.create_publisher(JointState, "truth/states", default_profile())
+        states = f"{topics.TRUTH}/states"
+        self._state_publisher = node.create_publisher(JointState, states, default_profile())
 
     def _publish_truth(self, rig: LiveRig, position: Vector, effort: Vector, stamp_ns: int) -> None:
         tension = rig.tension

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.messages.topics import TRUTH
 
 WIDTH: Final = 96
 """Maximum line length of comments in a parameter file [columns]."""
@@ -211,6 +212,8 @@ def default_profile(*, latched: bool = False) -> QoSProfile:
 def remapping(node: Node, topic: str, msgtype: str) -> str:
     """The remapping to another topic of the same type that has publishers; empty if none has.
 
+    The truth of a simulated rig is none: no robot publishes it.
+
     Args:
         node: the node without a publisher on its topic; what it publishes itself is no other topic.
         topic: resolved name.
@@ -220,7 +223,7 @@ def remapping(node: Node, topic: str, msgtype: str) -> str:
     others = [one for one, types in node.get_topic_names_and_types() if msgtype in types]
     for other in sorted(others, key=lambda one: one.rpartition("/")[2] != name):
         there = {one.node_name for one in node.get_publishers_info_by_topic(other)}
-        if other != topic and there - {node.get_name()}:
+        if other != topic and there - {node.get_name()} and f"/{TRUTH}/" not in other:
             return f"there is {other}: --ros-args -r {name}:={other}"
     return ""
 

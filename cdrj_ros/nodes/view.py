@@ -44,7 +44,7 @@ SETTINGS: Final = (
     Setting("rate", PICTURE_HZ, "Rate of pictures", "Hz", 0.1, PICTURE_HZ),
     Setting(
         "references",
-        (f"truth/{topics.TENSIONS}", "reference/tensions", "/reference/tensions"),
+        (f"{topics.TRUTH}/{topics.TENSIONS}", "reference/tensions", "/reference/tensions"),
         "Topics of true or measured tensions; the first that has an element counts",
     ),
 )

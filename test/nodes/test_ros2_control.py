@@ -124,11 +124,16 @@ def test_a_current_as_effort_is_answered_with_its_effort_scale(
 def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with_what_mends_them(
     bench: Bench, tmp_path: Path
 ) -> None:
-    publisher = bench.node.create_publisher(JointState, "/joint_states", 10)
+    truth = bench.node.create_publisher(JointState, "/cdrj/truth/states", 10)
     estimation = bench.estimator(robot=stack(tmp_path))
+    assert bench.until(lambda: estimation.node.count_publishers("/cdrj/truth/states") > 0)
+    diagnosed(estimation)
+    assert estimation.inputs[0].remapping == "", "no robot publishes the truth"
+    publisher = bench.node.create_publisher(JointState, "/joint_states", 10)
     assert bench.until(lambda: bool(diagnosed(estimation)) and bool(estimation.inputs[0].remapping))
     assert "--ros-args -r motor_states:=/joint_states" in diagnosed(estimation)[0].message
     publisher.destroy()
+    truth.destroy()
     text = PUBLISHED.replace("prefix: arm1_\n", "")
     without = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path, text))
     other = stack(tmp_path, PUBLISHED.replace("prefix: arm1_", "prefix: arm7_"))
@@ -141,3 +146,6 @@ def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with
         diagnosed(degrees)[0].message
     )
     assert "prefix: arm1_ in the robot file would fit" in diagnosed(without)[0].message
+    cut_short = bench.estimator(*ONE_TOPIC, robot=other, prefix="arm")
+    played(cut_short, 10)
+    assert "prefix: arm1_ in the robot file would fit" in diagnosed(cut_short)[0].message
