@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
+from bench.figures import BAG, ROBOT, Row, alone, compared, seconds, turns
 from bench.offline import DURATION_S, write_long_bag
 from cdrj_ros.evaluation.parallel import processors
 from cdrj_ros.recordings.recording import read_recording
@@ -50,11 +50,11 @@ def measure() -> list[Row]:
         bag = Path(folder, "long")
         write_long_bag(bag, read_recording(BAG))
         bags = [bag] * BAGS
-        together, alone, in_turn, separate = [], [], [], []
+        together, alone_s, in_turn, separate = [], [], [], []
         _run("validate", bag)  # fills the file cache
         for _ in turns(ROUNDS, MANY_S):
             together.append(seconds(lambda: _run("validate", *bags)))
-            alone.append(seconds(lambda: _run("validate", *bags, "--jobs", 1, on=0)))
+            alone_s.append(seconds(lambda: _run("validate", *bags, "--jobs", 1, on=0)))
             separate.append(
                 seconds(
                     lambda: _at_once(
@@ -66,24 +66,13 @@ def measure() -> list[Row]:
         fits = [
             seconds(lambda: _run("identify", bag, "--fit", EIGHT)) for _ in turns(ROUNDS, FIT_S)
         ]
-    hours = BAGS * DURATION_S / 3600.0
+    bags = f"{BAGS} bags of {DURATION_S} s"
+    what = f"validate, {bags}, {processors()} processors"
+    apart = "the same bags, a command of its own on each processor"
+    ahead = "the same bags with --jobs 1, which estimates ahead in a thread"
     return [
-        compared(
-            "campaign", f"validate, {BAGS} bags of {DURATION_S} s, {processors()} processors", "s",
-            together, "the same on one processor", alone, "< 0.59",
-        ),
-        compared(
-            "campaign", "the same bags, a command of its own on each processor", "s",
-            separate, "on one processor", alone,
-        ),
-        compared(
-            "campaign", "the same bags with --jobs 1, which estimates ahead in a thread", "s",
-            in_turn, "on one processor", alone,
-        ),
-        Row(
-            "campaign", "validate per hour of recordings, one processor", "s",
-            Spread.of([taken / hours for taken in alone]),
-        ),
-        Row("campaign", f"identify, eight numbers, {DURATION_S} s bag", "s", Spread.of(fits),
-            aim="< 12 s"),
-    ]  # fmt: skip
+        compared(what, "s", together, "the same on one processor", alone_s, "< 0.59"),
+        compared(apart, "s", separate, "on one processor", alone_s),
+        compared(ahead, "s", in_turn, "on one processor", alone_s),
+        alone(f"identify, eight numbers, {DURATION_S} s bag", "s", fits, "< 12 s"),
+    ]

@@ -2,50 +2,40 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.figures import ROOT, Row, Spread, additions
-from bench.making import Said, make
+from bench.figures import ROOT, Row, alone, seconds
 
-MESSAGES = "Building cdrj_msgs"
-CORE = "Compiling the core"
-PACKAGE = "Building cdrj_ros"
-"""Beginnings of the lines that `make` ends when a stage ends, in order."""
+OF_MAKE = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")
+"""Variables of `make bench` itself."""
 
-
-def end_of(said: list[Said], stage: str) -> float:
-    """When the line of a stage was complete [s].
-
-    Raises:
-        RuntimeError: there is none.
-    """
-    for after_s, line in said:
-        if line.startswith(stage):
-            return after_s
-    raise RuntimeError(f"make did not say {stage}")
+READY = tuple(f".venv/.{flavour}-is-ready" for flavour in ("wheels", "system"))
+"""Files that `make` takes for up to date: the environment is there and is not made anew."""
 
 
 def measure() -> list[Row]:
-    """`make demo` in a new clone of the last commit, which uses this environment [s]."""
+    """`make demo` in a new clone of the last commit, which uses this environment [s].
+
+    Raises:
+        RuntimeError: it failed; the message has its last line.
+    """
+    command = ["make", "demo", *(f"--old-file={name}" for name in READY)]
+    environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
     with TemporaryDirectory() as folder:
         clone = Path(folder, "clone")
         subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
         (clone / ".venv").symlink_to(ROOT / ".venv")
-        speed = [additions()]
-        said = make(clone, "demo")
-        speed.append(additions())
-    messages, core, package = (end_of(said, stage) for stage in (MESSAGES, CORE, PACKAGE))
-    whole = said[-1].after_s
-    rows = {
-        "make demo from nothing, packages installed": [whole],
-        "of this, the messages": [messages],
-        "of this, the core": [core - messages],
-        "of this, the package": [package - core],
-        "of this, the demonstration": [whole - package],
-        "ten million additions in Python, before and after": speed,
-    }
-    first, *others = (Row("demo", what, "s", Spread.of(times)) for what, times in rows.items())
-    return [replace(first, aim="≤ 30"), *others]
+
+        def make() -> None:
+            done = subprocess.run(
+                command, cwd=clone, env=environment, text=True, errors="replace", check=False,
+                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            )  # fmt: skip
+            if done.returncode != 0:
+                raise RuntimeError(done.stdout.strip().splitlines()[-1])
+
+        whole = seconds(make)
+    return [alone("make demo from nothing, packages installed", "s", whole, "≤ 30")]

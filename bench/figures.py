@@ -1,13 +1,12 @@
-"""Rows of the benchmark's table: medians with quartiles, and ratios."""
+"""Rows of the benchmark's table: medians, and ratios of neighbouring rounds."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,40 +17,19 @@ BAG = ROOT / "bags" / "prototype_preload_36_26"
 
 
 @dataclass(frozen=True)
-class Spread:
-    """A median and the quartiles around it."""
-
-    median: float
-    low: float
-    high: float
-
-    @staticmethod
-    def of(values: ArrayLike) -> Spread:
-        """Compute median and quartiles of a sample."""
-        low, median, high = np.percentile(np.asarray(values, dtype=float), (25, 50, 75))
-        return Spread(float(median), float(low), float(high))
-
-    def text(self, digits: int = 3) -> str:
-        """Format median and quartiles as ``4.51 (4.48–4.60)``."""
-        shown = (f"{value:#.{digits}g}".rstrip(".") for value in (self.median, self.low, self.high))
-        return "{} ({}–{})".format(*shown)
-
-
-@dataclass(frozen=True)
 class Row:
-    """One line of the table."""
+    """One line of the table, of medians."""
 
-    section: str
     what: str
     unit: str
-    ours: Spread
-    beside: str = ""
-    """The peer; empty for a figure without one."""
-    theirs: Spread | None = None
-    ratio: Spread | None = None
-    """Ours over theirs, taken between neighbouring rounds."""
+    ours: float
     aim: str = ""
     """Aim, such as ``≤ 1.15``, for the ratio or, without a peer, for our value."""
+    beside: str = ""
+    """The peer; empty for a figure without one."""
+    theirs: float | None = None
+    ratio: float | None = None
+    """Ours over theirs, taken between neighbouring rounds."""
 
     @property
     def missed(self) -> bool:
@@ -59,38 +37,34 @@ class Row:
         found = re.match(r"([<≤≥]) ([0-9.]+)", self.aim)
         if not found:
             return False
-        value = (self.ratio or self.ours).median
+        value = self.ours if self.ratio is None else self.ratio
         bound = float(found[2])
         return value < bound if found[1] == "≥" else value > bound
 
-    def as_json(self) -> dict[str, Any]:
-        """Convert the row to plain values for ``--json``."""
-        return asdict(self)
+    def line(self) -> str:
+        """The row in Markdown."""
+        numbers = (self.ours, self.theirs, self.ratio)
+        units = (self.unit, self.unit, "")
+        ours, theirs, ratio = (
+            "" if number is None else f"{f'{number:#.3g}'.rstrip('.')} {unit}".strip()
+            for number, unit in zip(numbers, units, strict=True)
+        )
+        aim = self.aim + (" **missed**" if self.missed else "")
+        return f"| {self.what} | {ours} | {self.beside} | {theirs} | {ratio} | {aim} |"
 
-    @staticmethod
-    def from_json(found: Mapping[str, Any]) -> Row:
-        """Restore a row from its plain values."""
-        spreads = {
-            name: Spread(**found[name]) if found[name] else None
-            for name in ("ours", "theirs", "ratio")
-        }
-        return Row(**{**found, **spreads})
+
+def alone(what: str, unit: str, ours: ArrayLike, aim: str) -> Row:
+    """Build a row without a peer."""
+    return Row(what, unit, float(np.median(ours)), aim)
 
 
 def compared(
-    section: str,
-    what: str,
-    unit: str,
-    ours: ArrayLike,
-    beside: str,
-    theirs: ArrayLike,
-    aim: str = "",
+    what: str, unit: str, ours: ArrayLike, beside: str, theirs: ArrayLike, aim: str = ""
 ) -> Row:
     """Build a row from alternating rounds; the ratio is taken round by round."""
     ratio = np.asarray(ours, dtype=float) / np.asarray(theirs, dtype=float)
-    return Row(
-        section, what, unit, Spread.of(ours), beside, Spread.of(theirs), Spread.of(ratio), aim
-    )
+    medians = (float(np.median(one)) for one in (theirs, ratio))
+    return Row(what, unit, float(np.median(ours)), aim, beside, *medians)
 
 
 def seconds(function: Callable[[], object]) -> float:
@@ -98,17 +72,6 @@ def seconds(function: Callable[[], object]) -> float:
     begin = perf_counter()
     function()
     return perf_counter() - begin
-
-
-def additions() -> float:
-    """Duration of ten million additions in Python, which tells how fast the machine is now [s]."""
-
-    def add() -> None:
-        total = 0
-        for k in range(10_000_000):
-            total += k
-
-    return seconds(add)
 
 
 def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:

@@ -1,18 +1,14 @@
-"""Cost of a hand: the shipped finger once to twenty times, nothing shared, all joints in motion.
-
-``python -m bench.hand FILE.png`` draws how the cost grows from one finger to twenty.
-"""
+"""Cost of a hand: the shipped finger once to twenty times, nothing shared, all joints in motion."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import yaml
 
-from bench.figures import ROOT, Row, Spread, compared, in_turn, seconds, turns
+from bench.figures import ROOT, Row, alone, compared, in_turn, seconds, turns
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.estimation.session import LiveEstimator
@@ -21,8 +17,6 @@ from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 FINGER = ROOT / "config" / "robots" / "finger.yaml"
-COUNTS = (1, 5, 10, 20)
-RATES = (1000, 500, 100, 50)
 ROUNDS = 3
 WITHIN_S = 20.0
 """Time for the starts."""
@@ -128,50 +122,24 @@ def measure() -> list[Row]:
         for rate, times, aim in zip((500, 100), found, ("≤ 4", "≤ 10"), strict=True):
             ours = np.array(times) * 1e6 / rate
             what = f"{name}, readings at {rate} Hz, with standard deviations"
-            rows.append(compared("hand", what, "µs", ours, "a step of the same robot", steps, aim))
-        heard, alone = in_turn(ROUNDS, fed(model, 500, torques=True), fed(model, 500))
-        mine, others = (np.array(times) * 1e6 / 500 for times in (heard, alone))
+            rows.append(compared(what, "µs", ours, "a step of the same robot", steps, aim))
+        heard, deaf = in_turn(ROUNDS, fed(model, 500, torques=True), fed(model, 500))
+        mine, others = (np.array(times) * 1e6 / 500 for times in (heard, deaf))
         what = f"{name}, torques of all motors, readings at 500 Hz"
-        rows.append(compared("hand", what, "µs", mine, "without torques", others, "≤ 4"))
+        rows.append(compared(what, "µs", mine, "without torques", others, "≤ 4"))
     (hidden,) = in_turn(ROUNDS, without_encoders(fingers(5)))
     what = "five fingers, no encoder at the outer joints, one update"
-    rows.append(
-        Row("hand", what, "ms", Spread.of(np.array(hidden) * 1e3 / PLAIN_RATE), aim="≤ 0.6")
-    )
+    rows.append(alone(what, "ms", np.array(hidden) * 1e3 / PLAIN_RATE, "≤ 0.6"))
     five, twenty = fingers(5), fingers(20)
     pairs = [(_making(twenty), _making(five)) for _ in turns(ROUNDS, WITHIN_S)]
     larger, smaller = zip(*pairs, strict=True)
     what = "an estimator of twenty fingers made"
-    rows.append(compared("hand", what, "s", larger, "of five", smaller, "≤ 4.5"))
+    rows.append(compared(what, "s", larger, "of five", smaller, "≤ 4.5"))
     hand = LiveEstimator(load_model("hand"))
     ready = [seconds(hand.expect_sensors) for _ in range(ROUNDS)]
     what = "the shipped hand prepared for the torques of 17 motors"
-    return [*rows, Row("hand", what, "s", Spread.of(ready), aim="≤ 1")]
+    return [*rows, alone(what, "s", ready, "≤ 1")]
 
 
 def _making(model: Model) -> float:
     return seconds(lambda: LiveEstimator(model))
-
-
-def draw(path: str) -> None:
-    """Draw how the cost of an update grows with the number of fingers."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    models = [fingers(count) for count in COUNTS]
-    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-    for rate in RATES:
-        costs = [min(in_turn(2, fed(model, rate))[0]) * 1e6 / rate for model in models]
-        axes.plot(COUNTS, costs, marker="o", label=f"readings at {rate} Hz")
-    steps = [min(in_turn(2, plain(model))[0]) * 1e6 / PLAIN_RATE for model in models]
-    axes.plot(COUNTS, steps, color="black", linestyle="--", label="a plain step")
-    axes.set(xlabel="fingers", ylabel="one update [µs]", xlim=(0, None), ylim=(0, None))
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
-    figure.savefig(path, dpi=110)
-
-
-if __name__ == "__main__":
-    draw(sys.argv[1])

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.figures import BAG, ROBOT, Row, Spread, compared, seconds, turns
+from bench.figures import BAG, ROBOT, Row, compared, seconds, turns
 from cdrj_ros.commands import validate
-from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import load_model
@@ -106,11 +105,8 @@ def measure() -> list[Row]:
     with TemporaryDirectory() as folder:
         path = Path(folder, "long")
         recording = read_recording(BAG)
-        writing = seconds(lambda: write_long_bag(path, recording))
-        return [
-            *_measure(path, Path(folder, "figures.json")),
-            Row("offline", "writing the bag, with mcap's writer", "s", Spread.of([writing])),
-        ]
+        write_long_bag(path, recording)
+        return _measure(path, Path(folder, "figures.json"))
 
 
 def _measure(path: Path, figures: Path) -> list[Row]:
@@ -121,7 +117,7 @@ def _measure(path: Path, figures: Path) -> list[Row]:
     if any(conditioned.refused.values()):
         raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
     _quietly(arguments)
-    whole, process, reading, estimating, decoded, both = ([] for _ in range(6))
+    whole, process, reading, decoded, both = ([] for _ in range(5))
     command = [sys.executable, "-c", "from cdrj_ros.commands.entry import validate; validate()"]
     for _ in turns(ROUNDS, MESSAGES_S):
         whole.append(seconds(lambda: _quietly(arguments)))
@@ -129,7 +125,6 @@ def _measure(path: Path, figures: Path) -> list[Row]:
         decoded.append(deserialised)
         both.append(taken + deserialised)
         reading.append(seconds(lambda: read_inputs(str(path), Topics(), model)))
-        estimating.append(seconds(lambda: estimate(model, conditioned)))
         process.append(
             seconds(
                 lambda: subprocess.run(
@@ -137,22 +132,12 @@ def _measure(path: Path, figures: Path) -> list[Row]:
                 )
             )
         )
-    samples = sum(segment.stamp_ns.size for segment in conditioned.segments)
-    rate = [samples / taken for taken in estimating]
-    bag = f"{DURATION_S} s bag"
+    bag, alone = f"{DURATION_S} s bag", "rosbags: deserialising alone"
+    both_of = "rosbags: reading and deserialising"
     return [
         compared(
-            "offline", f"validate, {bag}, all but the process's start", "s", whole,
-            "rosbags: deserialising alone", decoded, "< 1",
+            f"validate, {bag}, all but the process's start", "s", whole, alone, decoded, "< 1"
         ),
-        compared(
-            "offline", "validate as a command, from its start", "s", process,
-            "rosbags: deserialising alone", decoded, "≤ 0.3",
-        ),
-        compared(
-            "offline", "reading and decoding alone", "s", reading,
-            "rosbags: reading and deserialising", both,
-        ),
-        Row("offline", "estimating alone", "s", Spread.of(estimating)),
-        Row("offline", "estimating alone", "samples/s", Spread.of(rate)),
-    ]  # fmt: skip
+        compared("validate as a command, from its start", "s", process, alone, decoded, "≤ 0.3"),
+        compared("reading and decoding alone", "s", reading, both_of, both),
+    ]

@@ -188,7 +188,7 @@ def _rows(name: str, ours: np.ndarray, theirs: np.ndarray) -> list[Row]:
             )
             aimed = AIMS.get((name, answer, percent), "")
             what = f"{name}, until {answer}, p{percent}"
-            rows.append(compared("node", what, "µs", mine, "bare relay", other, aimed))
+            rows.append(compared(what, "µs", mine, "bare relay", other, aimed))
     return rows
 
 
@@ -240,7 +240,7 @@ def _processor_row(used: np.ndarray) -> Row:
     """
     ours, theirs = used / TRIPS * 1e6
     what = "processor time of the node per sample, 1 kHz"
-    return compared("node", what, "µs", ours, "bare relay", theirs, "≤ 1.08")
+    return compared(what, "µs", ours, "bare relay", theirs, "≤ 1.08")
 
 
 def measure() -> list[Row]:

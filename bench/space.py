@@ -12,7 +12,7 @@ from bench.figures import ROBOT, Row, compared, in_turn
 from bench.mjcf import mjcf
 from bench.update import evaluating, poses_of, recorded_motion, stepping
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.model.prepared import Model, load_model, prepare, shape_at
+from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
@@ -35,26 +35,18 @@ def imported(text: str) -> Model:
     return prepare(parse_robot(robot_text(found.document, found.remarks, "")), check_range=False)
 
 
-def motion_along(model: Model, stamp_ns: NDArray[np.int64], poses: Poses) -> Samples:
-    """Samples in given poses, whose motors take up the changes of length."""
-    lengths = np.array([shape_at(model, pose).length for pose in poses])
-    ends = np.cumsum([0, *(len(cable.nodes) - 1 for cable in model.robot.cables)])[:-1]
-    changes = np.add.reduceat(lengths - lengths[0], ends, axis=1)
-    radii = [cable.nodes[0].radius for cable in model.robot.cables]
-    return Samples(stamp_ns[: len(poses)], -changes / radii, np.array(poses))
-
-
 def beside_mujoco(stamp_ns: NDArray[np.int64], poses: Poses) -> Row:
     """One update of cables in space beside MuJoCo's evaluation of the model they come from."""
     text = mjcf(load_model(str(ROBOT)).robot, HEIGHT)
     model = imported(text)
-    motion = motion_along(model, stamp_ns, poses)
+    # tendons without actuators are cables without motors
+    motion = Samples(stamp_ns[: len(poses)], np.empty((len(poses), 0)), np.array(poses))
     ours, theirs = (
         np.array(times) * 1e6 / STEPS
         for times in in_turn(ROUNDS, stepping(model, motion, STEPS), evaluating(text, poses))
     )
     return compared(
-        "space", "one update, 2 imported tendons, 14 cylinders, 12 eyelets in space", "µs",
+        "one update, 2 imported tendons, 14 cylinders, 12 eyelets in space", "µs",
         ours, "MuJoCo: the same tendons, no friction", theirs, "≤ 2",
     )  # fmt: skip
 
@@ -75,8 +67,8 @@ def measure() -> list[Row]:
     )
     return [
         compared(
-            "space", "one update, prototype by positions", "µs",
-            positions, "the prototype by tables", tables,
+            "one update, prototype by positions", "µs", positions,
+            "the prototype by tables", tables,
         ),
         beside_mujoco(recorded.stamp_ns, poses_of(motion, STEPS)),
     ]  # fmt: skip

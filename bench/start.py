@@ -12,7 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-from bench.figures import Row, Spread, compared, turns
+from bench.figures import Row, alone, turns
 from bench.processes import end, estimator_command, node_command
 
 ROUNDS = 5
@@ -73,21 +73,6 @@ def measure() -> list[Row]:
     later = [mine.ready_s - other.ready_s for mine, other in pairs]
     larger = [mine.memory_mb - other.memory_mb for mine, other in pairs]
     return [
-        compared(
-            "start", "start of the estimator, until ready", "s",
-            [one.ready_s for one in ours], "bare node: one publisher, one subscription",
-            [one.ready_s for one in theirs],
-        ),
-        Row(
-            "start", "start of the estimator: more than the bare node", "s",
-            Spread.of(later), aim="≤ 0.2",
-        ),
-        compared(
-            "start", "memory of the estimator", "MB", [one.memory_mb for one in ours],
-            "bare node", [one.memory_mb for one in theirs],
-        ),
-        Row(
-            "start", "memory of the estimator: more than the bare node", "MB",
-            Spread.of(larger), aim="≤ 45",
-        ),
-    ]  # fmt: skip
+        alone("start of the estimator: more than a bare node", "s", later, "≤ 0.2"),
+        alone("memory of the estimator: more than a bare node", "MB", larger, "≤ 45"),
+    ]

@@ -1,4 +1,4 @@
-"""One update of the prototype from Python, compared with MuJoCo and Exudyn."""
+"""One update of the prototype from Python, compared with MuJoCo."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.figures import BAG, ROBOT, Row, Spread, compared, in_turn
+from bench.figures import BAG, ROBOT, Row, compared, in_turn
 from bench.mjcf import mjcf
-from bench.reeving import lengths
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
@@ -92,61 +91,32 @@ def evaluating(text: str, poses: list[NDArray[np.float64]]) -> Callable[[], None
     return evaluated
 
 
-def reeving(model: Model, motion: Samples, count: int) -> Callable[[], None]:
-    """Lengths of two reeving springs by Exudyn at the same angles, without friction."""
-    evaluate = lengths(model.robot)
-    poses = list(
-        zip(
-            (0.015 * motion.motor_angle[:count, 0]).tolist(),
-            motion.joint_angle[:count, 0].tolist(),
-            strict=True,
-        )
-    )
-
-    def evaluated() -> None:
-        for drum, angle in poses:
-            evaluate(drum, angle)
-
-    return evaluated
-
-
 def measure() -> list[Row]:
-    """Time per sample [µs]: step by step beside the peers, in bulk, and both with deviations."""
+    """Time per sample [µs]: step by step beside MuJoCo, in bulk, and both with deviations."""
     model = load_model(str(ROBOT))
     motion = recorded_motion(model)
-    many = Samples(
-        motion.stamp_ns[: BULK * STEPS],
-        motion.motor_angle[: BULK * STEPS],
-        motion.joint_angle[: BULK * STEPS],
-    )
-    theirs, springs, ours, sure, bulk, sure_bulk = (
+    many = motion.part(slice(0, BULK * STEPS))
+    theirs, ours, sure, bulk, sure_bulk = (
         np.array(times) * 1e6
         for times in in_turn(
             ROUNDS,
             evaluating(mjcf(model.robot), poses_of(motion, STEPS)),
-            reeving(model, motion, STEPS),
             stepping(model, motion, STEPS),
             stepping(model, motion, STEPS, Ensemble(model)),
             lambda: run(model, initial_state(model), many),
             in_bulk(model, many, Ensemble(model)),
         )
     )
+    beside = "MuJoCo: two tendons, no friction"
+    what = "one update, 2 cables, 14 pulleys, every output"
     return [
+        compared(what, "µs", ours / STEPS, beside, theirs / STEPS, "≤ 0.5"),
         compared(
-            "step", "one update, 2 cables, 14 pulleys, every output", "µs",
-            ours / STEPS, "MuJoCo: two tendons, no friction", theirs / STEPS, "≤ 0.5",
+            "one update with its standard deviations", "µs", sure / STEPS, beside, theirs / STEPS,
+            "≤ 0.75",
         ),
         compared(
-            "step", "the same update", "µs",
-            ours / STEPS, "Exudyn: two reeving springs, no friction", springs / STEPS,
-        ),
-        compared(
-            "step", "one update with its standard deviations", "µs",
-            sure / STEPS, "MuJoCo: two tendons, no friction", theirs / STEPS, "≤ 0.75",
-        ),
-        Row("step", "one update in bulk (run)", "µs", Spread.of(bulk / (BULK * STEPS))),
-        compared(
-            "step", "in bulk with standard deviations", "µs",
-            sure_bulk / (BULK * STEPS), "in bulk without", bulk / (BULK * STEPS),
+            "in bulk with standard deviations", "µs", sure_bulk / (BULK * STEPS),
+            "in bulk without", bulk / (BULK * STEPS),
         ),
     ]  # fmt: skip

@@ -3,7 +3,6 @@
 
 python tools/standard_errors.py               print the figures of docs/identification.md
 python tools/standard_errors.py --draws 100   the same with more recordings
-python tools/standard_errors.py --estimates   print how well the new files estimate another motion
 
 Every recording has another motion of 20 s, other sensor noise and another truth with eight contact
 cells per pulley; the encoders have their counts.  The numbers of the truths are drawn from the
@@ -16,22 +15,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cdrj_ros.commands.identify_entries import uncertainty_section  # noqa: E402
-from cdrj_ros.estimation.conditioner import condition  # noqa: E402
-from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
-from cdrj_ros.estimation.estimator import Samples, initial_state  # noqa: E402
 from cdrj_ros.foundation.arrays import Series  # noqa: E402
 from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
 from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402
@@ -39,7 +32,7 @@ from cdrj_ros.identification.observations import Recorded  # noqa: E402
 from cdrj_ros.identification.priors import fitted_along  # noqa: E402
 from cdrj_ros.identification.problem import Settings  # noqa: E402
 from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
-from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
+from cdrj_ros.model.prepared import prepare  # noqa: E402
 from cdrj_ros.robot.description import Robot  # noqa: E402
 from cdrj_ros.robot.parameters import number_at, with_numbers  # noqa: E402
 from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
@@ -54,25 +47,12 @@ Vector = NDArray[np.float64]
 ROBOT: Final = ROOT / "config" / "robots" / "prototype.yaml"
 RATE: Final = 200.0
 SECONDS: Final = 20.0
-OTHER_SECONDS: Final = 30.0
-"""Length of the motion that is estimated with the new file [s]."""
-OTHER_RATE: Final = 1000.0
-"""Its readings per second: the members of the ensemble then take steps of 64 ms, not of 160."""
-START_SECONDS: Final = 5.0
-"""Its beginning, in which the friction history is unknown, is left out [s]."""
-OTHER_SEED: Final = 101
-"""Seed of the first of these motions."""
 CABLES: Final = ("upper", "lower")
 RHO: Final = 0.05
 """Standard deviation of the true rho; the fit has no prior for it."""
 FEW: Final = ("tension/*/8", "nodal_force/*/3")
 DRAG: Final = 0.012
 """Bearing torque of every pulley in the file [N m]."""
-CASES: Final = {
-    "all": "all numbers drawn",
-    "fitted": "fitted numbers drawn, all others as in the file",
-    "none": "as the file",
-}
 KINDS: Final = {
     "ρ": "rho", "preload": "preload", "EA": "axial_stiffness", "drum": "radius",
     "zero": "reference_angle", "encoder": "offset", "drag": "bearing_torque",
@@ -93,9 +73,7 @@ def fitted_numbers(document: Any, fit: str) -> tuple[Unknown, ...]:
     return unknowns + fitted_along(document, build_robot(document, "file").uncertainty, unknowns)
 
 
-def truths(
-    document: Any, unknowns: Sequence[Unknown], case: str, draws: int
-) -> Iterator[dict[str, float]]:
+def truths(document: Any, unknowns: Sequence[Unknown], draws: int) -> Iterator[dict[str, float]]:
     """True numbers by path, ``draws`` times.
 
     The draws of every number are spread evenly over its distribution (a Latin hypercube), so that
@@ -109,11 +87,11 @@ def truths(
         for unknown, x in zip(unknowns, row, strict=False):
             stddev = unknown.prior[1] if unknown.prior else SPRING_SCALE * unknown.start
             stddev = RHO if unknown.paths[0].endswith("rho") else stddev
-            true = unknown.start + (0.0 if case == "none" else stddev * float(x))
+            true = unknown.start + stddev * float(x)
             true = min(max(true, unknown.lower), unknown.upper)
             values |= dict.fromkeys(unknown.paths, true)
         for cause, x in zip(causes, row[len(unknowns) :], strict=True):
-            for path, stddev in cause.items() if case == "all" else ():
+            for path, stddev in cause.items():
                 change = np.array([stddev * float(x)])
                 values[path] = float(within_range(document, path, change)[0])
         yield values
@@ -210,91 +188,22 @@ def row_of(found: Sequence[dict[str, list[float]]]) -> str:
     return f"{' | '.join(cells)} | {np.mean(np.abs(every[-1]) > 2.0):.0%}"
 
 
-class Estimated(NamedTuple):
-    """Tensions of a motion that was not fitted, after the first seconds."""
-
-    error: float
-    """Mean absolute error [N]."""
-    stddev: float
-    """Median standard deviation [N]."""
-    covered: float
-    """Share of tensions within two standard deviations."""
-
-
-def samples_of(model: Model, motion: Motion, begin: int = 0) -> Samples:
-    """What the node makes of the readings from one of them on."""
-    stamps = motion.stamp_ns[begin:]
-    (samples,) = condition(
-        model.robot,
-        {"winch": Series(stamps, stamps, motion.motor[begin:])},
-        {"elbow": Series(stamps, stamps, motion.joint[begin:])},
-    ).segments
-    return samples
-
-
-def estimated(
-    document: Any, found: Identification, values: dict[str, float], seed: int
-) -> Estimated:
-    """Estimate another motion with the file that `identify` would write.
-
-    The file says that the cable holds on its drum, as it does here.
-    """
-    block = yaml.safe_load(uncertainty_section(found, {"drums": "hold"}, {}))
-    model = prepare(build_robot({**with_numbers(document, found.by_path), **block}, "file"))
-    robot = build_robot(with_numbers(document, values), "truth")
-    generator = np.random.default_rng([seed, 1])
-    motion = moved(robot, seed, OTHER_SECONDS, generator, OTHER_RATE)
-    _, estimates = Ensemble(model).run(initial_state(model), samples_of(model, motion))
-    assert estimates.stddev is not None
-    late = slice(round(START_SECONDS * OTHER_RATE), None)
-    error = np.abs(estimates.values[:, model.layout.tension] - motion.truth.tension)[late]
-    stddev = estimates.stddev[late, : error.shape[1]]
-    inside = float(np.mean(error <= 2.0 * stddev))
-    return Estimated(float(error.mean()), float(np.median(stddev)), inside)
-
-
-def print_estimates(document: Any, unknowns: Sequence[Unknown], draws: int) -> None:
-    """Print the table of estimates, also with fitted numbers independent of all others."""
-    print("| references | others | mean error | standard deviation | within 2σ, mean and lowest |")
-    print("|---|---|---|---|---|")
-    for name, channels in (("32", ()), ("4", FEW)):
-        rows: dict[str, list[Estimated]] = {"as written": [], "independent": []}
-        for seed, values in enumerate(truths(document, unknowns, "all", draws)):
-            found = fitted(document, unknowns, values, channels, seed)
-            alone = replace(found, others=None)
-            for what, one in zip(rows, (found, alone), strict=True):
-                rows[what].append(estimated(document, one, values, seed + OTHER_SEED))
-        for what, row in rows.items():
-            error, stddev, covered = np.mean(row, axis=0)
-            lowest = min(one.covered for one in row)
-            print(f"| {name} | {what} | {error:.2f} N | {stddev:.2f} N | {covered:.1%}, "
-                  f"{lowest:.1%} |", flush=True)  # fmt: skip
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--draws", type=int, default=24)
-    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--fit", default="rho,preload", help="as for identify (%(default)s)")
-    parser.add_argument("--few", action="store_true", help="only the rows with four references")
-    parser.add_argument("--estimates", action="store_true", help="estimates with the new files")
     arguments = parser.parse_args()
     document = robot_file()
     unknowns = fitted_numbers(document, arguments.fit)
-    if arguments.estimates:
-        print_estimates(document, unknowns, arguments.draws)
-        return
-    print(f"| truth | references | {' | '.join(KINDS)} | all | beyond 2 |")
-    print("|---|---|" + "---|" * (len(KINDS) + 2))
-    rows = (("4", FEW),) if arguments.few else (("32", ()), ("4", FEW))
-    for case in arguments.cases:
-        for name, channels in rows:
-            drawn = enumerate(truths(document, unknowns, case, arguments.draws))
-            found = [deviations(document, unknowns, v, channels, seed) for seed, v in drawn]
-            print(f"| {CASES[case]} | {name} | {row_of(found)} |", flush=True)
+    print(f"| references | {' | '.join(KINDS)} | all | beyond 2 |")
+    print("|---|" + "---|" * (len(KINDS) + 2))
+    for name, channels in (("32", ()), ("4", FEW)):
+        drawn = enumerate(truths(document, unknowns, arguments.draws))
+        found = [deviations(document, unknowns, v, channels, seed) for seed, v in drawn]
+        print(f"| {name} | {row_of(found)} |", flush=True)
 
 
 if __name__ == "__main__":
