@@ -24,14 +24,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.model.packing import channel_columns
+from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.recordings.recording import Topics
 
-from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
-from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
-from cdrj_ros.model.packing import channel_columns  # noqa: E402
-from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
-from cdrj_ros.recordings.recording import Topics  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 Table = NDArray[np.float64]
 

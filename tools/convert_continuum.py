@@ -44,11 +44,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
-from cdrj_ros.foundation.errors import BagError, CdrjError  # noqa: E402
-from cdrj_ros.recordings.writer import BagWriter  # noqa: E402
+from cdrj_ros.foundation.errors import BagError, CdrjError
+from cdrj_ros.recordings.writer import BagWriter
 
 COUNTS_PER_TURN = 51 * 4 * 1024
 """GEAR_RATIO, ENCODER_CHANNEL and ENCODER_RESOLUTION of hw_definition.hpp."""

@@ -33,12 +33,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
-from cdrj_ros.foundation.errors import BagError, CdrjError  # noqa: E402
-from cdrj_ros.recordings.recording import Topics  # noqa: E402
-from cdrj_ros.recordings.writer import BagWriter  # noqa: E402
+from cdrj_ros.foundation.errors import BagError, CdrjError
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.writer import BagWriter
 
 TIME, SPINDLE, SPINDLE_TORQUE, JAW, JAW_TORQUE, COLUMNS = 0, 1, 2, 4, 5, 10
 RADIANS: Final = {SPINDLE: 2.0 * np.pi / 8192.0, JAW: 2.0 * np.pi / 4000.0}

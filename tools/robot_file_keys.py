@@ -13,10 +13,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from cdrj_ros.robot.document import schema
 
-from cdrj_ros.robot.document import schema  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 DOCUMENT = ROOT / "docs" / "robot_file.md"
 BEGIN = "<!-- keys: written by tools/robot_file_keys.py from robot.schema.json -->"

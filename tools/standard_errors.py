@@ -13,34 +13,32 @@ others, such as the pulleys' radii and coefficients of friction, from the defaul
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.identification.fit import identify
+from cdrj_ros.identification.nuisance import nuisance_causes
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.priors import fitted_along
+from cdrj_ros.identification.problem import Settings
+from cdrj_ros.identification.unknowns import Unknown, parse_unknowns
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.parameters import number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.tolerances import SPRING_SCALE, within_range
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.load import make_load
+from cdrj_ros.simulation.motion import differences, random, sine
+from cdrj_ros.simulation.truth import simulate
 
-from cdrj_ros.foundation.arrays import Series  # noqa: E402
-from cdrj_ros.identification.fit import Identification, identify  # noqa: E402
-from cdrj_ros.identification.nuisance import nuisance_causes  # noqa: E402
-from cdrj_ros.identification.observations import Recorded  # noqa: E402
-from cdrj_ros.identification.priors import fitted_along  # noqa: E402
-from cdrj_ros.identification.problem import Settings  # noqa: E402
-from cdrj_ros.identification.unknowns import Unknown, parse_unknowns  # noqa: E402
-from cdrj_ros.model.prepared import prepare  # noqa: E402
-from cdrj_ros.robot.description import Robot  # noqa: E402
-from cdrj_ros.robot.parameters import number_at, with_numbers  # noqa: E402
-from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
-from cdrj_ros.robot.tolerances import SPRING_SCALE, within_range  # noqa: E402
-from cdrj_ros.simulation.assembly import Truth  # noqa: E402
-from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import differences, random, sine  # noqa: E402
-from cdrj_ros.simulation.truth import simulate  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 Vector = NDArray[np.float64]
 
@@ -50,13 +48,8 @@ SECONDS: Final = 20.0
 CABLES: Final = ("upper", "lower")
 RHO: Final = 0.05
 """Standard deviation of the true rho; the fit has no prior for it."""
-FEW: Final = ("tension/*/8", "nodal_force/*/3")
 DRAG: Final = 0.012
 """Bearing torque of every pulley in the file [N m]."""
-KINDS: Final = {
-    "ρ": "rho", "preload": "preload", "EA": "axial_stiffness", "drum": "radius",
-    "zero": "reference_angle", "encoder": "offset", "drag": "bearing_torque",
-}  # fmt: skip
 
 
 def robot_file() -> Any:
@@ -97,22 +90,11 @@ def truths(document: Any, unknowns: Sequence[Unknown], draws: int) -> Iterator[d
         yield values
 
 
-class Motion(NamedTuple):
-    """A motion of the rig and what its encoders read."""
-
-    stamp_ns: NDArray[np.int64]
-    truth: Truth
-    motor: Vector
-    """Readings [rad], shape (n,)."""
-    joint: Vector
-    """Readings [rad], shape (n,)."""
-
-
 def moved(
-    robot: Robot, seed: int, seconds: float, generator: np.random.Generator, rate: float = RATE
-) -> Motion:
-    """A sine or a random motion, read ``rate`` times a second."""
-    time = np.arange(0.0, seconds, 1.0 / rate)
+    robot: Robot, seed: int, generator: np.random.Generator
+) -> tuple[NDArray[np.int64], Truth, Vector, Vector]:
+    """A sine or a random motion: stamps, truth, readings of the motor and of the joint [rad]."""
+    time = np.arange(0.0, SECONDS, 1.0 / RATE)
     amplitude, frequency = np.radians(generator.uniform(25.0, 35.0)), generator.uniform(0.1, 0.25)
     move = (
         random(np.radians(33.0), 0.4, seed, 0.5)
@@ -126,14 +108,14 @@ def moved(
     counts = [axis.sensor.resolution for axis in robot.axes]
     motor = np.round(truth.motor_angle[:, 0] / counts[0]) * counts[0]
     joint = np.round((truth.joint_angle[:, 0] - robot.offsets[1]) / counts[1]) * counts[1]
-    return Motion(stamps, truth, motor, joint)
+    return stamps, truth, motor, joint
 
 
 def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
     """What the rig's sensors read."""
     generator = np.random.default_rng([seed, 1])
     robot = build_robot(with_numbers(document, values), "truth")
-    stamps, truth, motor, joint = moved(robot, seed, SECONDS, generator)
+    stamps, truth, motor, joint = moved(robot, seed, generator)
     layout = prepare(robot).layout
     at = np.ascontiguousarray(stamps[::2])
     references = {}
@@ -150,46 +132,19 @@ def recording(document: Any, values: dict[str, float], seed: int) -> Recorded:
     return Recorded("rig", motors, {"elbow": Series(stamps, stamps, joint)}, references)
 
 
-def fitted(
-    document: Any,
-    unknowns: Sequence[Unknown],
-    values: dict[str, float],
-    channels: tuple[str, ...],
-    seed: int,
-) -> Identification:
-    """Fit to one recording."""
-    settings = Settings(channels=channels, coarse=True)
-    return identify(document, "file", unknowns, [recording(document, values, seed)], settings)
-
-
 def deviations(
-    document: Any,
-    unknowns: Sequence[Unknown],
-    values: dict[str, float],
-    channels: tuple[str, ...],
-    seed: int,
-) -> dict[str, list[float]]:
-    """Errors of all fitted numbers in standard errors, by kind."""
-    found = fitted(document, unknowns, values, channels, seed)
+    document: Any, unknowns: Sequence[Unknown], values: dict[str, float], seed: int
+) -> Vector:
+    """Errors of all fitted numbers in standard errors."""
+    recorded = [recording(document, values, seed)]
+    found = identify(document, "file", unknowns, recorded, Settings(coarse=True))
     real = with_numbers(document, values)
-    result: dict[str, list[float]] = {}
-    for unknown, value, stddev in zip(found.unknowns, found.values, found.stddev, strict=True):
-        true = number_at(real, unknown.paths[0])
-        kind = next(name for name, part in KINDS.items() if part in unknown.paths[0])
-        result.setdefault(kind, []).append(float((value - true) / stddev))
-    return result
-
-
-def row_of(found: Sequence[dict[str, list[float]]]) -> str:
-    """Root mean squares by kind and of all, and the share beyond 2."""
-    every = [np.concatenate([one[kind] for one in found]) for kind in KINDS]
-    every.append(np.concatenate(every))
-    cells = [f"{np.sqrt(np.mean(z**2)):.2f}" for z in every]
-    return f"{' | '.join(cells)} | {np.mean(np.abs(every[-1]) > 2.0):.0%}"
+    true = np.array([number_at(real, unknown.paths[0]) for unknown in found.unknowns])
+    return np.asarray((found.values - true) / found.stddev)
 
 
 def main() -> None:
-    """Print the table."""
+    """Print root mean square and share beyond 2."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -198,12 +153,10 @@ def main() -> None:
     arguments = parser.parse_args()
     document = robot_file()
     unknowns = fitted_numbers(document, arguments.fit)
-    print(f"| references | {' | '.join(KINDS)} | all | beyond 2 |")
-    print("|---|" + "---|" * (len(KINDS) + 2))
-    for name, channels in (("32", ()), ("4", FEW)):
-        drawn = enumerate(truths(document, unknowns, arguments.draws))
-        found = [deviations(document, unknowns, v, channels, seed) for seed, v in drawn]
-        print(f"| {name} | {row_of(found)} |", flush=True)
+    drawn = enumerate(truths(document, unknowns, arguments.draws))
+    every = np.concatenate([deviations(document, unknowns, one, seed) for seed, one in drawn])
+    beyond = np.mean(np.abs(every) > 2.0)
+    print(f"root mean square {np.sqrt(np.mean(every**2)):.2f}, beyond 2: {beyond:.0%}")
 
 
 if __name__ == "__main__":

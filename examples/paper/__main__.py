@@ -22,7 +22,7 @@ from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.model.prepared import load_model
 from examples.paper.runs import Motion
 from examples.paper.study import Study, numbers, work
-from examples.paper.tables import Table, markdown, rich_table, tables
+from examples.paper.tables import markdown, tables
 
 DESCRIPTION: Final = (
     "Redraw the source's figures 8, 9, 12, 13 and 14; print its tables with those computed here."
@@ -36,9 +36,6 @@ QUICK: Final = (Motion(cycles=1, rate=250.0), 2)
 
 OUTPUTS: Final = ("tables.md", "figures.json", "fig*.png", "fig*.pdf")
 """Files that a run writes."""
-
-MINIMUM_WIDTH: Final = 150
-"""Columns of a printed table where there is no terminal."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -70,11 +67,11 @@ def _body(argv: Sequence[str]) -> int:
     with ProgressBar("running the rig", 1.0) as report:
         study = work(robot, motion, cells=cells, progress=report)
     drawn = _draw(study, folder, quick=arguments.quick)
-    all_tables = tables(study)
-    write_text(folder / "tables.md", markdown(all_tables))
-    text = json.dumps(numbers(study), indent=1, allow_nan=False)
-    write_text(folder / "figures.json", text + "\n")
-    _print(all_tables)
+    text = markdown(tables(study))
+    print(text)
+    write_text(folder / "tables.md", text)
+    figures = json.dumps(numbers(study), indent=1, allow_nan=False)
+    write_text(folder / "figures.json", figures + "\n")
     for paths in drawn:
         others = "".join(f" (and {path.suffix})" for path in paths[1:])
         say(f"figure: {paths[0]}{others}")
@@ -112,16 +109,6 @@ def _output_folder(folder: Path, force: bool) -> Path:
         for path in sorted(folder.glob(pattern)):
             check_new({"--out": path}, force=force)
     return folder
-
-
-def _print(all_tables: Sequence[Table]) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=MINIMUM_WIDTH)
-    for table in all_tables:
-        console.print(rich_table(table))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -7,7 +7,7 @@ uses there, figure 14 with the identified values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -37,7 +37,6 @@ from cdrj_ros.simulation.truth import simulate
 from examples.paper.joint import RollingLoad
 
 Vector = NDArray[np.float64]
-Progress = Callable[[float], None]
 
 CABLES: Final = ("upper", "lower")
 """The source's two cables, in its order."""
@@ -208,9 +207,7 @@ def _times(end: float, rate: float, phase_s: float = 0.0) -> NDArray[np.float64]
     return phase_s + np.arange(int((end - phase_s) * rate + 1e-9) + 1) / rate
 
 
-def record(
-    robot: Robot, motion: Motion, *, cells: int = 8, seed: int = 0, progress: Progress | None = None
-) -> Recording:
+def record(robot: Robot, motion: Motion, *, cells: int = 8, seed: int = 0) -> Recording:
     """Run an experiment on the rig: truth with contact cells, then encoders and load cells.
 
     Args:
@@ -218,9 +215,8 @@ def record(
         motion: motion of the joint.
         cells: contact cells per pulley.
         seed: seed of the load cells' noise.
-        progress: called with the share that is done, in [0, 1].
     """
-    truth = _moved(robot, motion, RollingLoad(), cells, progress)
+    truth = _moved(robot, motion, RollingLoad(), cells)
     layout = prepare(robot).layout
     end = float(truth.time[-1])
 
@@ -296,7 +292,6 @@ def move_freely(
     load: RollingLoad | None = None,
     *,
     lever: float = 1.0,
-    progress: Progress | None = None,
 ) -> Free:
     """Tensions of the lumped model for a prescribed joint motion: the source's simulation.
 
@@ -305,12 +300,11 @@ def move_freely(
         motion: motion of the joint.
         load: masses; the prototype's by default.
         lever: share of the true lever arm at which the strands pull, 0.5 for (10) as printed.
-        progress: called with the share that is done, in [0, 1].
 
     Raises:
         UsageError: a cable would have to push.
     """
-    truth = _moved(robot, motion, load or RollingLoad(), 1, progress, lever)
+    truth = _moved(robot, motion, load or RollingLoad(), 1, lever)
     angle = _column(truth.joint_angle)
     turns = _turns(truth.time, angle, motion)
     kept = (truth.time >= turns[0]) & (truth.time <= turns[-1])
@@ -327,18 +321,11 @@ def _moved(
     motion: Motion,
     load: RollingLoad,
     cells: int,
-    progress: Progress | None,
     lever: float = 1.0,
 ) -> Truth:
     time, angle, speed, acceleration = motion.path()
-    return simulate(
-        robot,
-        time,
-        angle,
-        load.torque(angle, speed, acceleration) / lever,
-        cells=cells,
-        progress=None if progress is None else lambda done: progress(done / time.size),
-    )
+    torque = load.torque(angle, speed, acceleration) / lever
+    return simulate(robot, time, angle, torque, cells=cells)
 
 
 def _column(values: NDArray[np.float64]) -> Vector:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cdrj_ros.evaluation.channels import Channel
 from cdrj_ros.evaluation.metrics import ChannelError, channel_error, mean_over_channels
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.robot.description import Robot
 from examples.paper import curves
 from examples.paper.joint import RollingLoad
@@ -26,7 +25,6 @@ from examples.paper.runs import (
     Experiment,
     Free,
     Motion,
-    Progress,
     Recording,
     estimate,
     move_freely,
@@ -124,8 +122,8 @@ class Study:
     """Figure 9: by rho."""
 
 
-def work(robot: Robot, motion: Motion, *, cells: int, progress: Progress) -> Study:
-    """Run everything, on two threads.
+def work(robot: Robot, motion: Motion, *, cells: int, progress: Callable[[float], None]) -> Study:
+    """Run everything.
 
     Args:
         robot: the prototype.
@@ -133,63 +131,28 @@ def work(robot: Robot, motion: Motion, *, cells: int, progress: Progress) -> Stu
         cells: contact cells per pulley of the rig.
         progress: called with the share that is done, in [0, 1].
     """
-    weights = [float(cells)] * len(EXPERIMENTS) + [1.0] * (len(FREE_RHOS) + 2 * len(FORWARD))
-    done = [0.0] * len(weights)
-
-    def part(k: int) -> Progress:
-        def report(share: float) -> None:
-            done[k] = share * weights[k]
-            progress(sum(done) / sum(weights))
-
-        return report
-
-    rigs = [with_friction(robot, preload=e.preload, rho=e.rho) for e in EXPERIMENTS]
-    with thread_pool(2) as pool:
-        recordings = [
-            pool.submit(record, rig, motion, cells=cells, seed=k, progress=part(k))
-            for k, rig in enumerate(rigs)
-        ]
-        k = len(recordings)
-        free = {}
-        for rho in FREE_RHOS:
-            loose = with_friction(robot, preload=FREE_PRELOAD, rho=(rho, rho))
-            free[rho] = pool.submit(move_freely, loose, motion, progress=part(k))
-            k += 1
-        forward = []
-        for rig in rigs:
-            named = {}
-            for name, (load, lever) in FORWARD.items():
-                named[name] = pool.submit(_taut, rig, motion, load, lever, part(k))
-                k += 1
-            forward.append(named)
-        results = tuple(
-            Result(
-                experiment,
-                recording.result(),
-                estimate(recording.result(), with_friction(rig, rho=COMMON_RHO)),
-                estimate(recording.result(), rig),
-                {
-                    name: estimate(recording.result(), choose(rig))
-                    for name, choose in CHOICES.items()
-                },
-                {name: run.result() for name, run in named.items()},
-            )
-            for experiment, rig, recording, named in zip(
-                EXPERIMENTS, rigs, recordings, forward, strict=True
-            )
+    results = []
+    for k, experiment in enumerate(EXPERIMENTS):
+        rig = with_friction(robot, preload=experiment.preload, rho=experiment.rho)
+        recording = record(rig, motion, cells=cells, seed=k)
+        forward = {name: _taut(rig, motion, *printed) for name, printed in FORWARD.items()}
+        common = estimate(recording, with_friction(rig, rho=COMMON_RHO))
+        others = {name: estimate(recording, choose(rig)) for name, choose in CHOICES.items()}
+        results.append(
+            Result(experiment, recording, common, estimate(recording, rig), others, forward)
         )
-        study = Study(
-            robot, motion, cells, results, {rho: run.result() for rho, run in free.items()}
-        )
+        progress((k + 1) / (len(EXPERIMENTS) + 1))
+    free = {
+        rho: move_freely(with_friction(robot, preload=FREE_PRELOAD, rho=(rho, rho)), motion)
+        for rho in FREE_RHOS
+    }
     progress(1.0)
-    return study
+    return Study(robot, motion, cells, tuple(results), free)
 
 
-def _taut(
-    robot: Robot, motion: Motion, load: RollingLoad, lever: float, progress: Progress
-) -> Free | None:
+def _taut(robot: Robot, motion: Motion, load: RollingLoad, lever: float) -> Free | None:
     try:
-        return move_freely(robot, motion, load, lever=lever, progress=progress)
+        return move_freely(robot, motion, load, lever=lever)
     except UsageError:
         return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, radians
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from cdrj_ros._core import (
     Stribeck,
@@ -24,9 +24,6 @@ from examples.paper.study import (
     errors_of,
     forward_change,
 )
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
 
 TABLE_I: Final = (
     (22.0, 10.0, "40.9"),
@@ -277,24 +274,3 @@ def markdown(all_tables: Sequence[Table]) -> str:
         if table.note:
             lines += [table.note, ""]
     return "\n".join(lines)
-
-
-def rich_table(table: Table) -> RichTable:
-    """A table for a terminal."""
-    from rich import box
-    from rich.table import Table as RichTable
-    from rich.text import Text
-
-    drawn = RichTable(  # as Text, so that brackets around units are not parsed as markup
-        title=Text(table.title, style="bold"),
-        title_justify="left",
-        caption=Text(table.note) if table.note else None,
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-    )
-    for heading in table.headings:
-        drawn.add_column(Text(heading), vertical="top")
-    for row in table.rows:
-        drawn.add_row(*map(Text, row))
-    return drawn
