@@ -369,6 +369,14 @@ void bind_ensemble(nb::module_& core) {
             "What is remembered of mean tensions and velocities, (U13) and (U18); opaque.")
         .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals),
             "Twice the number of past intervals without readings, plus one during one, (axes,).")
+        .def_prop_ro("heading", part(&Ensemble::memory, &EnsembleMemory::heading),
+            "Direction of every axis, 1 or -1, 0 before its first angle, shape (axes,).")
+        .def_prop_ro("furthest", part(&Ensemble::memory, &EnsembleMemory::furthest),
+            "Angle of every axis that is furthest in this direction [rad], shape (axes,).")
+        .def_prop_ro("turn_stamps", part(&Ensemble::memory, &EnsembleMemory::turn_stamps),
+            "Of the last turning points of every axis [ns], -1 for none, shape (axes * points,).")
+        .def_prop_ro("turn_angles", part(&Ensemble::memory, &EnsembleMemory::turn_angles),
+            "Angles of all axes there [rad], shape (axes * points * axes,).")
         .def_prop_ro(
             "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true),
             "Of the members' quantities from the estimate's, shape (members, quantities).")

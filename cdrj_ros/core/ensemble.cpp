@@ -24,9 +24,8 @@ constexpr Nanoseconds APART_NS = 1'500'000;
 /// Time within which all members are updated while an axis has no readings.
 constexpr Nanoseconds ROUND_NS = 4'000'000;
 
-/// Time within which all members are updated in turn at rates below 500 Hz. Older ones would show where
-/// their cables were before a reversal.
-constexpr Nanoseconds FRESH_NS = 40'000'000;
+/// An axis has turned where it has moved back by what changes the tension of a cable by this share.
+constexpr double TURNED = 0.01;
 
 /// Row `k` of a table of rows of `width` numbers.
 std::span<const double> row(const std::vector<double>& table, Index k, std::size_t width) {
@@ -112,6 +111,10 @@ Ensemble::Ensemble(
     memory.deviation.resize(members * quantities.size());
     memory.variance.resize(quantities.size());
     memory.intervals.resize(axes);
+    memory.heading.resize(axes);
+    memory.furthest.resize(axes);
+    memory.turn_stamps.resize(axes * TURNS);
+    memory.turn_angles.resize(axes * TURNS * axes);
     for (std::vector<double>* one :
          {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &small_,
           &errors_, &reading_}) {
@@ -121,6 +124,7 @@ Ensemble::Ensemble(
     memory.least_variance.resize(quantities.size());
     slipped_.resize(quantities.size());
     late_.resize(quantities.size());
+    start_anew();
 }
 
 // -------------------------------------------------------------------------------------------------
@@ -142,11 +146,8 @@ void Ensemble::update(
     std::span<double> stddev) {
     roll_back();
     begin(sample, estimate);
-    const Index due = due_at(sample.stamp_ns);
-    const Index count = std::min(std::max(due, least > 1 ? least : due), members());
-    if (count > 1) update_members(count);
     finish(stddev);
-    if (count == 1) update_members(1);
+    if (is_due(sample.stamp_ns) || least > 1) update_members(std::min(least, members()));
 }
 
 void Ensemble::predict(
@@ -186,6 +187,8 @@ void Ensemble::start_anew() {
         std::ranges::fill(*one, 0.0);
     }
     std::ranges::fill(memory.intervals, 0);
+    std::ranges::fill(memory.heading, 0.0);
+    std::ranges::fill(memory.turn_stamps, -1);
 }
 
 /// Take a sample, and update all members of cables whose motion since the last one is not small.
@@ -199,6 +202,7 @@ void Ensemble::begin(const SampleView& sample, std::span<const double> estimate)
     }
     if (before != sample.stamp_ns) {
         count_intervals();
+        note_turns(before);
         choose(before);
     }
     if (memory.progress.updates == 0) {
@@ -238,6 +242,42 @@ void Ensemble::count_intervals() {
             if (midway_[a] > 0.0 && midway_[a] < INFINITE) intervals += 2;
         }
     }
+}
+
+/// Remember the sample before, where an axis has turned since.
+void Ensemble::note_turns(Nanoseconds before) {
+    for (std::size_t a = 0; a < axes(); ++a) {
+        double &heading = memory.heading[a], &furthest = memory.furthest[a];
+        if (heading == 0.0) {
+            heading = 1.0;
+            furthest = angle_[a];
+        } else if (heading * (angle_[a] - furthest) >= 0.0) {
+            furthest = angle_[a];
+        } else if (has_turned(static_cast<Index>(a))) {
+            const auto stamps = memory.turn_stamps.begin() + static_cast<Index>(a * TURNS);
+            const auto angles = memory.turn_angles.begin() + static_cast<Index>(a * TURNS * axes());
+            const auto last = static_cast<Index>((TURNS - 1) * axes());
+            std::shift_left(stamps, stamps + TURNS, 1);
+            stamps[TURNS - 1] = before;
+            std::shift_left(angles, angles + last + std::ssize(angle_), std::ssize(angle_));
+            std::ranges::copy(angle_before_, angles + last);
+            heading = -heading;
+            furthest = angle_[a];
+        }
+    }
+}
+
+/// Whether an axis has moved back by enough to change the friction of a cable.
+bool Ensemble::has_turned(Index axis) const {
+    const double back = std::abs(angle_[axis] - memory.furthest[axis]);
+    return std::ranges::any_of(robot_.topology.paths->cables_of_axis[axis], [&](Index c) {
+        const Quantity& tension = quantities[tensions_of(c).first];
+        const double most = std::max(estimate_[tension.index], tension.slack);
+        const auto& gains = draws.gains[tensions_of(c).first];
+        return std::ranges::any_of(gains, [&](const Gain& one) {
+            return one.axis == axis && one.gain * back > TURNED * most;
+        });
+    });
 }
 
 /// Choose the cables of which more members than the one in turn are updated at this sample.
@@ -302,14 +342,6 @@ bool Ensemble::is_due(Nanoseconds stamp) const {
     return memory.progress.updates == 0 || stamp - memory.progress.last_update >= APART_NS;
 }
 
-/// Members in turn that are due at a stamp: at a high rate one at most, at a low one so many that no
-/// member is older than `FRESH_NS`.
-Index Ensemble::due_at(Nanoseconds stamp) const {
-    if (!is_due(stamp)) return 0;
-    const Nanoseconds passed = stamp - memory.progress.last_update;
-    return static_cast<Index>(std::max<Nanoseconds>(passed * members() / FRESH_NS, 1));
-}
-
 // -------------------------------------------------------------------------------------------------
 // Members
 
@@ -325,6 +357,7 @@ void Ensemble::update_members(Index count) {
     keep_states();
     for (Index k = 0; k < count; ++k) {
         const Index member = next_member();
+        pass_turns(member);
         step_member(member, everything_, memory.progress.last_stamp);
         const auto own = std::span<const double>(out_).subspan(robot_.state_size(), estimate_.size());
         compare(memory.progress.last_stamp, own, estimate_);
@@ -354,6 +387,43 @@ bool Ensemble::takes_part(Index member, Nanoseconds before) const {
     const Nanoseconds each = ROUND_NS / members();
     const Index first = before / each + 1, count = memory.progress.last_stamp / each + 1 - first;
     return ((member - first) % members() + members()) % members() < count;
+}
+
+/// Advance a member to the turning points since its last update, in their order.
+void Ensemble::pass_turns(Index member) {
+    const std::vector<Nanoseconds>& stamps = memory.turn_stamps;
+    turns_.clear();
+    for (std::size_t turn = 0; turn < stamps.size(); ++turn) {
+        const auto& own = robot_.topology.paths->cables_of_axis[turn / TURNS];
+        const bool is_new = std::ranges::any_of(own, [&](Index c) {
+            return memory.stamps[member * cables() + c] < stamps[turn];
+        });
+        if (is_new) turns_.push_back(turn);
+    }
+    std::ranges::stable_sort(turns_, {}, [&](std::size_t turn) { return stamps[turn]; });
+    for (const std::size_t turn : turns_) step_to_turn(member, turn);
+}
+
+/// Advance the cables of an axis to where it has turned, unless they have passed that.
+void Ensemble::step_to_turn(Index member, std::size_t turn) {
+    const Topology& topology = robot_.topology;
+    const Paths& paths = *topology.paths;
+    const Nanoseconds stamp = memory.turn_stamps[turn];
+    const std::span<const double> errors = errors_of(member), readings(reading_);
+    const auto angles = row(memory.turn_angles, static_cast<Index>(turn), axes());
+    std::ranges::transform(angles, errors, reading_.begin(), std::plus());
+    Step step(population[member], population.state(member).data(), out_.data());
+    for (const Index c : paths.cables_of_axis[turn / TURNS]) {
+        Nanoseconds& last = memory.stamps[member * cables() + c];
+        if (last >= stamp) continue;
+        place_frames(
+            topology, population[member].constants, paths.of_cable[c].frames,
+            readings.last(topology.sizes.joints), step.work);
+        const bool solved =
+            step_cable(step, member, c, static_cast<double>(stamp - last) * 1e-9);
+        if (draws.slipping[member] && solved) forget_drums(population[member], c, step.before);
+        last = stamp;
+    }
 }
 
 /// Advance some cables of a member to the sample; all that it computes is in `out_`.

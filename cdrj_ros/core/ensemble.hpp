@@ -62,6 +62,9 @@ struct Draws {
     Index unseen_rows;                   // of `unseen_share`
 };
 
+/// Turning points that are remembered of every axis: more are noise.
+inline constexpr std::size_t TURNS = 2;
+
 /// How far an ensemble has come. Every field takes 8 bytes: Python reads it as an array.
 struct Progress {
     Index updates = 0;             // of members in turn, since they were last started
@@ -79,14 +82,19 @@ struct EnsembleMemory {
     std::vector<double> least_variance;  // of every quantity, where more is open than members show, (U15)
     // of every axis, twice the number of its past intervals without readings, plus one during one
     std::vector<Index> intervals;
+    std::vector<double> heading;      // of every axis, 1 or -1; 0 before its first angle
+    std::vector<double> furthest;     // its angle furthest in this direction [rad]
+    std::vector<Nanoseconds> turn_stamps;  // of its last turning points, the older ones first; -1 for none
+    std::vector<double> turn_angles;  // of all axes there [rad], by these points
     std::vector<double> deviation;    // of every member's quantities from the estimate's
     std::vector<double> variance;     // of every quantity, (U1)
 };
 
 /// Robots that differ in all that is unknown, and are stepped along with the estimate.
 ///
-/// One member in turn is updated with a sample, or as many as keep all of them fresh at a low rate, in
-/// one step over all samples since its last update.
+/// One member in turn is updated with a sample, in one step over all samples since its last update, or
+/// in several with the turning points of the axes between them: friction depends on where an axis has
+/// turned.
 /// Beside that, all members update a cable: after a gap in which an axis on its path moved, after
 /// samples that were not solved, and where such an axis may have moved unseen by more than what is small
 /// beside the cable's standard deviation (U3), (U17).
@@ -106,8 +114,8 @@ public:
 
     /// Write the standard deviations at a sample and its estimate.
     ///
-    /// They are those before the update of a single member in turn, which follows unless the last one
-    /// is too recent. `least`: number of members to be updated at least.
+    /// They are those before the update of the member in turn, which follows unless the last one is
+    /// too recent. `least`: number of members to be updated at least.
     void update(
         const SampleView& sample, std::span<const double> estimate, Index least,
         std::span<double> stddev);
@@ -197,15 +205,18 @@ private:
     void keep_states();
     void begin(const SampleView& sample, std::span<const double> estimate);
     void finish(std::span<double> stddev);
-    Index due_at(Nanoseconds stamp) const;
     void take_angles(const SampleView& sample);
     void count_intervals();
+    void note_turns(Nanoseconds before);
+    bool has_turned(Index axis) const;
     void choose(Nanoseconds before);
     Walk* walk_of(Index cable, Nanoseconds before);
     bool is_unknown(Index cable, Nanoseconds before) const;
     void walk(const Walk& walk, Nanoseconds before);
     bool takes_part(Index member, Nanoseconds before) const;
     void update_members(Index count);
+    void pass_turns(Index member);
+    void step_to_turn(Index member, std::size_t turn);
     void step_member(Index member, const Walk& walk, Nanoseconds before);
     bool step_cable(Step& step, Index member, Index cable, double dt);
     void deviate(Index member, Index axis, double deviation);
@@ -248,6 +259,7 @@ private:
     std::vector<char> walked_;          // whether members show the deviations, of every cable
     std::vector<char> walked_axis_;     // and of every axis
 
+    std::vector<std::size_t> turns_;  // turning points that a member passes
     std::vector<double> errors_;   // of its readings of all axes [rad]
     std::vector<double> reading_;  // of all axes, of the member in progress [rad]
     std::vector<double> out_;      // of `Robot::advance`, for the estimate and every member

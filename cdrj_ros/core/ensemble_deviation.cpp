@@ -87,7 +87,7 @@ void Ensemble::bound_errors() {
         double& mean = mean_tensions_[c] = 0.0;
         for (Index e = first; e < beyond; ++e) mean += draws.length_share[e] * estimate_[e];
     }
-    if (lags.take(memory.progress.last_stamp, angle_, mean_tensions_)) renew_late();
+    if (lags.take(memory.progress.last_stamp, angle_, unseen_, mean_tensions_)) renew_late();
 }
 
 void Ensemble::take_offset(std::span<const double> offset) {

@@ -6,65 +6,93 @@
 namespace cdrj {
 namespace {
 
-/// Means are taken over at least this time [s].
-constexpr double SHORTEST = 0.02;
-
-/// Blocks further apart than this are not compared [s].
-constexpr double LONGEST = 0.3;
-
-/// Blocks that are remembered: the one in progress, and three before it.
-constexpr std::size_t BLOCKS = 4;
+/// Blocks that are remembered: the one in progress, and for a curvature three before it.
+constexpr std::size_t FOR_VELOCITY = 2, FOR_CURVATURE = 4;
 
 /// A speed that exceeds all before it counts as a little more, so that few do.
 constexpr double MORE = 1.1;
 
-/// Numbers of a block before its means.
-constexpr std::size_t HEAD = 3;
-
 double square(double x) { return x * x; }
+
+/// Widens a range, by its ends, to a value; whether that has changed it.
+bool widen(std::span<double> range, double value, double more = 1.0) {
+    double& end = range[value < range[0] ? 0 : 1];
+    if (range[0] <= value && value <= range[1]) return false;
+    end = more * value;
+    return true;
+}
 
 }  // namespace
 
-// `numbers` holds the offsets, the swing of every cable, the range of the velocity of every axis, the blocks,
-// the fits.
+bool Blocks::take(std::span<double> memory, double now, std::span<const double> values) const {
+    double &count = memory[0], &begin = memory[1];
+    bool ended = false;
+    if (count > 0.0) {
+        const double since = now - begin;
+        if (!(0.0 <= since && since <= LONGEST)) {  // a gap, or the clock was set
+            for (std::size_t k = 0; k < count_; ++k) memory[k * width_] = 0.0;
+        } else if (since >= SHORTEST) {
+            std::shift_right(memory.begin(), memory.begin() + static_cast<std::ptrdiff_t>(size()),
+                             static_cast<std::ptrdiff_t>(width_));
+            count = 0.0;
+            ended = true;
+        }
+    }
+    if (count == 0.0) {
+        std::fill_n(memory.begin(), width_, 0.0);
+        begin = now;
+    }
+    count += 1.0;
+    memory[2] += (now - begin - memory[2]) / count;
+    for (std::size_t k = 0; k < values.size(); ++k) {
+        memory[HEAD + k] += (values[k] - memory[HEAD + k]) / count;
+    }
+    return ended;
+}
+
+// `numbers` holds the offsets, the greatest speed of every axis, `motion_`, the cables.
 
 Lags::Lags(std::size_t axes, std::vector<double> gains)
     : axes_(axes),
-      cables_(axes == 0 ? 0 : gains.size() / axes),
-      gains_(std::move(gains)),
-      late_share_(cables_, 1.0),
+      motion_(axes, FOR_VELOCITY),
       velocity_(axes_),
       acceleration_(axes_),
       angle_(axes_) {
-    std::size_t size = 4 * axes_ + 2 * cables_ + BLOCKS * (HEAD + cables_ + axes_);
-    for (std::size_t c = 0; c < cables_; ++c) {
-        fits_.emplace_back(std::span(gains_).subspan(c * axes_, axes_));
-        begin_.push_back(size);
-        size += fits_.back().size();
+    std::size_t size = 3 * axes_ + motion_.size();
+    for (std::size_t c = 0; axes > 0 && c < gains.size() / axes; ++c) {
+        std::vector<std::size_t> own;
+        std::vector<double> own_gains;
+        for (std::size_t a = 0; a < axes; ++a) {
+            if (!(gains[c * axes + a] > 0.0)) continue;
+            own.push_back(a);
+            own_gains.push_back(gains[c * axes + a]);
+        }
+        const Blocks blocks(1 + own.size(), FOR_CURVATURE);
+        const LagFit fit{std::span(gains).subspan(c * axes, axes)};
+        const std::size_t begin = size;
+        size += 2 + 2 * own.size() + blocks.size() + fit.size();
+        cables_.push_back({std::move(own), std::move(own_gains), begin, blocks, fit, 1.0});
     }
     numbers.resize(size);
-    for (std::size_t c = 0; c < cables_; ++c) {
-        swing(c)[0] = INFINITE;
-        swing(c)[1] = -INFINITE;
+    for (const Cable& cable : cables_) {
+        numbers[cable.begin] = INFINITE;
+        numbers[cable.begin + 1] = -INFINITE;
     }
 }
 
-Lags::Block Lags::block(std::size_t k) {
-    const std::size_t width = HEAD + cables_ + axes_;
-    return {std::span(numbers).subspan(4 * axes_ + 2 * cables_ + k * width, width)};
+std::span<double> Lags::blocks_of(const Cable& cable) {
+    const std::size_t begin = cable.begin + 2 + 2 * cable.axes.size();
+    return std::span(numbers).subspan(begin, cable.blocks.size());
 }
 
-std::span<double> Lags::memory_of(std::size_t cable) {
-    return std::span(numbers).subspan(begin_[cable], fits_[cable].size());
+std::span<double> Lags::fit_of(const Cable& cable) {
+    const std::size_t begin = cable.begin + 2 + 2 * cable.axes.size() + cable.blocks.size();
+    return std::span(numbers).subspan(begin, cable.fit.size());
 }
 
-std::span<const double> Lags::memory_of(std::size_t cable) const {
-    return std::span(numbers).subspan(begin_[cable], fits_[cable].size());
-}
-
-double Lags::fastest(std::size_t axis) const {
-    const auto range = std::span(numbers).subspan(2 * (axes_ + cables_ + axis), 2);
-    return std::max(-range[0], range[1]);
+std::span<const double> Lags::fit_of(const Cable& cable) const {
+    const std::size_t begin = cable.begin + 2 + 2 * cable.axes.size() + cable.blocks.size();
+    return std::span(numbers).subspan(begin, cable.fit.size());
 }
 
 void Lags::take_offset(std::span<const double> given) {
@@ -73,107 +101,95 @@ void Lags::take_offset(std::span<const double> given) {
 }
 
 void Lags::renew() {
-    for (std::size_t c = 0; c < cables_; ++c) bound(c);
+    for (Cable& cable : cables_) bound(cable);
 }
 
 bool Lags::take(
-    Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions) {
+    Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
+    std::span<const double> tensions) {
     const double now = static_cast<double>(stamp_ns) * 1e-9;
-    Block block = this->block(0);
-    bool closed = false;
-    if (block.count() > 0.0) {
-        const double since = now - block.numbers[1];
-        if (!(0.0 <= since && since <= LONGEST)) {  // a gap, or the clock was set
-            for (std::size_t k = 0; k < BLOCKS; ++k) this->block(k).count() = 0.0;
-        } else if (since >= SHORTEST) {
-            close();
-            closed = true;
-        }
+    for (std::size_t c = 0; c < cables_.size(); ++c) {
+        const auto& own = cables_[c].axes;
+        const bool read = std::ranges::none_of(own, [&](std::size_t a) { return unseen[a] > 0.0; });
+        if (read) take_cable(cables_[c], now, angles, tensions[c]);
     }
-    const double count = block.count() += 1.0;
-    if (count == 1.0) {
-        std::fill(block.numbers.begin() + 1, block.numbers.end(), 0.0);
-        block.numbers[1] = now;
-    }
-    const auto mean = [&](std::size_t i, double value) {
-        block.numbers[i] += (value - block.numbers[i]) / count;
-    };
-    mean(2, now - block.numbers[1]);
-    for (std::size_t c = 0; c < cables_; ++c) {
-        mean(HEAD + c, tensions[c]);
-        double &lowest = swing(c)[0], &highest = swing(c)[1];
-        if (lowest <= tensions[c] && tensions[c] <= highest) continue;
-        lowest = std::min(lowest, tensions[c]);
-        highest = std::max(highest, tensions[c]);
-        bound(c);
-    }
-    for (std::size_t a = 0; a < axes_; ++a) mean(HEAD + cables_ + a, angles[a]);
-    return closed || is_faster(now, angles);
+    return note_speeds(now, angles);
 }
 
-/// Raises the range of the velocities by those since the last block; whether one has changed much.
-bool Lags::is_faster(double now, std::span<const double> angles) {
-    const Block last = block(1);
-    const double since = now - last.time();
-    if (last.count() == 0.0 || since < 0.5 * SHORTEST) return false;
+/// Raises the greatest speeds to those since the last block; whether one has changed.
+bool Lags::note_speeds(double now, std::span<const double> angles) {
+    const std::span<double> memory = std::span(numbers).subspan(3 * axes_, motion_.size());
+    motion_.take(memory, now, angles);
+    const double since = now - motion_.time(memory, 1);
+    if (!motion_.has(memory, 1) || since < 0.5 * SHORTEST) return false;
     bool faster = false;
     for (std::size_t a = 0; a < axes_; ++a) {
-        const double velocity = (angles[a] - last.numbers[HEAD + cables_ + a]) / since;
-        double& end = range(a)[velocity < 0.0 ? 0 : 1];
-        if (std::abs(velocity) <= std::abs(end)) continue;
-        end = MORE * velocity;
+        const double speed = std::abs(angles[a] - motion_.mean(memory, 1, a)) / since;
+        double& fastest = numbers[2 * axes_ + a];
+        if (speed <= fastest) continue;
+        fastest = MORE * speed;
         faster = true;
     }
-    if (!faster) return false;
-    renew();
-    return true;
+    return faster;
 }
 
-/// Ends the block in progress, and compares it with those before it.
-void Lags::close() {
-    for (std::size_t k = BLOCKS - 1; k > 0; --k) {
-        std::ranges::copy(block(k - 1).numbers, block(k).numbers.begin());
+/// Takes a sample at which all axes of a cable have been read.
+void Lags::take_cable(Cable& cable, double now, std::span<const double> angles, double tension) {
+    const auto& [axes, gains, begin, blocks, fit, late_share] = cable;
+    const auto range_of = [&](std::size_t k) { return std::span(numbers).subspan(begin + 2 * k, 2); };
+    const std::span<double> memory = blocks_of(cable);
+    values_.assign(1, tension);
+    for (const std::size_t a : axes) values_.push_back(angles[a]);
+    const bool ended = blocks.take(memory, now, values_);
+    bool changed = widen(range_of(0), tension) || ended;
+    const double since = now - blocks.time(memory, 1);
+    for (std::size_t k = 1; blocks.has(memory, 1) && since >= 0.5 * SHORTEST && k <= axes.size(); ++k) {
+        const double velocity = (values_[k] - blocks.mean(memory, 1, k)) / since;
+        changed = widen(range_of(k), velocity, MORE) || changed;
     }
-    block(0).count() = 0.0;
-    const Block last = block(1), middle = block(2), first = block(3);
-    if (middle.count() == 0.0) return;
-    const double late = last.time() - middle.time(), early = middle.time() - first.time();
-    const std::size_t angles = HEAD + cables_;
-    if (first.count() == 0.0) return;
-    for (std::size_t a = 0; a < axes_; ++a) {
-        const double after = (last.numbers[angles + a] - middle.numbers[angles + a]) / late;
-        const double before = (middle.numbers[angles + a] - first.numbers[angles + a]) / early;
+    if (ended && blocks.has(memory, 2) && blocks.has(memory, 3)) fit_to(cable);
+    if (changed) bound(cable);
+}
+
+/// Adds the block that has ended, with those before it, to the fit of a cable.
+void Lags::fit_to(const Cable& cable) {
+    const Blocks& blocks = cable.blocks;
+    const std::span<double> memory = blocks_of(cable);
+    const double late = blocks.time(memory, 1) - blocks.time(memory, 2);
+    const double early = blocks.time(memory, 2) - blocks.time(memory, 3);
+    for (std::size_t k = 0; k < cable.axes.size(); ++k) {
+        const std::size_t a = cable.axes[k];
+        const double middle = blocks.mean(memory, 2, k + 1);
+        const double after = (blocks.mean(memory, 1, k + 1) - middle) / late;
+        const double before = (middle - blocks.mean(memory, 3, k + 1)) / early;
         velocity_[a] = (late * before + early * after) / (late + early);
         acceleration_[a] = 2.0 * (after - before) / (late + early);
-        angle_[a] = middle.numbers[angles + a];
+        angle_[a] = middle;
     }
-    const auto stddev = offset().last(axes_);
-    for (std::size_t c = 0; c < cables_; ++c) {
-        fits_[c].take(
-            memory_of(c),
-            {0.5 * (late + early), velocity_, angle_, acceleration_, middle.numbers[HEAD + c]}, stddev);
-        bound(c);
-    }
+    cable.fit.take(
+        fit_of(cable),
+        {0.5 * (late + early), velocity_, angle_, acceleration_, blocks.mean(memory, 2, 0)},
+        offset().last(axes_));
 }
 
 /// Computes the share of a cable.
-void Lags::bound(std::size_t c) {
-    double swung = 0.0;
-    for (std::size_t a = 0; a < axes_; ++a) {
-        const double gain = gains_[c * axes_ + a], lag = gain * offset()[axes_ + a];
-        swung += square(lag * (range(a)[1] - range(a)[0]));
-    }
-    const double swung_so_far = std::max(swing(c)[1] - swing(c)[0], 0.0);
-    const double seen = square(DEVIATION * swung_so_far);
-    late_share_[c] = swung > seen ? seen / swung : 1.0;
+void Lags::bound(Cable& cable) {
     const auto stddev = offset().last(axes_);
-    late_share_[c] = std::min(late_share_[c], fits_[c].share(memory_of(c), stddev));
+    const std::span<const double> range = std::span(numbers).subspan(cable.begin);
+    double swung = 0.0;
+    for (std::size_t k = 0; k < cable.axes.size(); ++k) {
+        const double lag = cable.gains[k] * stddev[cable.axes[k]];
+        swung += square(lag * (range[2 * k + 3] - range[2 * k + 2]));
+    }
+    const double seen = square(DEVIATION * std::max(range[1] - range[0], 0.0));
+    cable.late_share = std::min(
+        swung > seen ? seen / swung : 1.0, cable.fit.share(fit_of(cable), stddev));
 }
 
 LagFit::Lag Lags::lag(std::size_t axis) const {
     LagFit::Lag best{0.0, INFINITE};
-    for (std::size_t c = 0; c < cables_; ++c) {
-        const LagFit::Lag one = fits_[c].lag(memory_of(c), axis);
+    for (const Cable& cable : cables_) {
+        const LagFit::Lag one = cable.fit.lag(fit_of(cable), axis);
         if (one.stddev < best.stddev) best = one;
     }
     return best;

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "blocks.hpp"
 #include "lag_fit.hpp"
 #include "records.hpp"
 
@@ -28,16 +29,20 @@ public:
     /// Computes all shares anew, after changes of `numbers` by others.
     void renew();
 
-    /// Takes the angles of a sample and the mean tensions of the cables; whether greatest speeds may
-    /// have changed.
+    /// Takes the angles of a sample and the mean tensions of the cables; whether greatest speeds have
+    /// changed.
+    ///
+    /// unseen: standard deviations of the angles. Where one is not zero, its axis had not been read, and
+    /// the mean tensions of its cables show that, not a lag.
     bool take(
-        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions);
+        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
+        std::span<const double> tensions);
 
     /// Share of the variance due to lags, (C10), that is possible in a cable, (U13) and (U18).
-    double late_share(std::size_t cable) const { return late_share_[cable]; }
+    double late_share(std::size_t cable) const { return cables_[cable].late_share; }
 
     /// Greatest speed of an axis so far [rad/s].
-    double fastest(std::size_t axis) const;
+    double fastest(std::size_t axis) const { return numbers[2 * axes_ + axis]; }
 
     /// Mean and standard deviation of how far an axis lags behind the first one of its cables [s].
     LagFit::Lag lag(std::size_t axis) const;
@@ -45,30 +50,29 @@ public:
     std::vector<double> numbers;  // all that is remembered; Python holds a view of it
 
 private:
-    /// Means over a few samples.
-    struct Block {
-        std::span<double> numbers;  // count, begin, time since then, mean tensions, angles
-
-        double& count() const { return numbers[0]; }
-        double time() const { return numbers[1] + numbers[2]; }  // [s]
+    /// A cable: its axes, and where its part of `numbers` begins. That part holds the lowest and the highest
+    /// mean tension, the same of the velocities of its axes, then `blocks` of both, then `fit`.
+    struct Cable {
+        std::vector<std::size_t> axes;
+        std::vector<double> gains;  // of these [N/rad]
+        std::size_t begin;
+        Blocks blocks;
+        LagFit fit;
+        double late_share;
     };
 
-    Block block(std::size_t k);
-    std::span<double> swing(std::size_t cable) { return std::span(numbers).subspan(2 * (axes_ + cable), 2); }
-    std::span<double> range(std::size_t axis) {
-        return std::span(numbers).subspan(2 * (axes_ + cables_ + axis), 2);
-    }
-    std::span<double> memory_of(std::size_t cable);
-    std::span<const double> memory_of(std::size_t cable) const;
-    bool is_faster(double now, std::span<const double> angles);
-    void close();
-    void bound(std::size_t cable);
+    std::span<double> blocks_of(const Cable& cable);
+    std::span<double> fit_of(const Cable& cable);
+    std::span<const double> fit_of(const Cable& cable) const;
+    bool note_speeds(double now, std::span<const double> angles);
+    void take_cable(Cable& cable, double now, std::span<const double> angles, double tension);
+    void fit_to(const Cable& cable);
+    void bound(Cable& cable);
 
-    std::size_t axes_, cables_;
-    std::vector<double> gains_;
-    std::vector<LagFit> fits_;
-    std::vector<std::size_t> begin_;  // of every fit's memory
-    std::vector<double> late_share_;
+    std::size_t axes_;
+    Blocks motion_;  // of the angles of all axes, read or not
+    std::vector<Cable> cables_;
+    std::vector<double> values_;  // of a cable that is being taken
     std::vector<double> velocity_, acceleration_, angle_;  // of the stretch in progress
 };
 

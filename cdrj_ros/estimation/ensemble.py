@@ -9,7 +9,7 @@ At each sample, but at most every ``APART_NS``, one member in turn is updated.  
 one more estimate or less, independent of the number of members, and the spread is complete after as
 many updates as there are members: 64 ms at 1 kHz.
 Friction hardly depends on rate, so a member can cover all samples since its last update in one
-step.  See docs/estimation.md.
+step, or one to every point where an axis has turned.  See docs/estimation.md.
 """
 
 from __future__ import annotations
@@ -145,6 +145,10 @@ class Ensemble:
             "last_angle": self.core.angle,
             "intervals": self.core.intervals,
             "last_unseen": self.core.unseen,
+            "heading": self.core.heading,
+            "furthest": self.core.furthest,
+            "turn_stamps": self.core.turn_stamps,
+            "turn_angles": self.core.turn_angles,
             "deviation": self.deviation,
             "lags": self.core.lags,
             "least_variance": self.core.least_variance,
@@ -189,8 +193,8 @@ class Ensemble:
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
         self.stamps += by_ns
-        stamps = self.core.progress[LAST_STAMP:]
-        stamps[stamps >= 0] += by_ns
+        for stamps in (self.core.progress[LAST_STAMP:], self.core.turn_stamps):
+            stamps[stamps >= 0] += by_ns
 
     def step(self, state: State, sample: Sample) -> tuple[State, Estimate]:
         """``step`` and ``update`` in one call.

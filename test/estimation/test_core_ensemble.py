@@ -13,11 +13,14 @@ from cdrj_ros.model.prepared import Model, load_model
 MEMBERS = 8
 COUNT = 60
 APART_NS = 2_000_000
+CORNER = 25
+"""Sample at which all axes turn back."""
 
 
 def _motion(model: Model) -> Samples:
     robot = model.robot
-    swing = 0.05 * np.sin(0.1 * np.arange(COUNT))[:, None]
+    sample = np.arange(COUNT)
+    swing = 0.01 * np.minimum(sample, 2 * CORNER - sample)[:, None]
     motor = robot.reference_motors + swing
     joint = robot.reference_pose + 0.3 * swing
     return Samples(1_000_000_000 + APART_NS * np.arange(COUNT), motor, joint)
@@ -36,21 +39,25 @@ def _differences(
     motors = samples.motor_angle.shape[1]
     states = [initial_state(model)] * MEMBERS
     found, updates = np.zeros((COUNT, MEMBERS, ensemble.columns.size)), 0
+    last = np.zeros(MEMBERS, dtype=int)
     for k in range(COUNT):
         found[k] = found[k - 1]
         for _ in range(1 if k else MEMBERS):  # one in turn; with the first sample, all
             member = updates % MEMBERS
-            reading = angle[k] + (errors[updates % len(errors)] + zeros[member])
+            error, own = errors[updates % len(errors)] + zeros[member], robots[member]
             updates += 1
-            read, own = (reading[:motors], reading[motors:]), robots[member]
-            if k == 0:
-                states[member] = own.start(*read, shares[member])
-            after, estimate, solved = own.step(states[member], k * APART_NS, *read)
-            assert solved
+            passed = [CORNER] if last[member] < CORNER < k else []
+            for at in (*passed, k):  # friction depends on where the axes have turned
+                read = np.split(angle[at] + error, [motors])
+                if k == 0:
+                    states[member] = own.start(*read, shares[member])
+                after, estimate, solved = own.step(states[member], at * APART_NS, *read)
+                assert solved
+                if unsure and member // 2 % 2:  # every other pair's cables slip on their drums
+                    after = own.forget_drums(after)
+                states[member] = after
             found[k, member] = estimate[ensemble.columns] - values[k, ensemble.columns]
-            if unsure and member // 2 % 2:  # every other pair has cables that slip on their drums
-                after = own.forget_drums(after)
-            states[member] = after
+            last[member] = k
     return found
 
 

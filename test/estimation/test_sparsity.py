@@ -18,8 +18,6 @@ from cdrj_ros.model.prepared import Model, prepare
 
 START_NS = 1_700_000_000 * 10**9
 NAMES = tuple("abcdefghijklmnopqrst")
-IN_TURN = {1000.0: 1, 500.0: 1, 100.0: 8, 50.0: 16}
-"""Members that are updated with every sample, all of them within 40 ms, by the rate [Hz]."""
 DRUM, MCP, PIP = 0.006, 0.008, 0.006
 """Radii of drums and of the pulleys on both axes of a finger [m]."""
 
@@ -68,8 +66,8 @@ def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequen
     taken, _ = feed(model, rate, angles(model, angle))
     assert taken == np.sum(alone, axis=0).tolist()
     if rate >= 500.0 or frequency <= 1.0:
-        due = IN_TURN[rate] * len(model.robot.cables)
-        assert max(taken) == due, "what is small moves no member but those in turn"
+        cables = len(model.robot.cables)
+        assert max(taken) <= 4 * cables, "only the member in turn, and where axes have turned"
 
 
 def test_twenty_fingers_take_twenty_times_the_steps_of_one() -> None:
@@ -95,7 +93,7 @@ def followed(model: Model, unseen: dict[int, float]) -> tuple[Vector, Ensemble, 
     """Standard deviations at the last of some samples, and the steps of cables it took."""
     ensemble, state = Ensemble(model), initial_state(model)
     stddev, before = np.empty(0), 0
-    for sample in samples(model, 40, unseen):
+    for sample in samples(model, 30, unseen):  # without a turning point
         before = ensemble.core.cable_steps
         state, estimate = ensemble.step(state, sample)
         assert estimate.stddev is not None
@@ -109,7 +107,7 @@ def test_small_deviations_move_no_member_and_enter_the_variance_through_their_ga
     motor, joint = 2, len(model.robot.motors) + 2
     deviations = {motor: 2e-4, joint: 1e-4}
     widened, _, same = followed(model, deviations)
-    assert same == steps == IN_TURN[100.0] * len(model.robot.cables)
+    assert same == steps == len(model.robot.cables)
     gain = offset_gain(model)
     expected = sum((gain[:, axis] * size) ** 2 for axis, size in deviations.items())
     assert expected.max() > 1e-4
@@ -123,12 +121,12 @@ def test_large_deviations_are_walked_by_the_cables_on_whose_path_the_axis_lies_a
     walk = 4 * MEMBERS
     for name, cables in {"a_pip": 1, "a_mcp": 2, "wrist": 4}.items():
         stddev, ensemble, steps = followed(model, {joints[name]: 0.05})
-        assert steps == walk * cables + IN_TURN[100.0] * len(model.robot.cables)
+        assert steps == walk * cables + len(model.robot.cables)
         touched = np.abs(stddev / plain - 1.0) > 1e-6
         own = [one.startswith("a") or cables == 4 for one in model.layout.elements]
         assert not np.any(touched[: len(own)] & ~np.array(own)), "a measured wrist joins no cables"
         assert touched[: len(own)].any()
-        assert (ensemble.core.stamps == START_NS + 39 * 10**7).all(axis=0).sum() == cables
+        assert (ensemble.core.stamps == START_NS + 29 * 10**7).all(axis=0).sum() == cables
 
 
 def test_efforts_of_walked_cables_follow_from_their_tensions() -> None:
