@@ -59,7 +59,7 @@ LONGEST_FIRST = (
     "documents/test_readme.py", "report/test_html.py", "commands/test_simulate.py",
     "project/test_aarch64.py", "project/test_wheel.py", "project/test_controllers.py",
     "estimation/test_unseen.py", "estimation/test_session.py", "project/test_api.py",
-    "estimation/test_recorded_health.py", "estimation/test_take_back.py",
+    "evaluation/test_recorded_verdict.py", "estimation/test_take_back.py",
 )  # fmt: skip
 """Each takes more than 1.2 % of all tests: one started last would keep a single worker busy.  Of
 three neighbours one waits for messages a good part of its time, and two calculate."""

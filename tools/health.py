@@ -24,7 +24,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.estimation.estimator import Sample  # noqa: E402
-from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 from cdrj_ros.robot.description import Pulley, Robot  # noqa: E402
@@ -130,16 +129,17 @@ def motion_of(robot: Robot, case: Case, seconds: float, seed: int | None) -> Tru
 
 @dataclass
 class Watched:
-    """A monitor with one set of sensors, and what it has said."""
+    """An estimator with one set of sensors, and what it has said."""
 
     sensors: tuple[str, ...]
-    monitor: HealthMonitor
+    live: LiveEstimator
     said: list[tuple[float, str]]
     """Times [s] of changes of its verdict; an empty verdict where it was taken back."""
 
     def note(self, time: float) -> None:
         """Note the present verdict."""
-        text = self.monitor.report()
+        assert self.live.corrections is not None
+        text = self.live.corrections.report()
         if text.level != "ok" and (not self.said or self.said[-1][1] != text.message):
             self.said.append((time, text.message))
         elif text.level == "ok" and self.said and self.said[-1][1]:
@@ -147,12 +147,9 @@ class Watched:
 
 
 def watch(model: Model, case: Case, truth: Truth, seed: int) -> list[Watched]:
-    """Run the estimator with one monitor per set of sensors."""
+    """Run one estimator per set of sensors."""
     generator = np.random.default_rng(seed)
-    live = LiveEstimator(model, Options())
-    watched = [
-        Watched(sensors, HealthMonitor(model, model.robot.uncertainty), []) for sensors in SENSORS
-    ]
+    watched = [Watched(sensors, LiveEstimator(model, Options()), []) for sensors in SENSORS]
     counts = [axis.sensor.resolution for axis in model.robot.axes]
     columns = [model.layout.elements.index(name) for name in CELLS]
     for k, time in enumerate(truth.time):
@@ -165,14 +162,13 @@ def watch(model: Model, case: Case, truth: Truth, seed: int) -> list[Watched]:
             effort = effort - case.motor_friction * np.tanh(turned / 1e-5)
         cells = truth.tension[k, columns] + generator.normal(0.0, CELL_NOISE, len(CELLS))
         sample = Sample(stamp, motor, joint)
-        stddev = live.take(sample).stddev
         for one in watched:
             if "effort" in one.sensors:
-                one.monitor.read_efforts(stamp, ["winch"], effort)
+                one.live.feed_efforts(stamp, ["winch"], effort)
             if "cells" in one.sensors:
-                one.monitor.read_tensions(stamp, CELLS, cells, [CELL_NOISE] * len(CELLS))
-            one.monitor.follow(sample, stddev)
-            if k % round(RATE) == 0:
+                one.live.feed_tensions(stamp, CELLS, cells, [CELL_NOISE] * len(CELLS))
+            one.live.take(sample)
+            if k % round(RATE) == 0 and k:
                 one.note(float(time))
     return watched
 
@@ -209,20 +205,18 @@ def main() -> None:
             begin = max((fault.begin for fault in case.faults), default=1.0)
             first = f"{(one.said[0][0] - begin) * FREQUENCY:.1f} cycles" if one.said else "-"
             print(f"| {case.what} | {' and '.join(one.sensors)} | {first} | "
-                  f"{one.monitor.report().message} |", flush=True)  # fmt: skip
+                  f"{one.live.corrections.report().message} |", flush=True)  # fmt: skip
 
 
 def hours(model: Model, total: float, seeds: int) -> None:
     """Count the false alarms."""
-    alarms, cycles = 0, 0
+    alarms = 0
     for seed in range(seeds):
         truth = motion_of(model.robot, CASES[0], 3600.0 * total / seeds, seed)
         for one in watch(model, CASES[0], truth, seed):
             alarms += sum(bool(text) for _, text in one.said)
-            cycles += one.monitor.cycles
-            print(f"seed {seed}, {' and '.join(one.sensors)}: {one.monitor.cycles} cycles, "
-                  f"{one.said}", flush=True)  # fmt: skip
-    print(f"{alarms} alarms in {total:g} h of motion with each set of sensors ({cycles} cycles)")
+            print(f"seed {seed}, {' and '.join(one.sensors)}: {one.said}", flush=True)
+    print(f"{alarms} alarms in {total:g} h of motion with each set of sensors")
 
 
 if __name__ == "__main__":

@@ -30,8 +30,6 @@ from cdrj_ros._core import mark_unsure  # noqa: E402
 from cdrj_ros.estimation.changes import narrowed  # noqa: E402
 from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
 from cdrj_ros.estimation.estimator import NO_DOUBTS, Sample, Samples, initial_state, run  # noqa: E402  # noqa: E402
-from cdrj_ros.estimation.health_monitor import HealthMonitor  # noqa: E402
-from cdrj_ros.estimation.health_verdict import unsure_elements  # noqa: E402
 from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
 from cdrj_ros.model.packing import OK  # noqa: E402
@@ -223,7 +221,7 @@ def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
 
 
 class Heard(NamedTuple):
-    """Figures of an estimate whose status hears the health monitor."""
+    """Figures of an estimate that hears sensors."""
 
     ok: tuple[float, ...]
     """Share of tensions with status OK in the first, second and last third."""
@@ -240,36 +238,29 @@ def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -
         model: the file, whose numbers are said to be exact.
         read: the encoders' readings.
         truth: what the machine does.
-        sensors: ``effort``, ``cells`` or both; without any, the monitor says nothing.
+        sensors: ``effort``, ``cells``, both or none.
     """
     generator = np.random.default_rng(0)
     live = LiveEstimator(model, Options())
-    watch = HealthMonitor(model, model.robot.uncertainty)
     names = [model.layout.elements[k] for k in range(*LAST.indices(len(model.layout.elements)))]
     inside, ok = [], []
     for k, stamp in enumerate(read.stamp_ns.tolist()):
-        sample = Sample(stamp, read.motor_angle[k], read.joint_angle[k])
-        estimate, stddev, _ = live.take(sample)
-        assert stddev is not None
-        error = np.abs(estimate.tension - truth.tension[k])
-        inside.append(error <= 2.0 * stddev[: error.size])
-        ok.append(np.asarray(estimate.status) == OK)
         if "effort" in sensors:
             effort = truth.effort[k] + generator.normal(0.0, EFFORT_NOISE, 1)
-            watch.read_efforts(stamp, model.layout.motors, effort)
+            live.feed_efforts(stamp, model.layout.motors, effort)
         if "cells" in sensors:
             cells = truth.tension[k, LAST] + generator.normal(0.0, CELL_NOISE, len(names))
-            watch.read_tensions(stamp, names, cells, [CELL_NOISE] * len(names))
-        watch.follow(sample, stddev)
-        if k % round(RATE) == 0:
-            report = watch.report()
-        unsure = unsure_elements(model.robot, watch.standing, corrected=False)
-        live.always_unsure = unsure if unsure.any() else None
+            live.feed_tensions(stamp, names, cells, [CELL_NOISE] * len(names))
+        estimate = live.take(Sample(stamp, read.motor_angle[k], read.joint_angle[k]))
+        assert estimate.stddev is not None
+        error = np.abs(estimate.tension - truth.tension[k])
+        inside.append(error <= 2.0 * estimate.stddev[: error.size])
+        ok.append(np.asarray(estimate.status) == OK)
     good, misleads = np.array(ok), np.array(ok) & ~np.array(inside)
     return Heard(
         tuple(float(part.mean()) for part in np.array_split(good, 3)),
         tuple(float(part.mean()) for part in np.array_split(misleads, 3)),
-        report.message,
+        live.corrections.report().message if live.corrections is not None else "",
     )
 
 

@@ -3,7 +3,7 @@
 The file is ``{"format", "version", "bags": [{"path", "duration_s", "channels", "friction",
 "counters", "notes", "facts", "health"}], "all": {"channels"}, "limits"}`` where ``channels`` maps a
 channel's name to its ``unit``, ``n`` and the figures of ChannelError, ``friction`` a pulley's name
-to the figures of PulleyFriction, ``health`` is null or the verdict of the health monitor, and
+to the figures of PulleyFriction, ``health`` is null or the verdict of the sensors, and
 ``limits`` is null or ``{"file", "checked", "outside": [{"where", "channel", "figure", "value",
 "min" or "max", "by"}]}``.  An unknown figure is null; NaN and infinity never appear.
 docs/recordings.md describes every key.

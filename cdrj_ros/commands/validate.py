@@ -98,9 +98,9 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--health", choices=HEALTH, default="auto",
-        help="let the health monitor compare motor efforts and load cells with the robot file "
-        "(docs/reliability.md); auto: those that the node would hear; references: also recorded "
-        "references (default %(default)s)",
+        help="say what motor efforts and load cells show about the robot (docs/reliability.md); "
+        "auto: those that the node would hear; references: also recorded references (default "
+        "%(default)s)",
     )  # fmt: skip
     add_result_options(parser)
     return parser

@@ -161,11 +161,12 @@ void restore(
     }
 }
 
-/// What is known of a sensor: stamp of its last reading, number of readings, whether it is frozen.
-std::tuple<Nanoseconds, Index, bool> heard(const Beliefs& beliefs, std::size_t k) {
+/// What is known of a sensor: stamp of its last reading, number of readings, whether it is frozen, and
+/// how many of the latest were stray.
+std::tuple<Nanoseconds, Index, bool, Index> heard(const Beliefs& beliefs, std::size_t k) {
     require(k < beliefs.heard.size(), "there is no such sensor");
     const Heard& one = beliefs.heard[k];
-    return {one.stamp_ns, one.used, one.frozen()};
+    return {one.stamp_ns, one.used, one.frozen(), one.strays};
 }
 
 /// Standard deviations of an estimate with what sensors say, which it becomes.
@@ -276,7 +277,8 @@ void bind_beliefs(nb::module_& core) {
             Raises:
                 ValueError: an array has not the shape; nothing has changed then.)")
         .def("heard", heard, "k"_a,
-            "Stamp of a sensor's last reading [ns], number of readings, and whether it is frozen.")
+            "Stamp of a sensor's last reading [ns], number of readings, whether it is frozen, and how "
+            "many of the latest were stray.")
         .def_prop_ro("mean", mean_of, "Shape (hypotheses, unknowns with three for every sensor).")
         .def_prop_ro("covariance", covariance_of)
         .def_prop_ro("weight", weight_of, "Probability of every hypothesis.")

@@ -1,4 +1,4 @@
-// Populations of robots: those that the health monitor compares, and the members of an ensemble.
+// Populations of robots: those of signatures (B2), and the members of an ensemble.
 #pragma once
 
 #include <span>

@@ -86,10 +86,10 @@ class Beliefs:
         return self._mixture(self.mean, np.einsum("bii->bi", self.covariance))
 
     def moment_of(self, share: Vector) -> tuple[float, float]:
-        """Mean and standard deviation of a sum of the robot's unknowns, over all hypotheses."""
-        own = self.covariance[:, : self.count, : self.count]
-        variances = np.einsum("i,bij,j->b", share, own, share)
-        mean, stddev = self._mixture(self.mean[:, : self.count] @ share, variances)
+        """Mean and standard deviation of a sum of the first unknowns, over all hypotheses."""
+        n = share.size
+        variances = np.einsum("i,bij,j->b", share, self.covariance[:, :n, :n], share)
+        mean, stddev = self._mixture(self.mean[:, :n] @ share, variances)
         return float(mean), float(stddev)
 
     def _mixture(self, means: Table, variances: Table) -> tuple[Vector, Vector]:

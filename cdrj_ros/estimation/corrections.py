@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros._core import correct
 from cdrj_ros.estimation.changes import SPRING_SCALE_NOW
@@ -21,6 +22,7 @@ from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample
 from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
+from cdrj_ros.estimation.verdict_words import Report, report
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Uncertainty
@@ -43,6 +45,9 @@ CONFIRMED: Final = 2.0
 
 TELLING: Final = 0.1
 """if they know the preload better than by this share."""
+
+JUDGED_NS: Final = 500_000_000
+"""Time between two verdicts on a group [ns]."""
 
 
 def exact(known: Uncertainty | None) -> Uncertainty | None:
@@ -86,6 +91,10 @@ class Corrections:
         self._columns = stddev_columns(model.layout)
         self._group_of = {c: group for group in self.groups for c in group.cables}
         self._directions = Directions(model.robot)
+        self.doubted: NDArray[np.bool_] | None = None
+        """Elements whose tensions are in doubt whatever their deviations say, shape (elements,);
+        None for none."""
+        self._judged_ns, self._next = 0, 0
         self._past: deque[_Past] = deque(maxlen=KEPT)
         self._renewed_ns = NEVER
         """Stamp of the sample at which signatures were last renewed [ns]."""
@@ -107,6 +116,8 @@ class Corrections:
         """Begin with an unknown history; what is known of robot and sensors is kept."""
         for group in self.groups:
             group.beliefs.core.pause()
+            group.forget_evidence()
+        self.doubted = None
         self._renewed_ns = NEVER
         self._directions.forget()
         self._past.clear()
@@ -148,6 +159,7 @@ class Corrections:
             self._take(reading)
         if not renewed:
             return
+        self._judge(sample.stamp_ns)
         ensemble.catch_up(sample, estimate)
         self._shift[:] = self._left[:] = 0.0
         for group in self.groups:
@@ -169,6 +181,18 @@ class Corrections:
             group.follow(sample, passed * 1e-9 if goes_on else 0.0)
         return True
 
+    def _judge(self, stamp_ns: int) -> None:
+        """Renew the verdict on one group after the other, each once in ``JUDGED_NS``."""
+        if abs(stamp_ns - self._judged_ns) * len(self.groups) < JUDGED_NS:
+            return
+        self._judged_ns = stamp_ns
+        self._next = (self._next + 1) % len(self.groups)
+        self.groups[self._next].judge(stamp_ns)
+        cables = [c for group in self.groups for c in group.doubted]
+        robot = self.model.robot
+        doubted = robot.per_element(np.isin(np.arange(len(robot.cables)), cables))
+        self.doubted = doubted if cables else None
+
     def _take(self, reading: Reading) -> None:
         """Take one reading, unless it is refused."""
         sensor = self.sensors[reading.name]
@@ -178,13 +202,10 @@ class Corrections:
             self.refused += 1
             return
         h, then = past
-        k = group.hear(sensor)
-        slopes = then.slopes[self.groups.index(group)][:, group.place[sensor.column]]
+        slopes = then.slopes[self.groups.index(group)]
         direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
-        group.beliefs.core.take(
-            k, reading.stamp_ns, reading.value, reading.noise, h, slopes,
-            float(then.stddev[sensor.column]), direction,
-        )  # fmt: skip
+        history = float(then.stddev[sensor.column])
+        group.take(reading, sensor, h, slopes, history, direction, then.values)
 
     def _at(self, stamp_ns: int, column: int) -> tuple[float, _Past] | None:
         """A quantity by the model at a time, and the sample at or after it; None if too old."""
@@ -215,6 +236,10 @@ class Corrections:
             self._shift, self._known, self._left, self._least,
         )  # fmt: skip
 
+    def report(self) -> Report:
+        """What the readings say about robot and sensors."""
+        return report(self.model.robot, [group.verdict for group in self.groups])
+
     @property
     def right(self) -> dict[str, float]:
         """Probability that each sensor that was heard is right, by name."""
@@ -231,7 +256,7 @@ class Corrections:
             mean, stddev = group.beliefs.moments()
             for k, sensor in enumerate(group.beliefs.sensors):
                 bias, gain, friction = group.beliefs.errors_of(k)
-                _, used, frozen = group.beliefs.core.heard(k)
+                _, used, frozen, _ = group.beliefs.core.heard(k)
                 unit = "N" if sensor.axis < 0 else "N m"
                 words = (
                     f"right with {right[sensor.name]:.0%}; {used} readings; "

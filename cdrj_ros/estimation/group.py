@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,25 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Sample
-from cdrj_ros.estimation.sensors import Sensor
+from cdrj_ros.estimation.evidence import FADES_S, Sums, contributions, nothing
+from cdrj_ros.estimation.sensors import Reading, Sensor
 from cdrj_ros.estimation.unknowns import Unknown, unknowns_of
+from cdrj_ros.estimation.verdicts import Verdict, judge
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import constant_views, stddev_places
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import has_number, part_of
 from cdrj_ros.robot.reader import build_robot
+
+STRAYS: Final = 2
+"""So many stray readings in a row are no evidence."""
+
+CONTRADICTED: Final = 3.0
+"""The beliefs contradict a change that differs by more than so many standard deviations."""
+
+CONTRADICTED_NS: Final = round(2e9 * FADES_S)
+"""Time for which readings contradict the beliefs until the tensions are in doubt [ns]."""
 
 
 class Group:
@@ -50,6 +61,7 @@ class Group:
         self.slopes: Table = np.zeros((len(self.unknowns), self.columns.size))
         """Change of every quantity per unit of every unknown, (B2), shape (unknowns, columns); a
         new array whenever it is renewed."""
+        self._model = model
         self._own = own
         self._cable_of = _cables_of_columns(own)
         self.forget()
@@ -70,6 +82,21 @@ class Group:
         self.beliefs = Beliefs(self.unknowns)
         self.index: dict[str, int] = {}
         """Index of every sensor that was heard in ``beliefs``, by name."""
+        self.forget_evidence()
+
+    def forget_evidence(self) -> None:
+        """Forget what the latest readings show."""
+        self.sums = [self._no_evidence(sensor) for sensor in self.beliefs.sensors]
+        """(B5) of every sensor that was heard."""
+        self.verdict: Verdict | None = None
+        """What the latest readings show; None: they are too few."""
+        self.doubted: Sequence[int] = ()
+        """Numbers of the cables whose tensions are in doubt whatever their deviations say."""
+        self._believed_ns = 0
+        """When the beliefs last held what the readings showed [ns]."""
+
+    def _no_evidence(self, sensor: Sensor) -> Sums:
+        return nothing(self.beliefs.count + 3, contributions(self._model.robot, sensor))
 
     def hear(self, sensor: Sensor) -> int:
         """Index of a sensor in ``beliefs``, which begin to know it."""
@@ -78,7 +105,66 @@ class Group:
             own = [self.cables.index(c) for c in sensor.cables if c in self.cables]
             contributes = np.isin(self._cable_of, [-1, *own])
             self.beliefs.hear(sensor, self.place[sensor.column], contributes)
+            self.sums.append(self._no_evidence(sensor))
         return self.index[sensor.name]
+
+    def take(
+        self, reading: Reading, sensor: Sensor, h: float, slopes: Table, history: float,
+        direction: float, values: Vector,
+    ) -> None:  # fmt: skip
+        """Take a reading.
+
+        Args:
+            reading: of the sensor.
+            sensor: of this group.
+            h: what the model says [N] or [N m].
+            slopes: signatures of the unknowns, shape (unknowns, columns).
+            history: standard deviation of h by its friction history.
+            direction: change of the reading per unit of the axis' friction.
+            values: of all quantities of the robot.
+        """
+        k, own = self.hear(sensor), slopes[:, self.place[sensor.column]]
+        core = self.beliefs.core
+        core.take(k, reading.stamp_ns, reading.value, reading.noise, h, own, history, direction)
+        *_, strays = core.heard(k)
+        if not 0 < strays <= STRAYS:
+            self.sums[k].add(
+                reading.stamp_ns, reading.value - h, np.concatenate([own, [1.0, h, direction]]),
+                reading.noise**2, sensor.model_error(reading.value) ** 2 + history**2, values,
+            )  # fmt: skip
+
+    def judge(self, stamp_ns: int) -> None:
+        """Renew ``verdict`` and ``doubted``.
+
+        Args:
+            stamp_ns: now [ns].
+        """
+        beliefs, names = self.beliefs, self._model.layout.cables
+        frozen = [beliefs.core.heard(k)[2] for k in range(len(beliefs.sensors))]
+        sums = [one.faded(stamp_ns) for one in self.sums]
+        self.verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
+        broken = self.verdict.broken if self.verdict is not None else ""
+        if broken or self._believed():
+            self._believed_ns = stamp_ns
+        # after a sudden change its readings mix with those before
+        lost = stamp_ns - self._believed_ns > CONTRADICTED_NS
+        self.doubted = [names.index(broken)] if broken else self.cables if lost else ()
+
+    def _believed(self) -> bool:
+        """Whether the beliefs hold what the latest readings show."""
+        if self.verdict is None:
+            return True
+        for one in self.verdict.found:
+            share = one.change.direction
+            sensors = set((np.flatnonzero(share[self.beliefs.count :]) // 3).tolist())
+            wrong = any(self.beliefs.probability_right(k) < 0.5 for k in sensors)
+            if wrong or not one.matters:
+                continue
+            mean, stddev = self.beliefs.moment_of(share / (share @ share))
+            allowed = CONTRADICTED * np.hypot(stddev, one.stddev / one.change.factor)
+            if abs(one.amount / one.change.factor - mean) > allowed:
+                return False
+        return self.verdict.explained
 
     def correction(
         self, stamp_ns: int, values: Vector, deviation: Table

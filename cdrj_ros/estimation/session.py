@@ -12,7 +12,6 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros._core import JointStateDecoder, mark_unsure
 from cdrj_ros.estimation.changes import (
@@ -97,9 +96,6 @@ class LiveEstimator:
         self.conditioner = Conditioner(model.robot, options.conditioning, tracking=options.tracking)
         self.unsolved = 0
         """Samples with at least one unsolved element, without predicted ones."""
-        self.always_unsure: NDArray[np.bool_] | None = None
-        """Elements that are ``UNSURE`` whatever their standard deviation, shape (elements,); None
-        for none.  The health monitor sets it."""
         self.ensemble: Ensemble | None = None
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
@@ -364,8 +360,8 @@ class LiveEstimator:
             )
         if sample.doubtful:
             mark_elements_unsure(estimate.values, self._everywhere)
-        if self.always_unsure is not None:
-            mark_elements_unsure(estimate.values, self.always_unsure)
+        if self.corrections is not None and self.corrections.doubted is not None:
+            mark_elements_unsure(estimate.values, self.corrections.doubted)
 
     def feed_tensions(
         self,

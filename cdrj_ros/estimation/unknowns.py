@@ -51,6 +51,7 @@ SMALLEST_PRELOAD: Final = 1.0
 class Kind(NamedTuple):
     """How a number of the robot changes after its file was written."""
 
+    name: str
     unit: float
     """A large change: a share of a preload or a coefficient; of a zero [rad], [m] if it slides."""
     start: float
@@ -59,18 +60,20 @@ class Kind(NamedTuple):
     """Random walk of the change after 1 s, in this unit."""
     jump: float
     """Standard deviation of a sudden change, in this unit."""
+    reported: float
+    """Smallest change that is reported, in this unit."""
 
 
-PRELOAD: Final = Kind(unit=0.2, start=0.25, drift=0.01, jump=1.0)
+PRELOAD: Final = Kind("preload", unit=0.2, start=0.25, drift=0.01, jump=1.0, reported=0.25)
 """Cables settle by some percent after they are mounted, creep slowly, and slip at a clamp."""
 
-ZERO: Final = Kind(unit=np.pi / 180.0, start=0.1, drift=0.0, jump=0.5)
+ZERO: Final = Kind("zero", unit=np.pi / 180.0, start=0.1, drift=0.0, jump=0.5, reported=0.3)
 """An encoder keeps its zero within tenths of a degree, or slips on its shaft."""
 
 ZERO_M: Final = ZERO._replace(unit=1e-3)
 """The same of a prismatic joint."""
 
-FRICTION: Final = Kind(unit=0.25, start=0.2, drift=0.01, jump=0.0)
+FRICTION: Final = Kind("friction", unit=0.25, start=0.2, drift=0.01, jump=0.0, reported=1.0)
 """Coefficients rise and fall with wear, dust and oil."""
 
 
@@ -100,6 +103,8 @@ class Unknown:
     cable: int | None = None
     """The only cable that it changes: the others of these robots show other unknowns; None where
     it changes several."""
+    kind: Kind | None = None
+    """Of a change; None for a mode."""
 
 
 def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown], Table]:
@@ -287,7 +292,9 @@ def _changes(model: Model) -> list[Unknown]:
 def _unknown(
     name: str, kind: Kind, size: float, more: Changed, less: Changed, cable: int | None
 ) -> Unknown:
-    return Unknown(name, kind.unit * size, kind.start, kind.drift, kind.jump, more, less, cable)
+    return Unknown(
+        name, kind.unit * size, kind.start, kind.drift, kind.jump, more, less, cable, kind
+    )
 
 
 def _zero(model: Model, j: int) -> Unknown:

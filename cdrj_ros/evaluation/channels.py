@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.estimation.recorded_health import Verdict
+from cdrj_ros.evaluation.recorded_verdict import Verdict
 from cdrj_ros.foundation.arrays import Floats, Stamps
 from cdrj_ros.messages import cdr
 from cdrj_ros.model.packing import (
@@ -235,7 +235,7 @@ class BagComparison:
     friction: tuple[PulleyFriction, ...] = ()
     """Estimated friction at the pulleys; empty if it was not kept."""
     health: Verdict | None = None
-    """Verdict of the health monitor; None if it did not run or had no sensor."""
+    """What the sensors say about the robot; None if none was heard or asked."""
 
     @property
     def compared(self) -> bool:

@@ -13,7 +13,6 @@ import numpy as np
 
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.estimator import Angles, Estimates
-from cdrj_ros.estimation.recorded_health import RecordedHealth
 from cdrj_ros.evaluation.channels import (
     ANGLE,
     BagComparison,
@@ -43,6 +42,7 @@ from cdrj_ros.evaluation.inputs import (
     with_estimated_joints,
 )
 from cdrj_ros.evaluation.metrics import reversal_zones
+from cdrj_ros.evaluation.recorded_verdict import RecordedVerdict
 from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.foundation.errors import BagError
@@ -64,7 +64,7 @@ Progress = Callable[[float], None]
 
 
 class Sensors(NamedTuple):
-    """Readings of the sensors that the health monitor compares with the robot file."""
+    """Readings of sensors, which are compared with what the robot file says."""
 
     efforts: Mapping[str, Series]
     """Of the motors by name [N m]."""
@@ -93,14 +93,13 @@ class Validation:
             recording: the recorded series.
             conditioned: its samples, at whose stamps the estimates are; one segment.
             window: time interval of the references that are compared.
-            sensors: readings for the health monitor; None or none at all: it does not run.
+            sensors: readings for a verdict on the robot; None or none at all: there is none.
 
         Raises:
             BagError: there is nothing to compare.
         """
-        self._sensors = sensors or Sensors({}, {})
-        named = [name for readings in self._sensors for name in readings]
-        self._health = RecordedHealth(model, named) if named else None
+        heard = [in_order(one, conditioned) for one in sensors or ()]
+        self._verdict = RecordedVerdict(model, *heard) if any(heard) else None
         recording = in_frames_of(model.robot, recording)
         references = references_in(model, path, recording, conditioned, window)
         self._model, self._path, self._recording = model, path, recording
@@ -126,16 +125,14 @@ class Validation:
             The same pieces.
         """
         segment, done = self._segment, 0
-        if self._health:
-            self._health.begin_pass(*(in_order(one, self._conditioned) for one in self._sensors))
         for piece in pieces:
             if piece.angles is not None:
                 self._angles.append(piece.angles)
             self._friction.add(piece.values)
             self._comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size
-            if self._health:
-                self._health.follow(segment.part(slice(done, end)), piece.stddev)
+            if self._verdict:
+                self._verdict.follow(segment.part(slice(done, end)))
             yield piece
             done = end
             if progress:
@@ -165,7 +162,7 @@ class Validation:
         return BagComparison(
             self._path, duration_s(recording, self._window), channels, dict(counters),
             tuple(remarks), facts, self._friction.result(),
-            self._health.verdict() if self._health else None,
+            self._verdict.verdict() if self._verdict else None,
         )  # fmt: skip
 
 
@@ -207,7 +204,7 @@ READING_SHARE: Final = 0.3
 
 Health = Literal["auto", "references", "off"]
 HEALTH: Final[tuple[Health, ...]] = get_args(Health)
-"""What the health monitor may hear: what the node would hear, references too, or nothing."""
+"""Sensors that judge the robot: those that the node would hear, references too, or none."""
 
 
 @dataclass(frozen=True)
@@ -229,7 +226,7 @@ class BagTask:
     written: str = ""
     """Bag to write with the original messages and the estimates; empty for none."""
     health: Health = "off"
-    """What the health monitor hears: what the node would hear, or also the references."""
+    """Sensors that judge the robot: those that the node would hear, or also the references."""
     load_cells: str = LOAD_CELLS
     """Topic of the load cells that the node would hear."""
     read: Recording | None = None
@@ -284,9 +281,7 @@ def compare_bag(
     )
     motor_efforts = in_order(recording.motor_efforts, conditioned)
     (segment,) = conditioned.segments
-    monitored = sensors is not None and any(sensors)  # needs standard deviations, as in the node
-    uncertainty = task.uncertainty or monitored
-    estimated = pieces_of(model, segment, motor_efforts, uncertainty=uncertainty)
+    estimated = pieces_of(model, segment, motor_efforts, uncertainty=task.uncertainty)
     pieces = validation.compare(estimated, on)
     if log_ns is not None:
         write_estimates(task.written, task.path, log_ns, pieces, task.outputs)
@@ -309,14 +304,14 @@ def compare_bag(
 
 
 def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
-    """The recording, and the readings for the health monitor, if it runs."""
+    """The recording, and the readings for a verdict on the robot, if there are any."""
     if task.read is not None:
         recording = of_robot(task.read, model.robot)
         if model.robot.unmeasured:
             recording = encoderless_inputs(task.path, recording, model.robot)
         require_axes(task.path, recording, model.robot.as_read)
         return recording, None
-    if model.robot.unmeasured:  # has no health monitor, as in the node
+    if model.robot.unmeasured:  # has no verdict, as in the node
         recording = read_encoderless(task.path, task.topics, model.robot)
         require_axes(task.path, recording, model.robot.as_read)
         return recording, None
@@ -330,7 +325,7 @@ def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
 
 
 def _sensors(task: BagTask, model: Model, recording: Recording) -> Sensors:
-    """Readings for the health monitor: efforts of the motors, and load cells.
+    """Readings for a verdict on the robot: efforts of the motors, and load cells.
 
     Raises:
         BagError: the topic of the load cells cannot be read.

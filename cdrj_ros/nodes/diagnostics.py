@@ -10,14 +10,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from cdrj_ros.estimation.changes import narrowed
+from cdrj_ros.estimation.corrections import Corrections
 from cdrj_ros.estimation.estimator import Estimate
-from cdrj_ros.estimation.health_evaluation import Evaluation
-from cdrj_ros.estimation.health_monitor import HealthMonitor
-from cdrj_ros.estimation.health_verdict import unsure_elements
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
+from cdrj_ros.model.prepared import Model
 
 WINDOW: Final = 4096
 """Number of latest steps over which the percentiles of the step time are computed."""
@@ -27,7 +25,7 @@ LEVELS: Final = {
     "warn": DiagnosticStatus.WARN,
     "error": DiagnosticStatus.ERROR,
 }
-"""Levels of the health monitor's reports."""
+"""Levels of verdicts."""
 
 DOUBTED: Final = 0.1
 """A sensor whose probability of being right is smaller is reported."""
@@ -223,77 +221,27 @@ def _figures(
     return values
 
 
-class HealthWatch:
-    """A monitor that follows the live estimator, also through changes of its numbers."""
+def verdict_of(name: str, model: Model, corrections: Corrections) -> DiagnosticStatus:
+    """What the readings of sensors show about the robot, as a DiagnosticStatus."""
+    found = corrections.report()
+    values = {**found.values, "elements marked UNSURE": _marked(model, corrections)}
+    return DiagnosticStatus(
+        level=LEVELS[found.level],
+        name=name,
+        message=printable(found.message),
+        hardware_id=model.robot.name,
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
 
-    def __init__(self, live: LiveEstimator, *, marks_unsure: bool = True) -> None:
-        """Watch the robot of an estimator; prepares all models, which takes some milliseconds.
 
-        Args:
-            live: the estimator.
-            marks_unsure: whether the elements that a verdict concerns become ``UNSURE``.
-        """
-        self._live = live
-        self._marks = marks_unsure
-        self._standing: Evaluation | None = None
-        self.monitor = self._new()
-        self.monitor.prepare()
-
-    def _new(self) -> HealthMonitor:
-        live = self._live
-        known = narrowed(live.model.robot, live.changes)
-        return HealthMonitor(live.model, known)
-
-    def reset(self) -> None:
-        """Forget readings and results; take up new numbers of the robot."""
-        self._standing = self._live.always_unsure = None
-        if self.monitor.model is self._live.model:
-            self.monitor.reset()
-        else:
-            self.monitor = self._new()
-
-    def follow(self, estimate: Estimate) -> None:
-        """Follow the estimator to its last sample, with the estimate there."""
-        live = self._live
-        if live.sample is None or not self.monitor.heard:
-            return
-        if self.monitor.model is not live.model:
-            self.monitor = self._new()
-        # with other sensors the spread is that of a corrected estimate, not of the file
-        self.monitor.follow(live.sample, estimate.stddev if live.corrections is None else None)
-        self._doubt()
-
-    def _doubt(self) -> None:
-        """Let the next estimates say what the present verdict means for them."""
-        live, standing = self._live, self.monitor.standing
-        if not self._marks or standing is self._standing:
-            return
-        self._standing = standing
-        corrected = live.corrections is not None
-        doubted = unsure_elements(live.model.robot, standing, corrected=corrected)
-        live.always_unsure = doubted if doubted.any() else None
-
-    def status(self, name: str) -> DiagnosticStatus:
-        """The verdict as a DiagnosticStatus."""
-        found = self.monitor.report()
-        self._doubt()
-        values = {**found.values, "elements marked UNSURE": self._marked()}
-        return DiagnosticStatus(
-            level=LEVELS[found.level],
-            name=name,
-            message=printable(found.message),
-            hardware_id=self._live.model.robot.name,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-
-    def _marked(self) -> str:
-        """Elements that the verdict marks, in words."""
-        doubted, names = self._live.always_unsure, self._live.model.layout.elements
-        if doubted is None:
-            return "none"
-        if doubted.all():
-            return "all"
-        return ", ".join(name for name, one in zip(names, doubted, strict=True) if one)
+def _marked(model: Model, corrections: Corrections) -> str:
+    """Elements that the verdict calls into doubt, in words."""
+    doubted, names = corrections.doubted, model.layout.elements
+    if doubted is None:
+        return "none"
+    if doubted.all():
+        return "all"
+    return ", ".join(name for name, one in zip(names, doubted, strict=True) if one)
 
 
 def diagnostic_array(stamp: object, *statuses: DiagnosticStatus) -> DiagnosticArray:

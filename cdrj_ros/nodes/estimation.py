@@ -26,7 +26,7 @@ from cdrj_ros.messages.cdr import MessageError, cable_tensions
 from cdrj_ros.messages.templates import marked_stale
 from cdrj_ros.messages.topics import DIAGNOSTICS, FEW, JOINT_STATES, MOTOR_STATES, TENSION_SENSORS
 from cdrj_ros.nodes.changes import SIMULATED, Changes
-from cdrj_ros.nodes.diagnostics import HealthWatch, StepTimes, diagnostic_array, status_of
+from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of, verdict_of
 from cdrj_ros.nodes.inputs import InputTopic, InputWatch
 from cdrj_ros.nodes.outputs import Outputs, RateLimit
 from cdrj_ros.nodes.parameters import read, settings
@@ -109,10 +109,6 @@ class Estimation:
         self.live = LiveEstimator(model, started.options)
         if started.friction:
             self.live.set_numbers(started.friction)
-        self.health: HealthWatch | None = None
-        # it needs every joint's angle
-        if started.health != "disabled" and self.live.encoderless is None:
-            self.health = HealthWatch(self.live, marks_unsure=started.health == "mark")
         self._read_state()
         self.live.expect_sensors()
         self._limit = RateLimit(started.max_rate_hz)
@@ -207,19 +203,13 @@ class Estimation:
     def angle_callback(self, kind: Kind, topic: InputTopic) -> Callable[[bytes], None]:
         """The callback of a topic of angles: decodes, conditions, steps and publishes."""
         live = self.live
-        health = self.health if kind != "joints" else None
         message = topic.last = JointStateDecoder(efforts=True)
 
         def read_efforts() -> None:
             stamp_ns, names = message.stamp_ns, message.names
-            wanted = health is not None and health.monitor.wants_efforts(stamp_ns)
-            feeds = live.wants_efforts(names, stamp_ns)
-            if feeds or wanted:
+            if live.wants_efforts(names, stamp_ns):
                 efforts = efforts_of(live.model.robot, names, message.efforts)
-                if feeds:
-                    live.feed_efforts(stamp_ns, names, efforts)
-                if health is not None and wanted:
-                    health.monitor.read_efforts(stamp_ns, names, efforts)
+                live.feed_efforts(stamp_ns, names, efforts)
 
         def on_angles(payload: bytes) -> None:
             begin_s = topic.heard_s = monotonic()
@@ -258,18 +248,13 @@ class Estimation:
                 continue
             is_fresh = estimate.stamp_ns >= fresh_ns
             self.outputs.publish(estimate if is_fresh else marked_stale(estimate))
-        if self.health is not None:
-            self.health.follow(estimates[-1])
         self.watch.note(now_ns, now_s)
 
     def on_tensions(self, payload: bytes) -> None:
         """Take a message of load cells; a malformed one is counted."""
         try:
             stamp_ns, names, tension, stddev = cable_tensions(payload)
-            readings = stamp_ns or self.now_ns(), names, tension, stddev
-            self.live.feed_tensions(*readings)
-            if self.health is not None:
-                self.health.monitor.read_tensions(*readings)
+            self.live.feed_tensions(stamp_ns or self.now_ns(), names, tension, stddev)
         except MessageError:
             self.live.conditioner.refuse("malformed")
 
@@ -296,8 +281,8 @@ class Estimation:
         self._diagnosed_s = monotonic()
         name = self.node.get_fully_qualified_name().lstrip("/")
         statuses = [self._status(name)]
-        if self.configured and self.health is not None and self.health.monitor.heard:
-            statuses.append(self.health.status(f"{name}: health"))
+        if self.configured and self.live.corrections is not None:
+            statuses.append(verdict_of(f"{name}: health", self.live.model, self.live.corrections))
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
         self.write_state()
@@ -348,8 +333,6 @@ class Estimation:
         if self.latest is not None:
             self.outputs.publish_stale(self.latest)
         self.latest = None
-        if self.health is not None:
-            self.health.reset()
         self.silence.forget()
         self._limit.reset()
         self.write_state()

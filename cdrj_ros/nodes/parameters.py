@@ -25,9 +25,6 @@ UNSET: Final = -1.0
 FRICTION: Final = ("mu_c", "mu_s", "rho", "bearing_friction")
 """Keys of the robot file's common friction that may change while the node runs."""
 
-HEALTH: Final = ("mark", "report", "disabled")
-"""What the node does with a changed robot: mark elements UNSURE and report, only report, nothing"""
-
 SLOWEST_HZ: Final = 0.1
 FASTEST_HZ: Final = 1000.0
 """Range of the bandwidth of the filters that interpolate between encoder counts [Hz]."""
@@ -96,13 +93,6 @@ _SETTINGS: Final = (
         "they are heard",
     ),
     Setting(
-        "health", HEALTH[0],
-        "What to do if the efforts in motor_states or the load cells show that the robot has "
-        "changed: report it on /diagnostics and mark the elements that it concerns UNSURE, only "
-        "report it, or compare nothing",
-        choices=HEALTH,
-    ),
-    Setting(
         TRACKING, UNSET,
         "Bandwidth of the filters that estimate angles between the counts of a sensor, for all "
         f"sensors whose resolution or noise is given; 0: no filter; {UNSET:g}: the robot "
@@ -140,8 +130,6 @@ class Started(NamedTuple):
     """Preload of every cable [N]; None for the robot file's."""
     max_rate_hz: float
     """Maximum rate of published estimates [Hz]; 0: no limit."""
-    health: str
-    """One of ``HEALTH``."""
     options: Options
     friction: dict[str, float]
     """Common friction values that replace those of the robot file, by path."""
@@ -168,7 +156,6 @@ def read(node: Node) -> Started:
         frame_id=values["frame_id"],
         preload=list(values["preload"] or ()) or None,
         max_rate_hz=values["max_rate"],
-        health=values["health"],
         options=options,
         friction={n: _checked_friction(n, value) for n, value in given.items() if value != UNSET},
     )

@@ -253,7 +253,7 @@ def _bags(errors: Errors) -> list[dict[str, Any]]:
 
 
 def _health(bag: BagComparison) -> dict[str, Any] | None:
-    """Verdict of the health monitor and its figures; None if it did not run."""
+    """What the sensors say about the robot, and their figures; None if none was heard."""
     if bag.health is None:
         return None
     kind = "outside" if bag.health.alarms else "within"

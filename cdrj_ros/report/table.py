@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Final
 
-from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import QUANTITIES, BagComparison, quantity_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import ChannelError, mean_over_channels
+from cdrj_ros.evaluation.recorded_verdict import Alarm, Verdict
 from cdrj_ros.foundation.output import (
-    counted,
     decimals_for,
     format_angle,
     format_number,
@@ -364,24 +363,18 @@ def _figure_text(one: Outside, value: float | None) -> str:
 
 
 def health_of(bag: BagComparison) -> list[str]:
-    """The verdict in lines that name the recording; none if the monitor did not run."""
+    """The verdict in lines that name the recording; none if there is none."""
     lines = health_lines(bag.health) if bag.health else []
     return [f"health: {bag.path}: {line}" for line in lines]
 
 
 def health_lines(verdict: Verdict) -> list[str]:
     """The verdict first, then one line for every alarm."""
-    sensors = ", ".join(verdict.sensors)
-    compared = f"{counted(verdict.cycles, 'cycle')} compared by {sensors}"
+    compared = f"by {', '.join(verdict.sensors)}"
     if not verdict.alarms:
         return [f"{verdict.message} ({compared})"]
     return [f"alarm ({compared})", *(_line(one) for one in verdict.alarms)]
 
 
 def _line(alarm: Alarm) -> str:
-    if alarm.first_cycle == alarm.last_cycle:
-        cycles = f"cycle {alarm.first_cycle}"
-    else:
-        cycles = f"cycles {alarm.first_cycle} to {alarm.last_cycle}"
-    span = f"{alarm.begin_s:.1f} to {alarm.end_s:.1f} s"
-    return f"{alarm.level}, {cycles}, {span}: {alarm.message}"
+    return f"{alarm.level}, {alarm.begin_s:.1f} to {alarm.end_s:.1f} s: {alarm.message}"

@@ -105,7 +105,7 @@ def own_mb() -> float:
 def test_from_any_bytes_a_node_takes_what_its_estimator_takes_from_the_readings_in_them(
     bench: Bench,
 ) -> None:
-    node = bench.estimator(health="disabled")
+    node = bench.estimator()
     node.now_ns = lambda: 0  # a stamp of zero has no time of arrival either
     beside = LiveEstimator(node.live.model, node.live.options)
     kinds = ("motors", "joints", "both")

@@ -53,11 +53,10 @@ def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -
     return bench.until(lambda: any(one == severity and words in text for one, text in lines))
 
 
-@pytest.mark.parametrize("marks", [True, False])
 def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(
-    bench: Bench, marks: bool
+    bench: Bench,
 ) -> None:
-    estimator = bench.estimator(health="mark" if marks else "report")
+    estimator = bench.estimator()
     true = load_model(ROBOT, "29,26.26")
     said: list[Any] = []
     hear_diagnostics(bench, said)
@@ -80,11 +79,7 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     assert np.all(error < 5.0 * estimator.latest.tension_stddev), "the efforts are heard"
     named = {pair.key: pair.value for pair in status.values}["elements marked UNSURE"]
     assert named == "none", "the standard deviations contain what is open"
-    if marks:  # once the operator has dealt with it, the status is that of the estimate again
-        estimator.health.reset()
-        assert estimator.live.always_unsure is None
-        return
-    quiet = bench.estimator(health="disabled")
+    quiet = bench.estimator(ignored_sensors="*")
     quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))
     quiet.diagnostics = SimpleNamespace(publish=said.append)
     quiet.diagnose()

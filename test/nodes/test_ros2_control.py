@@ -97,10 +97,10 @@ def played(estimation: Any, count: int) -> list[Any]:
 def test_the_node_asks_for_the_gear_and_names_the_scale_that_fits(
     bench: Bench, tmp_path: Path
 ) -> None:
-    fits = played(bench.estimator(*ONE_TOPIC, robot=stack(tmp_path), health="disabled"), 1500)
+    fits = played(bench.estimator(*ONE_TOPIC, robot=stack(tmp_path)), 1500)
     assert "gear ratio" not in fits[0].message
     without = PUBLISHED.replace(f"scale: {SCALE!r}", f"scale: {-50.0 * SCALE!r}")
-    wrong = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path, without), health="disabled")
+    wrong = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path, without))
     status = played(wrong, 1500)[0]
     assert status.level == status.ERROR
     assert f"arm1_{MOTOR} turns 5" in status.message

@@ -13,10 +13,10 @@ import pytest
 from support.compared import compare
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.recorded_health import Alarm, Verdict
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import ChannelError, errors_of
+from cdrj_ros.evaluation.recorded_verdict import Alarm, Verdict
 from cdrj_ros.inspection.ranges import Inspection, inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
@@ -145,11 +145,11 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
         stamps, {name: values}, {name: (stamps, values)}, max_gap_ns=10_000_000,
         angle=Angle(nasty, stamps, values),
     )  # fmt: skip
-    alarm = Alarm("warn", nasty, 0.0, 1.0, 1, 1)
+    alarm = Alarm("warn", nasty, 0.0, 1.0)
     bag = replace(
         BagComparison(nasty, 0.5, channels, {nasty: 1}, (f"effort/{nasty}", nasty), {nasty: nasty}),
         friction=(PulleyFriction(f"{nasty}/2", 1.0, 2.0, 0.1, 0.2),),
-        health=Verdict("warn", nasty, 1, (nasty,), (alarm,), {nasty: nasty}),
+        health=Verdict("warn", nasty, (nasty,), (alarm,), {nasty: nasty}),
     )
     robot = inspection.model.robot
     cables = tuple(replace(one, name=nasty, law=nasty) for one in robot.cables)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The health monitor over a recording: the node's verdict, from the sensors that a bag has."""
+"""The verdict over a recording: the node's, from the sensors that a bag has."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from support.places import ROBOT
 
 from cdrj_ros.commands import simulate
 from cdrj_ros.commands.validate import main
-from cdrj_ros.estimation.health_monitor import HealthMonitor
-from cdrj_ros.estimation.recorded_health import RecordedHealth
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.evaluation.recorded_verdict import TICK_NS, RecordedVerdict
 from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
 
 SECONDS = 28.0
@@ -49,7 +49,7 @@ def unheard(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.usefixtures("few_pictures")
-def test_a_lost_preload_is_named_with_its_cycles_in_every_output(
+def test_a_lost_preload_is_named_with_its_time_in_every_output(
     loose: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     figures, page = tmp_path / "figures.json", tmp_path / "report.html"
@@ -58,13 +58,12 @@ def test_a_lost_preload_is_named_with_its_cycles_in_every_output(
     (alarm,) = health["alarms"]
     assert alarm["message"].startswith("preload of upper has lost 7.")
     assert health["level"] == alarm["level"] == "warn"
-    assert 1 <= alarm["first_cycle"] <= 3
-    assert alarm["last_cycle"] == health["cycles"] >= 4
-    assert 0.0 < alarm["begin_s"] < alarm["end_s"] <= SECONDS
-    cycles = f"cycles {alarm['first_cycle']} to {alarm['last_cycle']}"
+    assert 0.0 < alarm["begin_s"] < 10.0
+    assert alarm["begin_s"] < alarm["end_s"] <= SECONDS
+    span = f"{alarm['begin_s']:.1f} to {alarm['end_s']:.1f} s"
     for text in (capsys.readouterr().out, page.read_text(encoding="utf-8")):
         assert alarm["message"] in text
-        assert cycles in text
+        assert span in text
 
 
 @pytest.mark.parametrize(("health", "runs"), [("auto", False), ("references", True)])
@@ -86,26 +85,25 @@ def test_the_verdict_does_not_depend_on_whether_coverage_is_asked_for(loose: str
     assert found[0] == found[1]
 
 
-def test_the_verdict_is_that_of_the_node_which_passes_on_every_sample(
-    model: Model, loose: str
-) -> None:
+def test_the_verdict_is_that_of_an_estimator_which_hears_all(loose: str) -> None:
+    model = load_model(ROBOT)
     recording = read_inputs(loose, Topics(), model, motor_efforts=True)
     (samples,) = condition_recording(model, recording).segments
     efforts = recording.motor_efforts
-    recorded = RecordedHealth(model, ["winch"])
-    recorded.begin_pass(efforts, {})
+    recorded = RecordedVerdict(model, efforts, {})
     for begin in range(0, samples.stamp_ns.size, 700):  # in pieces, as in validation
-        recorded.follow(samples.part(slice(begin, begin + 700)), None)
-    live = HealthMonitor(model, model.robot.uncertainty)
-    live.prepare()
+        recorded.follow(samples.part(slice(begin, begin + 700)))
+    live = LiveEstimator(model)
     until = np.searchsorted(efforts["winch"].stamp_ns, samples.stamp_ns, side="right")
+    taken = 0
     for k, (first, last) in enumerate(pairwise((0, *until.tolist()))):
         for n in range(first, last):
             effort = efforts["winch"].value[n : n + 1]
-            live.read_efforts(int(efforts["winch"].stamp_ns[n]), ("winch",), effort)
-        live.follow(samples.at(k))
-    verdict, report = recorded.verdict(), live.report()
-    assert verdict.alarms
-    assert verdict.cycles == live.cycles
-    assert verdict.message == report.message
-    assert verdict.values == report.values
+            live.feed_efforts(int(efforts["winch"].stamp_ns[n]), ("winch",), effort)
+        if samples.stamp_ns[k] - taken >= TICK_NS:
+            taken = int(samples.stamp_ns[k])
+            live.take(samples.at(k))
+    assert live.corrections is not None
+    assert recorded.verdict().alarms
+    assert recorded.verdict().message == live.corrections.report().message
+    assert recorded.verdict().values == live.corrections.report().values

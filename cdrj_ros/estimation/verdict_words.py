@@ -1,0 +1,111 @@
+"""What the verdicts on a robot and its sensors say to people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp
+from typing import Final, Literal
+
+from cdrj_ros.estimation.verdicts import Finding, Verdict
+from cdrj_ros.robot.description import Robot
+
+CLEAR: Final = 14.0
+"""Margin beyond which it is not said: a million."""
+
+LEAST_RATIO: Final = 0.01
+"""Smallest ratio of a measured effort to the expected one that tells a scale."""
+
+Level = Literal["ok", "warn", "error"]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What all sensors of a robot show, for people."""
+
+    level: Level
+    """``warn``: the robot or a sensor differs from the file by more than the file leaves open;
+    ``error``: a cable carries nothing."""
+    message: str
+    values: dict[str, str]
+    """Figures by name."""
+    named: tuple[str, ...] = ()
+    """The changes that ``message`` names."""
+
+
+def report(robot: Robot, verdicts: Sequence[Verdict | None]) -> Report:
+    """Put the verdicts of all groups into words."""
+    judged = [one for one in verdicts if one is not None]
+    if not judged:
+        return Report("ok", "too few readings of sensors", {})
+    words = [line for one in judged for line in _words(robot, one)]
+    values = {
+        f"deviation of {name} [{_unit(name)}]": f"{file:.3g} from the file, {found:.3g} from it "
+        "with what is found"
+        for one in judged
+        for name, (file, found) in one.deviation.items()
+    }
+    found = [
+        f"{one.change.what} {one.amount:+.3g} +- {one.stddev:.2g} {one.change.unit}"
+        for verdict in judged
+        for one in verdict.found
+    ]
+    values["found"] = "; ".join(found) or "no change"
+    broken = any(one.broken for one in judged)
+    level: Level = "error" if broken else "warn" if words else "ok"
+    named = tuple(name for one in judged for name in (one.broken, *one.named))
+    return Report(level, "; ".join(words) or "agrees with the robot file", values, named)
+
+
+def _unit(sensor: str) -> str:
+    return "N" if "/" in sensor else "N m"
+
+
+def _words(robot: Robot, verdict: Verdict) -> list[str]:
+    if verdict.broken:
+        text = f"cable {verdict.broken} carries nothing: it is broken or off its drum"
+        of_sensors = [f.change.what for f in verdict.found if f.change.kind in ("gain", "bias")]
+        return [text + _or(of_sensors if verdict.explained_otherwise else ())]
+    if not verdict.explained:
+        worst = max(verdict.deviation, key=lambda name: verdict.deviation[name][1])
+        file, found = verdict.deviation[worst]
+        text = (
+            f"{worst} is {file:.3g} {_unit(worst)} off, of which no single change explains "
+            f"{found:.3g} {_unit(worst)}: wrong robot file, wrong sign or unit of a sensor, or "
+            "several changes"
+        )
+        return [text]
+    return [_sentence(robot, one) for one in verdict.found if one.matters]
+
+
+def _or(others: Sequence[str]) -> str:
+    return f" (or: {', '.join(others[:3])})" if others else ""
+
+
+def _sentence(robot: Robot, found: Finding) -> str:
+    one = found.change
+    size = f"{abs(found.amount):.3g} +- {found.stddev:.2g} {one.unit}"
+    more = found.amount > 0.0
+    if one.kind == "zero":
+        text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}"
+    elif one.kind == "preload":
+        file = [
+            f" of {c.preload:.4g} N" for c in robot.cables if one.what == f"preload of {c.name}"
+        ]
+        text = f"{one.what} has {'risen by' if more else 'lost'} {size}{''.join(file)}"
+    elif one.kind in ("gain", "bias"):
+        text = f"{one.what} is {size} too {'high' if more else 'low'}{_remedy(robot, found)}"
+    else:
+        text = f"{one.what} is {size} {'more' if more else 'less'} than in the robot file"
+    if found.others or found.margin > CLEAR:
+        return text + _or(found.others)
+    return text + f" ({exp(found.margin):,.0f} times likelier than any other change)"
+
+
+def _remedy(robot: Robot, found: Finding) -> str:
+    """The key that mends the scale of an effort, and its value."""
+    one, ratio = found.change, 1.0 + found.amount / found.change.factor
+    axis = next((a for a in robot.axes if one.what == f"scale of effort of {a.name}"), None)
+    if axis is None or abs(ratio) < LEAST_RATIO:
+        return ""
+    return f"; if its unit is wrong, effort_scale: {axis.effort_scale / ratio:.4g} mends it"

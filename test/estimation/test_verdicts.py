@@ -1,0 +1,289 @@
+"""Verdicts: what has changed on the robot, by how much, from which sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.corrections import Corrections
+from cdrj_ros.estimation.ensemble import mark_elements_unsure
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.verdict_words import Report
+from cdrj_ros.model.packing import INVALID, OK, SLACK, UNSURE
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.robot.reader import build_robot
+
+CELLS = ("upper/8", "lower/8")
+EFFORT_NOISE, CELL_NOISE = 0.01, 0.1
+Sensors = tuple[str, ...]
+BOTH: Sensors = ("effort", "cells")
+UPPER, LOWER = slice(0, 8), slice(8, 16)
+
+
+@pytest.fixture(scope="module")
+def motion(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
+    """Recorded angles of three cycles of 10 s, at 25 Hz."""
+    whole = recorded(model, 60)
+    return whole.part(slice(whole.stamp_ns.size // 2))
+
+
+def with_preload(share: float, *names: str) -> Callable[[Robot], Robot]:
+    return lambda robot: replace(
+        robot,
+        cables=tuple(
+            replace(c, preload=share * c.preload) if c.name in names else c for c in robot.cables
+        ),
+    )
+
+
+def rougher(robot: Robot) -> Robot:
+    """A robot with twice the coefficients of friction."""
+
+    def pulley(node: Pulley) -> Pulley:
+        own = node.friction
+        return replace(node, friction=replace(own, mu_c=2.0 * own.mu_c, mu_s=2.0 * own.mu_s))
+
+    return replace(
+        robot,
+        cables=tuple(
+            replace(c, nodes=tuple(pulley(n) if isinstance(n, Pulley) else n for n in c.nodes))
+            for c in robot.cables
+        ),
+    )
+
+
+def without_upper(robot: Robot) -> Robot:
+    upper, lower = robot.cables
+    return replace(robot, cables=(replace(upper, preload=0.0, axial_stiffness=1e-5), lower))
+
+
+def same(robot: Robot) -> Robot:
+    return robot
+
+
+def true_readings(model: Model, robot: Callable[[Robot], Robot], motion: Samples) -> np.ndarray:
+    """Motor effort [N m] and both cells [N] of a changed robot, shape (n, 3)."""
+    real = prepare(robot(model.robot), check_range=False)
+    values = run(real, initial_state(real), motion)[1].values
+    names = real.layout.elements
+    columns = [real.layout.motor_effort.start] + [
+        real.layout.tension.start + names.index(one) for one in CELLS
+    ]
+    return values[:, columns]
+
+
+def heard(
+    model: Model,
+    motion: Samples,
+    readings: np.ndarray,
+    sensors: Sensors = BOTH,
+    live: LiveEstimator | None = None,
+) -> LiveEstimator:
+    """An estimator that hears noisy readings."""
+    live = live or LiveEstimator(model)
+    generator = np.random.default_rng(0)
+    for k, stamp in enumerate(motion.stamp_ns.tolist()):
+        effort = readings[k, :1] + generator.normal(0.0, EFFORT_NOISE, 1)
+        cells = readings[k, 1:] + generator.normal(0.0, CELL_NOISE, 2)
+        if "effort" in sensors:
+            live.feed_efforts(stamp, ["winch"], effort)
+        if "cells" in sensors:
+            live.feed_tensions(stamp, CELLS, cells, [CELL_NOISE] * 2)
+        live.take(motion.at(k))
+    return live
+
+
+def corrections_of(live: LiveEstimator) -> Corrections:
+    assert live.corrections is not None
+    return live.corrections
+
+
+def report_of(live: LiveEstimator) -> Report:
+    return corrections_of(live).report()
+
+
+def found(live: LiveEstimator) -> dict[str, float]:
+    """Amounts of the changes in the verdict, by name."""
+    verdict = corrections_of(live).groups[0].verdict
+    assert verdict is not None
+    return {one.change.what: one.amount for one in verdict.found if one.matters}
+
+
+@pytest.mark.parametrize("sensors", [("effort",), ("cells",), BOTH])
+def test_a_robot_that_is_as_its_file_says_raises_no_alarm(
+    model: Model, motion: Samples, sensors: Sensors
+) -> None:
+    live = LiveEstimator(model)
+    readings = true_readings(model, same, motion)
+    for begin in range(0, motion.stamp_ns.size, 25):
+        part = slice(begin, begin + 25)
+        heard(model, motion.part(part), readings[part], sensors, live)
+        assert report_of(live).level == "ok", report_of(live).message
+    assert report_of(live).message == "agrees with the robot file"
+    assert corrections_of(live).doubted is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "what", "amount", "within"),
+    [
+        (with_preload(0.9, "upper"), "preload of upper", -3.685, 0.4),
+        (with_preload(0.85, "lower"), "preload of lower", -3.94, 0.4),
+        (with_preload(0.8, "upper", "lower"), "preload of all cables", -20.0, 2.0),
+        (rougher, "friction of all cables", 100.0, 20.0),
+    ],
+)
+def test_a_change_is_named_and_quantified(
+    model: Model,
+    motion: Samples,
+    changed: Callable[[Robot], Robot],
+    what: str,
+    amount: float,
+    within: float,
+) -> None:
+    live = heard(model, motion, true_readings(model, changed, motion))
+    assert found(live) == {what: pytest.approx(amount, abs=within)}
+    assert report_of(live).level == "warn"
+    assert report_of(live).message.startswith(what)
+
+
+def test_a_wrong_zero_is_found_by_the_effort_alone(model: Model, motion: Samples) -> None:
+    readings = true_readings(model, same, motion)
+    off = np.radians(1.0)
+    wrong = Samples(motion.stamp_ns, motion.motor_angle, motion.joint_angle + off)
+    live = heard(model, wrong, readings, ("effort",))
+    assert found(live) == {"zero of joint elbow": pytest.approx(-1.0, abs=0.1)}
+    assert "too much" in report_of(live).message
+    said = report_of(live).values["deviation of winch [N m]"].replace(",", "").split()
+    error = (readings - true_readings(model, same, wrong))[-125:, 0]
+    assert float(said[0]) == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=0.2)
+    assert float(said[4]) < 2.0 * EFFORT_NOISE
+
+
+def test_friction_of_the_motor_is_told_from_that_of_the_cables_by_load_cells(
+    model: Model, motion: Samples
+) -> None:
+    readings = true_readings(model, same, motion)
+    speed = np.gradient(motion.motor_angle[:, 0])
+    readings[:, 0] -= 0.06 * np.sign(np.where(np.abs(speed) > 1e-6, speed, 0.0))
+    live = heard(model, motion, readings)
+    assert found(live) == {"friction of the axis winch": pytest.approx(0.06, abs=0.015)}
+    alone = corrections_of(heard(model, motion, readings, ("effort",))).groups[0].verdict
+    assert alone is not None
+    assert any("of all cables" in other for one in alone.found for other in one.others)
+
+
+def test_a_broken_cable_is_an_error_and_its_elements_are_unsure_at_once(
+    model: Model, motion: Samples
+) -> None:
+    whole = true_readings(model, same, motion)
+    gone = true_readings(model, without_upper, motion)
+    at = whole.shape[0] // 2
+    readings = np.where((np.arange(len(whole)) >= at)[:, None], gone, whole)
+    until = at + int(6.0 / np.median(np.diff(motion.stamp_ns)) * 1e9)
+    begin = motion.part(slice(until))
+    live = heard(model, begin, readings)
+    assert report_of(live).level == "error"
+    assert "cable upper carries nothing" in report_of(live).message
+    doubted = corrections_of(live).doubted
+    assert doubted is not None
+    assert doubted[UPPER].all()
+    assert not doubted[LOWER].any()
+    status = live.take(
+        begin.at(until - 1)._replace(stamp_ns=int(begin.stamp_ns[-1]) + 10**6)
+    ).status
+    assert all(int(one) & UNSURE for one in status[UPPER])
+
+
+def test_a_load_cell_that_reads_nothing_may_be_dead_itself(model: Model, motion: Samples) -> None:
+    readings = true_readings(model, same, motion)
+    readings[:, 1] = 0.0
+    live = heard(model, motion, readings, ("cells",))
+    assert "cable upper carries nothing" in report_of(live).message
+    assert "or: scale of load cell upper/8" in report_of(live).message
+    both = report_of(heard(model, motion, readings))
+    assert both.level == "warn", "the effort says that the cable carries"
+    assert both.message.startswith("scale of load cell upper/8 is")
+
+
+def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
+    model: Model, motion: Samples
+) -> None:
+    motor = replace(model.robot.motors[0], effort_scale=0.5)
+    scaled = replace(model, robot=replace(model.robot, motors=(motor,)))
+    readings = true_readings(model, same, motion)
+    readings[:, 0] *= -1.0
+    message = report_of(heard(scaled, motion, readings)).message
+    assert message.startswith("scale of effort of winch is 20")
+    value = float(message.split("effort_scale: ")[1].split()[0])
+    assert value == pytest.approx(-0.5, rel=0.05)
+
+
+def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(
+    model: Model, motion: Samples
+) -> None:
+    readings = true_readings(model, same, motion)
+    wrong = readings.copy()
+    wrong[:, 0] = 3.0 * np.cos(7.0 * motion.joint_angle[:, 0])
+    live = heard(model, motion, wrong, ("effort",))
+    assert "no single change" in report_of(live).message
+    doubted = corrections_of(live).doubted
+    assert doubted is not None
+    assert doubted.all()
+    passed = int(motion.stamp_ns[-1] - motion.stamp_ns[0]) + 40_000_000
+    for k in (1, 2):
+        later = replace(motion, stamp_ns=motion.stamp_ns + k * passed)
+        heard(model, later, readings, ("effort",), live)
+    assert report_of(live).level == "ok", report_of(live).message
+    assert corrections_of(live).doubted is None
+
+
+def test_a_lone_wrong_reading_is_no_evidence(model: Model, motion: Samples) -> None:
+    readings = true_readings(model, same, motion)
+    readings[100::150, 0] = 100.0
+    live = LiveEstimator(model)
+    for begin in range(0, motion.stamp_ns.size, 25):
+        part = slice(begin, begin + 25)
+        heard(model, motion.part(part), readings[part], live=live)
+        assert report_of(live).level == "ok", report_of(live).message
+
+
+def test_the_clock_may_be_set_back_and_readings_may_pause(model: Model, motion: Samples) -> None:
+    readings = true_readings(model, same, motion)
+    live = heard(model, motion, readings)
+    live.reset()
+    heard(model, motion, readings, live=live)
+    late = replace(motion, stamp_ns=motion.stamp_ns + 10**12)
+    heard(model, late, readings, live=live)
+    assert report_of(live).level == "ok", report_of(live).message
+    assert corrections_of(live).doubted is None
+
+
+def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(
+    model: Model, motion: Samples
+) -> None:
+    document = {k: v for k, v in model.robot.document.items() if k != "uncertainty"}
+    fresh = prepare(build_robot(document, "fresh"))  # preloads are known to 10 %
+    readings = true_readings(model, with_preload(0.9, "upper"), motion)
+    assert report_of(heard(fresh, motion, readings)).level == "ok"
+    assert report_of(heard(model, motion, readings)).level == "warn"
+
+
+def test_the_other_flags_of_unsure_elements_are_kept() -> None:
+    before = [OK, SLACK, INVALID, UNSURE | SLACK, SLACK]
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, *before, 7.0])
+    mark_elements_unsure(values, np.array([True, True, True, True, False]))
+    after = [UNSURE, SLACK | UNSURE, INVALID, UNSURE | SLACK, SLACK]
+    assert values.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, *after, 7.0]
+
+
+def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Samples) -> None:
+    live = LiveEstimator(model)
+    for k, stamp in enumerate(motion.stamp_ns.tolist()):
+        live.feed_efforts(stamp, ["winch"], [0.0])
+        live.take(motion.at(k))
+    assert report_of(live).level == "ok", report_of(live).message
