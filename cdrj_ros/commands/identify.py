@@ -25,7 +25,12 @@ from cdrj_ros.commands.identify_entries import (
 )
 from cdrj_ros.commands.identify_task import Task, parser, posed, task_of
 from cdrj_ros.evaluation.channels import BagComparison
-from cdrj_ros.evaluation.inputs import read_inputs, require_references
+from cdrj_ros.evaluation.inputs import (
+    condition_recording,
+    misfits,
+    read_inputs,
+    require_references,
+)
 from cdrj_ros.evaluation.metrics import ChannelError, pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.foundation.files import write_text
@@ -277,7 +282,8 @@ def _read(bags: Sequence[str], topics: Topics | Columns, model: Model) -> list[R
             require_references(bag, topics, read)
             name = Path(bag).name
             recordings.append(Recorded(name, read.motors, read.joints, read.references))
-            notes += [f"{name}: {note}" for note in read.notes]
+            doubts = misfits(model, condition_recording(model, read))
+            notes += [f"{name}: {note}" for note in (*read.notes, *doubts)]
             report(len(recordings))
     for note in notes:
         print(printable(note))

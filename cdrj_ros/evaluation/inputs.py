@@ -16,6 +16,7 @@ from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
+from cdrj_ros.inspection.travel import travel_suspicion
 from cdrj_ros.messages import topics as standard
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
 from cdrj_ros.model.packing import EFFORT
@@ -150,6 +151,14 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     return replace(
         found, segments=tuple(sorted(found.segments, key=lambda one: -one.stamp_ns.size)[:1])
     )
+
+
+def misfits(model: Model, conditioned: Conditioned) -> list[str]:
+    """Notes on units, gears and names of axes whose motions do not fit the robot file."""
+    found = [
+        travel_suspicion(model, one.motor_angle, one.joint_angle) for one in conditioned.segments
+    ]
+    return [f"Readings do not fit the robot file: {words}." for words in found if words]
 
 
 COUNTED: Final = 20_000

@@ -22,7 +22,7 @@ from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, range_words, refusal_words
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, printable
-from cdrj_ros.inspection.motors import MotorTravel
+from cdrj_ros.inspection.travel import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health

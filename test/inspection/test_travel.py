@@ -1,0 +1,102 @@
+"""A single mistake in the readings is named where all motors then follow the joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.conditioner import Conditioned
+from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.evaluation.inputs import misfits
+from cdrj_ros.inspection.travel import MotorTravel, travel_suspicion
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import parse_robot
+
+TEXT = """
+name: two
+motors: [{name: one}, {name: two, scale: 0.5}]
+joints: [{name: near, range: [-1, 1]}, {name: far, range: [-1, 1]}]
+friction: {law: none, bearing_friction: 0.0, mu_c: 0.0}
+cables:
+  - name: short
+    axial_stiffness: 6000
+    preload: 20
+    nodes: [{type: winch, motor: one, radius: 0.01, winding: 1}, {type: anchor}]
+    spans: [{joint: near, offset: 0.3, slope: -0.03}]
+  - name: long
+    axial_stiffness: 6000
+    preload: 20
+    nodes:
+      - {type: winch, motor: two, radius: 0.01, winding: 1}
+      - {type: pulley, radius: 0.005, wrap_angle: 1.0}
+      - {type: anchor}
+    spans: [{joint: near, offset: 0.3, slope: -0.02}, {joint: far, offset: 0.3, slope: 0.05}]
+"""
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return prepare(parse_robot(TEXT, "two"))
+
+
+TIME = np.arange(40.0)
+JOINT = 0.4 * np.sin(TIME[:, None] * [0.31, 0.47] + [0.0, 1.0])
+"""Angles of the joints [rad], shape (40, 2)."""
+MOTOR = JOINT @ np.array([[3.0, 2.0], [0.0, -5.0]])
+"""Slopes over the drums' radius times the angles: what keeps the cables' lengths [rad]."""
+
+
+def motion(motor: np.ndarray, joint: np.ndarray) -> Conditioned:
+    stamps = np.arange(len(motor)) * 5_000_000
+    return Conditioned((Samples(stamps, motor, joint),), {}, len(motor), 0, 0)
+
+
+def said(model: Model, motor: np.ndarray, joint: np.ndarray) -> str:
+    return travel_suspicion(model, motor, joint)
+
+
+def test_motors_that_follow_or_work_against_their_cables_are_not_suspected(model: Model) -> None:
+    assert said(model, MOTOR, JOINT) == ""
+    assert said(model, MOTOR + 0.1 * np.cos(TIME[:, None]), JOINT) == ""
+    tense = 0.3 * np.cos(TIME)[:, None] * [1.0, 0.0]
+    assert said(model, tense, 0.0 * JOINT) == "", "no joint moves"
+    assert said(model, 0.0 * MOTOR, JOINT) == "", "no motor moves"
+
+
+def test_degrees_are_named_where_the_whole_motion_fits_the_range(model: Model) -> None:
+    small, motor = 0.02 * JOINT, 0.02 * MOTOR
+    words = "seem to be in degrees{}: give scale as scale_deg, 1 where the file has none"
+    assert said(model, motor, np.degrees(small)) == f"the joints {words.format('')}"
+    words = words.format(" (or before gears of about 57)")
+    assert said(model, np.degrees(motor), small) == f"the motors {words}"
+
+
+def test_swapped_axes_are_named_as_a_swap_through_their_scales(model: Model) -> None:
+    published = MOTOR / [1.0, 0.5]
+    swapped = published[:, ::-1] * [1.0, 0.5]
+    words = "the readings of {} and {} seem to be swapped: exchange their names"
+    assert said(model, swapped, JOINT) == words.format("one", "two")
+    assert said(model, MOTOR, JOINT[:, ::-1]) == words.format("near", "far")
+
+
+def test_a_recording_gets_a_note_of_what_does_not_fit(model: Model) -> None:
+    assert misfits(model, motion(MOTOR, JOINT)) == []
+    (note,) = misfits(model, motion(MOTOR, JOINT[:, ::-1]))
+    assert note == (
+        "Readings do not fit the robot file: the readings of near and far seem to be swapped: "
+        "exchange their names."
+    )
+
+
+def test_one_wrong_gear_is_still_a_scale(model: Model) -> None:
+    assert said(model, MOTOR * [1.0, -20.0], JOINT) == (
+        "two turns 20 times as far as its cables allow, the other way: gear ratio, unit or sign? "
+        "scale: -0.025 would fit"
+    )
+
+
+def test_nothing_is_said_of_few_poses(model: Model) -> None:
+    travel = MotorTravel(model)
+    for k in range(7):
+        travel.add(MOTOR[k, ::-1], JOINT[k])
+    assert travel.suspicion() == ""
