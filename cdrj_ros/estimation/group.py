@@ -134,7 +134,7 @@ class Group:
             )  # fmt: skip
 
     def judge(self, stamp_ns: int) -> None:
-        """Renew ``verdict`` and ``doubted``.
+        """Renew ``verdict`` and ``doubted``; both stay while the sensors are silent.
 
         Args:
             stamp_ns: now [ns].
@@ -142,19 +142,21 @@ class Group:
         beliefs, names = self.beliefs, self._model.layout.cables
         frozen = [beliefs.core.heard(k)[2] for k in range(len(beliefs.sensors))]
         sums = [one.faded(stamp_ns) for one in self.sums]
-        self.verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
-        broken = self.verdict.broken if self.verdict is not None else ""
-        if broken or self._believed():
+        verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
+        if verdict is None:
+            self._believed_ns = stamp_ns
+            return
+        self.verdict = verdict
+        if verdict.broken or self._believes(verdict):
             self._believed_ns = stamp_ns
         # after a sudden change its readings mix with those before
         lost = stamp_ns - self._believed_ns > CONTRADICTED_NS
-        self.doubted = [names.index(broken)] if broken else self.cables if lost else ()
+        broken = [names.index(verdict.broken)] if verdict.broken else []
+        self.doubted = self.cables if lost else broken
 
-    def _believed(self) -> bool:
+    def _believes(self, verdict: Verdict) -> bool:
         """Whether the beliefs hold what the latest readings show."""
-        if self.verdict is None:
-            return True
-        for one in self.verdict.found:
+        for one in verdict.found:
             share = one.change.direction
             sensors = set((np.flatnonzero(share[self.beliefs.count :]) // 3).tolist())
             wrong = any(self.beliefs.probability_right(k) < 0.5 for k in sensors)
@@ -164,7 +166,7 @@ class Group:
             allowed = CONTRADICTED * np.hypot(stddev, one.stddev / one.change.factor)
             if abs(one.amount / one.change.factor - mean) > allowed:
                 return False
-        return self.verdict.explained
+        return verdict.explained
 
     def correction(
         self, stamp_ns: int, values: Vector, deviation: Table
