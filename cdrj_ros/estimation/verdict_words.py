@@ -87,7 +87,7 @@ def _sentence(robot: Robot, found: Finding) -> str:
     size = f"{abs(found.amount):.3g} +- {found.stddev:.2g} {one.unit}"
     more = found.amount > 0.0
     if one.kind == "zero":
-        text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}"
+        text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}; ~/tare"
     elif one.kind == "preload":
         file = [
             f" of {c.preload:.4g} N" for c in robot.cables if one.what == f"preload of {c.name}"
