@@ -26,7 +26,7 @@ from cdrj_ros.commands.commission_steps import (
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.estimation.changes import pose_words
-from cdrj_ros.evaluation.inputs import condition_recording, misfits, read_inputs
+from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import ProgressBar, say
@@ -241,7 +241,7 @@ def _fitting(take: Callable[[Progress], Commissioned]) -> Commissioned:
 def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
     """A bag; where no reference has a motor's effort, that on the topic of its angle is taken."""
     read = read_inputs(bag, topics, now.model, motor_efforts=True)
-    for note in misfits(now.model, condition_recording(now.model, read)):
+    for note in doubts_of(now.model, condition_recording(now.model, read)):
         say(f"note: {bag}: {note}")
     own = {f"{EFFORT}/{name}": one for name, one in read.motor_efforts.items()}
     chosen = {}

@@ -27,7 +27,7 @@ from cdrj_ros.commands.identify_task import Task, parser, posed, task_of
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.inputs import (
     condition_recording,
-    misfits,
+    doubts_of,
     read_inputs,
     require_references,
 )
@@ -282,7 +282,7 @@ def _read(bags: Sequence[str], topics: Topics | Columns, model: Model) -> list[R
             require_references(bag, topics, read)
             name = Path(bag).name
             recordings.append(Recorded(name, read.motors, read.joints, read.references))
-            doubts = misfits(model, condition_recording(model, read))
+            doubts = doubts_of(model, condition_recording(model, read))
             notes += [f"{name}: {note}" for note in (*read.notes, *doubts)]
             report(len(recordings))
     for note in notes:

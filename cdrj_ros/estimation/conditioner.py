@@ -262,9 +262,9 @@ class Conditioner(_core.Conditioner):
         """
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
-        self._robot, self._worth = robot.as_read, worth_of(robot)
+        self._robot, self.worth = robot.as_read, worth_of(robot)
         self._pulls = pulls_of(robot)
-        axes = axes_of(self._robot, tracking, self._worth, self._pulls)
+        axes = axes_of(self._robot, tracking, self.worth, self._pulls)
         super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS)
 
     def memory(self) -> dict[str, Vector]:
@@ -291,7 +291,7 @@ class Conditioner(_core.Conditioner):
 
     def set_tracking(self, tracking: float | None) -> None:
         """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
-        self.use_tracking_of(axes_of(self._robot, tracking, self._worth, self._pulls))
+        self.use_tracking_of(axes_of(self._robot, tracking, self.worth, self._pulls))
 
     def take(
         self,

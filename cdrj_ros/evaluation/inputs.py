@@ -11,6 +11,7 @@ import numpy as np
 
 from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition, worth_of
 from cdrj_ros.estimation.estimator import Angles, Samples
+from cdrj_ros.estimation.sparse import NOTED, sparse_words
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector
@@ -153,19 +154,26 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     )
 
 
-def misfits(model: Model, conditioned: Conditioned) -> list[str]:
-    """Notes on units, gears and names of axes whose motions do not fit the robot file."""
-    found = [
-        travel_suspicion(model, one.motor_angle, one.joint_angle) for one in conditioned.segments
-    ]
-    return [f"Readings do not fit the robot file: {words}." for words in found if words]
+SELDOM: Final = 0.9
+"""Share of the samples whose uncertainty between readings counts as that of the motion."""
+
+
+def doubts_of(model: Model, conditioned: Conditioned) -> list[str]:
+    """Notes on units, gears and names that do not fit the robot file, and on sparse readings."""
+    notes, robot = [], model.robot
+    for one in conditioned.segments:
+        if words := travel_suspicion(model, one.motor_angle, one.joint_angle):
+            notes.append(f"Readings do not fit the robot file: {words}.")
+        if len(one.unseen) > 1 and not robot.unmeasured:
+            midway = np.quantile(one.unseen[:, 1], SELDOM, axis=0, method="lower")
+            rate_hz = 1e9 / float(np.median(np.diff(one.stamp_ns)))
+            if words := sparse_words(robot, worth_of(robot), midway, rate_hz):
+                notes.append(f"{words}.")
+    return notes
 
 
 COUNTED: Final = 20_000
 """Number of readings of an axis from which its counts are found."""
-
-LEAST_WORTH: Final = 0.01
-"""A count that changes a tension by less than this share of its preload is not worth a note."""
 
 
 def unstated_counts(model: Model, recording: Recording) -> list[str]:
@@ -177,7 +185,7 @@ def unstated_counts(model: Model, recording: Recording) -> list[str]:
         readings = {**recording.motors, **recording.joints}[axis.name].value[:COUNTED]
         count = _count_of(readings[np.isfinite(readings)])
         share = 0.1 * abs(axis.sensor.scale) * count / tenth
-        if axis.sensor.resolution == 0.0 and share > LEAST_WORTH:
+        if axis.sensor.resolution == 0.0 and share > NOTED:
             notes.append(
                 f"{axis.name} is read in counts of {count:.3g}, each worth {share:.0%} of a "
                 "preload; state its resolution, and a tracking_bandwidth to filter between them."

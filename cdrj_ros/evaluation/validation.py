@@ -29,11 +29,11 @@ from cdrj_ros.evaluation.inputs import (
     Window,
     condition_recording,
     counters_of,
+    doubts_of,
     duration_s,
     encoderless_inputs,
     in_frames_of,
     in_order,
-    misfits,
     nothing_beside,
     read_encoderless,
     read_inputs,
@@ -266,7 +266,7 @@ def compare_bag(
     recording, sensors = _read(task, model)
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
-    notes = [*unstated_counts(model, recording), *misfits(model, conditioned)]
+    notes = [*unstated_counts(model, recording), *doubts_of(model, conditioned)]
     recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:

@@ -11,8 +11,10 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from cdrj_ros.estimation.corrections import Corrections
+from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.sparse import sparse_words
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.model.prepared import Model
@@ -131,6 +133,14 @@ def _lags(live: LiveEstimator) -> list[str]:
     ]
 
 
+def _sparse(live: LiveEstimator, rate_hz: float) -> str:
+    """Axes read too seldom for their motion, so that this alone makes much of ``UNSURE``."""
+    if live.sample is None or not len(live.sample.unseen) or rate_hz <= 0.0:
+        return ""
+    midway, worth = live.sample.unseen[1], live.conditioner.worth
+    return sparse_words(live.model.robot, worth, midway, rate_hz, 0.5 * UNSURE_SHARE)
+
+
 def _verdict(
     live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health
 ) -> tuple[bytes, str]:
@@ -138,6 +148,7 @@ def _verdict(
     ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
     doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
     stepped, lagging = _steps(live), _lags(live)
+    sparse = _sparse(live, health.rate_hz)
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
     unused = f"no estimate for {health.timeout_s:g} s: {health.waiting}"
@@ -176,6 +187,7 @@ def _verdict(
         (doubted, warn, f"sensors that contradict the others or the robot: {', '.join(doubted)}"),
         (health.refusing, warn, health.refusing),
         (flagged[SLACK], warn, f"slack: {', '.join(flagged[SLACK])}"),
+        (flagged[UNSURE] and sparse, warn, f"unsure: {sparse}"),
         (flagged[UNSURE], warn, f"unsure: {', '.join(flagged[UNSURE])}"),
     )  # fmt: skip
     for holds, level, message in causes:

@@ -7,7 +7,7 @@ import pytest
 
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.evaluation.inputs import misfits
+from cdrj_ros.evaluation.inputs import doubts_of
 from cdrj_ros.inspection.travel import MotorTravel, travel_suspicion
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import parse_robot
@@ -80,8 +80,8 @@ def test_swapped_axes_are_named_as_a_swap_through_their_scales(model: Model) -> 
 
 
 def test_a_recording_gets_a_note_of_what_does_not_fit(model: Model) -> None:
-    assert misfits(model, motion(MOTOR, JOINT)) == []
-    (note,) = misfits(model, motion(MOTOR, JOINT[:, ::-1]))
+    assert doubts_of(model, motion(MOTOR, JOINT)) == []
+    (note,) = doubts_of(model, motion(MOTOR, JOINT[:, ::-1]))
     assert note == (
         "Readings do not fit the robot file: the readings of near and far seem to be swapped: "
         "exchange their names."

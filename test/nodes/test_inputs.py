@@ -168,6 +168,18 @@ def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> Non
     assert estimator.live.conditioner.refused["out_of_range"] == 24
 
 
+def test_readings_too_sparse_for_the_motion_are_a_warning_with_the_axes(bench: Bench) -> None:
+    estimator = bench.estimator()
+    for k in range(0, 6000, 200):
+        sample = sample_at(k)
+        estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
+        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+    status = diagnosed(estimator)[0]
+    assert status.level == status.WARN
+    assert status.message.startswith("unsure: winch, elbow read at ")
+    assert "too sparse for this motion" in status.message
+
+
 def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) -> None:
     estimator = bench.estimator()
     others = [Node(name, namespace="/drives") for name in ("front", "rear")]
