@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from math import degrees, isfinite, pi
+from math import copysign, degrees, isfinite, pi
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from cdrj_ros.model.impossible import Suspicion
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.report.table import UNLIMITED, new_table
-from cdrj_ros.robot.description import Cable, Robot
+from cdrj_ros.robot.description import Cable, Motor, Robot
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -218,8 +218,20 @@ def mapping(robot: Robot) -> Iterator[str]:
             parts.append(text + (" + correction" if sensor.corrected_at else ""))
         if axis.effort_scale != 1.0:
             parts.append(f"effort {effort} = {axis.effort_scale:.6g} * published")
+        if parts and isinstance(axis, Motor):
+            parts.append(f"efforts are {_effort_of(axis)} in the sense of the published position")
         if parts:
             yield f"{axis.name}: {', '.join(parts)}"
+
+
+def _effort_of(motor: Motor) -> str:
+    """What exerts the published efforts by the signs of a motor's entry.
+
+    Efforts and positions of one drive have one sense of rotation: with a negative ``scale``, and
+    ``effort_scale`` of the same sign, both are turned.
+    """
+    turned = copysign(1.0, motor.effort_scale) * copysign(1.0, motor.sensor.scale)
+    return "torques of the cables" if turned * motor.effort_sign > 0.0 else "the motor's torques"
 
 
 def _slips(model: Model) -> Iterator[str]:

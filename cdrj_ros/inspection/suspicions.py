@@ -245,16 +245,15 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
                 + ": on drums of one shaft, winding must be equal where cables leave with the same "
                 "sense of rotation, and opposite otherwise",
             )
-    signs = {motor.name: motor.effort_sign for motor in robot.motors}
-    signs |= {joint.name: joint.effort_sign for joint in robot.joints}
-    if len(set(signs.values())) > 1:
-        negative = [name for name, sign in signs.items() if sign < 0]
-        yield Suspicion(
-            ", ".join(negative),
-            "effort_sign is -1 here and +1 elsewhere: these efforts balance the cables, "
-            "the others are exerted by the cables",
-            grave=False,
-        )
+    for kind, axes in (("motors", robot.motors), ("joints", robot.joints)):
+        negative = [one.name for one in axes if one.effort_sign < 0]
+        if 0 < len(negative) < len(axes):
+            yield Suspicion(
+                ", ".join(negative),
+                f"effort_sign is -1 here and +1 of the other {kind}: these efforts balance the "
+                "cables, the others are exerted by the cables",
+                grave=False,
+            )
 
 
 def _joints(inspection: Inspection) -> Iterator[Suspicion]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
+from math import copysign
 from typing import Any, Final
 
 import numpy as np
@@ -315,7 +316,12 @@ class CommandListener:
 
 
 def _of_motor(motor: Motor, mode: Mode, value: float) -> float:
-    """The value of a motor's axis that is published as ``value``."""
+    """What a command means for a motor's axis [rad], [rad/s] or [N m].
+
+    A positive effort drives the published position up, as hardware does, whatever the efforts are
+    that it publishes.
+    """
     if mode == "position":
         return float(angle_of(motor.sensor, np.asarray(value, dtype=np.float64)))
-    return value * (motor.sensor.scale if mode == "velocity" else motor.effort_scale)
+    scale = motor.sensor.scale
+    return value * (scale if mode == "velocity" else copysign(motor.effort_scale, scale))

@@ -12,6 +12,7 @@ import yaml
 from support.places import PROTOTYPE, ROBOT, ROBOTS
 
 from cdrj_ros.commands import check_robot
+from cdrj_ros.commands.check_printed import mapping
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import uncertainty_shares
@@ -245,7 +246,7 @@ ODD = [
     ("diameter_mm: 1", "diameter_mm: 4.1", "a", "bends around a radius of 10 mm"),
     ("{name: m}", "{name: m}, {name: idle}", "idle", "moves no cable"),
     (JOINT, f"{JOINT}, {{name: idle, range: [0, 1]}}", "idle", "not moved by any cable"),
-    ("[{name: m}]", "[{name: m, effort_sign: -1}]", "m", "effort_sign is -1"),
+    ("[{name: m}]", "[{name: m, effort_sign: -1}, {name: n}]", "m", "effort_sign is -1"),
 ]  # fmt: skip
 
 
@@ -256,6 +257,26 @@ def test_every_suspicious_value_is_reported(old: str, new: str, where: str, word
     matching = [one for one in suspicions if words in one.text]
     assert where in [one.where for one in matching], suspicions
     assert all("\n" not in one.text for one in suspicions)
+
+
+@pytest.mark.parametrize(
+    ("signs", "whose"),
+    [
+        ("scale: -0.02, effort_scale: -2.7", "torques of the cables"),
+        ("scale: -0.02, effort_scale: 2.7", "the motor's torques"),
+        ("scale: -0.02, effort_scale: -2.7, effort_sign: -1", "the motor's torques"),
+        ("scale: 0.02, effort_scale: 2.7, effort_sign: -1", "the motor's torques"),
+        ("scale: 0.02, effort_scale: 2.7", "torques of the cables"),
+    ],
+)
+def test_what_exerts_published_efforts_follows_from_the_signs_of_a_motor(
+    signs: str, whose: str
+) -> None:
+    text = PLAIN.replace("[{name: m}]", f"[{{name: m, {signs}}}]")
+    (said,) = mapping(parse_robot(text))
+    assert said.endswith(f"efforts are {whose} in the sense of the published position")
+    assert not any("effort_sign" in one.text for one in found(text)), "there is one motor"
+    assert not [*mapping(parse_robot(PLAIN))], "nothing is converted"
 
 
 def test_windings_that_contradict_the_turns_are_reported() -> None:

@@ -123,6 +123,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench: Any, tmp_pat
 
 
 def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path: Path) -> None:
+    """A current drives the published position up, also that of a motor that turns the other way."""
     (tmp_path / "robot.yaml").write_text(GEARED)
     one = bench(
         "{ros2_control: {update_rate: 500}, motor_efforts: {noise: 0}, "
@@ -139,7 +140,7 @@ def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path:
         one.publish(f"/forward_{mode}_controller/commands", array_of(value))
         assert one.until(reached), mode
         assert one.rig.drives._target == pytest.approx(
-            {"position": 0.3, "velocity": 1.0}.get(mode, 0.5)
+            {"position": 0.3, "velocity": 1.0, "effort": -0.5}[mode]
         )
     motion = trajectory((0.05, -10.0), (0.1, -5.0))
     motion.joint_names = ["arm1_winch"]
