@@ -1,6 +1,6 @@
 """Feed an estimator process over DDS for a long time and check its answers: `make soak`.
 
-    python tools/soak.py [--minutes M] [--rate HZ] [--json FILE]
+    python tools/soak.py [--minutes M] [--rate HZ]
 
 Motor readings at the given rate and joint readings at half of it are sent to an estimator process.
 All answers are counted, and the estimator's resident memory and step times are read once a minute.
@@ -14,13 +14,11 @@ the rate instead of causing losses; the waiting time is recorded.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import platform
 import signal
 import subprocess
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from math import cos, nan, sin
 from pathlib import Path
 from statistics import median, quantiles
@@ -83,7 +81,6 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="soak", description=__doc__.split("\n")[0])
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (default 30)")
     parser.add_argument("--rate", type=float, default=1000.0, help="motor readings per second")
-    parser.add_argument("--json", type=Path, help="also write the measurements to this file")
     arguments = parser.parse_args()
     if not 0.0 < arguments.minutes <= 10_000.0 or not 1.0 <= arguments.rate <= 10_000.0:
         parser.error("minutes must be in (0, 10000] and rate in [1, 10000]")
@@ -345,12 +342,6 @@ def main() -> int:
         feeder.node.destroy_node()
         rclpy.try_shutdown()
     _print(soak)
-    if arguments.json:
-        machine = (
-            f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-        )
-        figures = {"machine": machine, "rate_hz": arguments.rate, **asdict(soak)}
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n")
     return 1 if soak.broken else 0
 
 
