@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cdrj_ros.commands import commission_steps as steps  # noqa: E402
-from cdrj_ros.estimation.changes import rest_poses  # noqa: E402
+from cdrj_ros.commands.commission_rests import rest_poses  # noqa: E402
 from cdrj_ros.estimation.conditioner import condition  # noqa: E402
 from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
 from cdrj_ros.evaluation.estimating import estimate  # noqa: E402

@@ -14,6 +14,7 @@ import numpy as np
 
 from cdrj_ros.commands.commission_checks import refuse_signs, swapped
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
+from cdrj_ros.commands.commission_rests import pose_words
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
     begin,
@@ -25,7 +26,6 @@ from cdrj_ros.commands.commission_steps import (
 )
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_topic_options, topics_of
-from cdrj_ros.estimation.changes import pose_words
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text

@@ -23,16 +23,14 @@ import numpy as np
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.commission_fits import PartFit, fit_parts, section_of
+from cdrj_ros.commands.commission_rests import REST_IN_POSE_NS, pose_words, rest_poses
 from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.estimation.changes import (
     CALLIPER,
-    REST_IN_POSE_NS,
     SPRING_SCALE_NOW,
     narrowed,
-    pose_words,
     preloads_of,
     reference_at,
-    rest_poses,
 )
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series, Vector

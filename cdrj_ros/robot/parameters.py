@@ -164,26 +164,14 @@ def writer_of(document: Document, paths: Sequence[str]) -> Callable[[Sequence[fl
         UsageError: as ``with_numbers``.
     """
     numbers = [_find(document, path) for path in paths]
-    written_out = [_holds(document, number.keys) for number in numbers]
 
     def written(values: Sequence[float]) -> Document:
         changed: Any = document
-        for number, there, value in zip(numbers, written_out, values, strict=True):
-            if there and value == number.value:
-                continue
+        for number, value in zip(numbers, values, strict=True):
             changed = _replaced(changed, number.keys, value / number.factor)
         return dict(changed)
 
     return written
-
-
-def _holds(part: Any, keys: Keys) -> bool:
-    """Whether a number is in a part of a document, instead of having its default value."""
-    for key in keys:
-        if isinstance(part, dict) and key not in part:
-            return False
-        part = part[key]
-    return True
 
 
 def _replaced(part: Any, keys: Sequence[Any], value: float) -> Any:

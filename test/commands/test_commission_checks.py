@@ -13,7 +13,7 @@ from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_checks import refuse_signs, swapped
 from cdrj_ros.commands.commission_judged import Judged
-from cdrj_ros.estimation.changes import rest_poses
+from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError

@@ -18,8 +18,8 @@ from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_fits import unknowns_of
 from cdrj_ros.commands.commission_judged import foretold, judged
+from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.commands.identify_entries import uncertainty_section
-from cdrj_ros.estimation.changes import rest_poses
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.evaluation.estimating import estimate
