@@ -213,11 +213,8 @@ CAPTION: Final = ": caption"
 LEVELS: Final = {b"\x00": "OK", b"\x01": "WARN", b"\x02": "ERROR", b"\x03": "STALE"}
 """Words of the levels of a DiagnosticStatus."""
 
-SHOWN: Final = (
-    "lag behind the newest reading [ms]", "slack elements", "overloaded elements",
-    "unsure elements", "readings stepped",
-)  # fmt: skip
-"""Values of the diagnosis that the page shows."""
+SHOWN: Final = ("lag behind the newest reading [ms]", "readings stepped")
+"""Values of the diagnosis that the page shows; the table has the flags of the elements."""
 
 
 @dataclass

@@ -51,9 +51,6 @@ PICTURE_HZ: Final = 30.0
 PLOT_S: Final = 0.25
 """Time between two updates of table and curves [s]."""
 
-FEW: Final = 6
-"""Number of elements up to which all of them have labels at first."""
-
 SIDE: Final = 330.0
 """Width of the panels on the sides [px]."""
 
@@ -148,7 +145,7 @@ class Page:
             self.drawing.update(picture, self.chosen, self._labels.value, self._forces.value)
         self.words.content = paragraphs(words)
         self.pictures += 1
-        if self.plot_is_due():
+        if self.plot_is_due() and shown.stamp_ns:  # the first estimate appears everywhere at once
             self._plotted_s = monotonic()
             self._plot(shown, picture, table, now_ns)
 
@@ -177,7 +174,7 @@ class Page:
         with gui.add_folder("Picture", expand_by_default=False):
             self._dark = gui.add_checkbox("dark", False)
             self._forces = gui.add_checkbox("forces on pulleys", True)
-            wanted: Labels = "all" if len(layout.elements) <= FEW else "chosen"
+            wanted: Labels = "chosen"  # those of short elements would cover each other
             self._labels = gui.add_dropdown(
                 "labels", ("none", "chosen", "all"), initial_value=wanted
             )

@@ -191,7 +191,7 @@ HELD_S: Final = 1.5
 """Time after a change by hand during which a slider does not follow the value in force [s]."""
 
 STEPS: Final = 200
-"""Number of positions of a slider."""
+"""Approximate number of positions of a slider, whose steps are round."""
 
 
 @dataclass(frozen=True)
@@ -239,15 +239,12 @@ class Controls:
         self.enable(False)
 
     def _slider(self, gui: Any, limits: SliderRange) -> Any:
-        step = (limits.high - limits.low) / STEPS
+        step = float(f"{(limits.high - limits.low) / STEPS:.1g}")
+        label = printable(limits.label) + (limits.unit and f" [{limits.unit}]")
         slider = gui.add_slider(
-            printable(limits.label),
-            limits.low,
-            limits.high,
-            step,
-            limits.start,
+            label, limits.low, limits.high, step, short(limits.start, limits),
             hint=limits.description,
-        )
+        )  # fmt: skip
 
         @slider.on_update  # type: ignore[untyped-decorator]
         def _(event: Any) -> None:
@@ -273,14 +270,14 @@ class Controls:
     def in_force(self, values: Mapping[str, float]) -> None:
         """Show the values in force."""
         for name, value in values.items():
-            limits, slider = self._ranges[name], self._sliders[name]
-            slider.label = (
-                f"{printable(limits.label)} = {value:.4g}{limits.unit and ' ' + limits.unit}"
-            )
-            if monotonic() - self._touched[name] > HELD_S:
-                shown = min(max(value, limits.low), limits.high)
-                if abs(shown - slider.value) > 1e-9 * max(abs(shown), 1.0):
-                    slider.value = shown
+            slider, shown = self._sliders[name], short(value, self._ranges[name])
+            if monotonic() - self._touched[name] > HELD_S and slider.value != shown:
+                slider.value = shown
+
+
+def short(value: float, limits: SliderRange) -> float:
+    """A value within a slider's range, with the three digits that its number box has room for."""
+    return min(max(float(f"{value:.3g}"), limits.low), limits.high)
 
 
 def filled(template: str, *texts: object) -> Markup:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ import cdrj_ros as cdrj
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.nodes.view_link import slider_ranges
 from cdrj_ros.report.scene import LIMIT_COLOUR, tension_colour
+from cdrj_ros.view.panels import Controls, SliderRange
 
 PATIENCE_S = 60.0
 
@@ -226,7 +228,7 @@ def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
 
     client = page.user.create_client(GetParameters, "/cdrj/estimator/get_parameters")
     client.wait_for_service(PATIENCE_S)
-    field = wait_for(lambda: page.browser.execute_script(FIELD, "mu c = 0.12"), "the slider")
+    field = wait_for(lambda: page.browser.execute_script(FIELD, "mu c"), "the slider")
     field.send_keys(Keys.CONTROL, "a")
     field.send_keys("0.3", Keys.ENTER)
 
@@ -236,7 +238,8 @@ def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
         return float(future.result().values[0].double_value)
 
     wait_for(lambda: value() == pytest.approx(0.3, abs=0.003), "the change")
-    wait_for(lambda: "mu c = 0.3" in page.text(), "the value in force")
+    wait_for(lambda: field.get_attribute("value") == "0.3", "the value in force")
+    assert page.browser.execute_script(FIELD, "preload deep [N]"), "a unit is in the label"
 
 
 def test_a_refusal_is_shown_in_words(page: Scene) -> None:
@@ -257,7 +260,8 @@ def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page: Scene) -
     assert slider_is_disabled()
     page.start_estimator()
     wait_for(lambda: not slider_is_disabled(), "the return")
-    wait_for(lambda: "mu c = 0.12" in page.text(), "the value of the new estimator")
+    field = page.browser.execute_script(FIELD, "mu c")
+    wait_for(lambda: field.get_attribute("value") == "0.12", "the value of the new estimator")
 
 
 def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:
@@ -266,6 +270,18 @@ def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:
     drawn = page.view.page.pictures
     sleep(0.2)
     assert page.view.page.pictures == drawn
+
+
+def test_a_number_box_has_the_digits_that_it_has_room_for() -> None:
+    gui = MagicMock()
+    limits = SliderRange("p", "preload upper", "", "N", 0.0, 73.7, 14.38812)
+    controls = Controls(gui, [limits], print, {})
+    (label, _, _, step, start), _ = gui.add_slider.call_args
+    assert (label, step, start) == ("preload upper [N]", 0.4, 14.4)
+    controls.in_force({"p": 0.0264912})
+    assert gui.add_slider.return_value.value == 0.0265
+    controls.in_force({"p": 80.0})
+    assert gui.add_slider.return_value.value == 73.7
 
 
 def test_sliders_of_preloads_end_at_a_round_number() -> None:
