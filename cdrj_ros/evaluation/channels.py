@@ -236,6 +236,10 @@ class BagComparison:
     """Estimated friction at the pulleys; empty if it was not kept."""
     health: Verdict | None = None
     """What the sensors say about the robot; None if none was heard or asked."""
+    judged: int = 0
+    """Number of estimated tensions with a standard deviation."""
+    ok: int = 0
+    """Number of those of status OK."""
 
     @property
     def compared(self) -> bool:

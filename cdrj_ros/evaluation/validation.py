@@ -48,7 +48,7 @@ from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
-from cdrj_ros.model.packing import EFFORT, TENSION
+from cdrj_ros.model.packing import EFFORT, OK, TENSION
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import open_source
@@ -112,6 +112,7 @@ class Validation:
         (self._segment,) = conditioned.segments
         self._comparing = Comparing(names, self._segment.stamp_ns, references, MAX_GAP_NS)
         self._angles: list[Angles] = []
+        self._judged = self._ok = 0
 
     def compare(
         self, pieces: Iterable[Estimates], progress: Progress | None = None
@@ -130,6 +131,9 @@ class Validation:
             if piece.angles is not None:
                 self._angles.append(piece.angles)
             self._friction.add(piece.values)
+            if piece.stddev is not None:
+                self._judged += piece.status.size
+                self._ok += int(np.count_nonzero(piece.status == OK))
             self._comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size
             if self._verdict:
@@ -163,7 +167,7 @@ class Validation:
         return BagComparison(
             self._path, duration_s(recording, self._window), channels, dict(counters),
             tuple(remarks), facts, self._friction.result(),
-            self._verdict.verdict() if self._verdict else None,
+            self._verdict.verdict() if self._verdict else None, self._judged, self._ok,
         )  # fmt: skip
 
 

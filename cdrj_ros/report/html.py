@@ -89,7 +89,7 @@ def write_report(
     page = _template().render(
         title=title,
         style=style(),
-        numbers=key_numbers(errors.pooled),
+        numbers=[*key_numbers(errors.pooled), *usable_share(errors.bags)],
         limits=_limits(limit_check) if limit_check else None,
         several=len(errors.bags) > 1,
         table=_table(errors.pooled, _anchors(errors.bags)),
@@ -169,6 +169,21 @@ def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
         label = known.title if len(members) == 1 else f"{len(members)} {known.several}"
         numbers.append({"label": label, "value": value, "meaning": meaning, "detail": detail})
     return numbers
+
+
+def usable_share(bags: Sequence[BagComparison]) -> list[dict[str, str]]:
+    """The share of estimates with status OK, as another of the ``key_numbers``, if it is known."""
+    judged = sum(bag.judged for bag in bags)
+    if not judged:
+        return []
+    return [
+        {
+            "label": "Status OK",
+            "value": format_percent(sum(bag.ok for bag in bags) / judged),
+            "meaning": "of the estimated tensions",
+            "detail": "the others are marked, and not to be used unseen",
+        }
+    ]
 
 
 def _direction(error: ChannelError) -> str:

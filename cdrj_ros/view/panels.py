@@ -276,8 +276,8 @@ class Controls:
 
 
 def short(value: float, limits: SliderRange) -> float:
-    """A value within a slider's range, with the three digits that its number box has room for."""
-    return min(max(float(f"{value:.3g}"), limits.low), limits.high)
+    """A value within a slider's range, with the characters that its number box has room for: 5."""
+    return min(max(round(float(f"{value:.3g}"), 3), limits.low), limits.high)
 
 
 def filled(template: str, *texts: object) -> Markup:

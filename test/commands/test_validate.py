@@ -345,7 +345,10 @@ def test_every_bag_may_have_its_own_preloads(
 
 
 def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> None:
-    off, on = (cdrj.validate(PROTOTYPE, short, uncertainty=known).pooled for known in (False, True))
+    found = [cdrj.validate(PROTOTYPE, short, uncertainty=known) for known in (False, True)]
+    assert [one.bags[0].judged > 0 for one in found] == [False, True]
+    assert 0 <= found[1].bags[0].ok <= found[1].bags[0].judged
+    off, on = (one.pooled for one in found)
     for name, error in off.items():
         assert error.coverage is None
         assert 0.0 <= (on[name].coverage or 0.0) <= 1.0

@@ -279,7 +279,7 @@ def test_a_number_box_has_the_digits_that_it_has_room_for() -> None:
     (label, _, _, step, start), _ = gui.add_slider.call_args
     assert (label, step, start) == ("preload upper [N]", 0.4, 14.4)
     controls.in_force({"p": 0.0264912})
-    assert gui.add_slider.return_value.value == 0.0265
+    assert gui.add_slider.return_value.value == 0.026
     controls.in_force({"p": 80.0})
     assert gui.add_slider.return_value.value == 73.7
 

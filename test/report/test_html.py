@@ -210,6 +210,17 @@ def test_a_page_without_channels_has_the_drawing_alone(written: Callable[..., st
     assert written(BagComparison("a", 0.0, ())).count("<svg") == 1
 
 
+def test_the_share_of_usable_tensions_stands_beside_the_errors(
+    made_up: Callable[..., BagComparison], written: Callable[..., str]
+) -> None:
+    bag = made_up(seconds=1)
+    assert "Status OK" not in written(bag), "nothing is known without standard deviations"
+    page = written(replace(bag, judged=300, ok=300), replace(bag, judged=100, ok=0))
+    head = page[page.index("<header>") : page.index("</header>")]
+    assert ">75.00 %<" in head
+    assert head.index("Status OK") > head.index("element tensions") > 0
+
+
 def test_the_first_number_of_a_quantity_is_an_error_with_its_coverage() -> None:
     """R² of efforts that hardly vary tells nobody anything."""
     effort = ChannelError(100, 0.01, 0.02, 0.012, 0.03, -1.2, coverage=0.97, unit="N·m")
