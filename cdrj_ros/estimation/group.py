@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.estimator import NEVER, Sample
 from cdrj_ros.estimation.evidence import FADES_S, Sums, contributions, nothing
 from cdrj_ros.estimation.sensors import Reading, Sensor
 from cdrj_ros.estimation.unknowns import Unknown, unknowns_of
@@ -92,7 +92,7 @@ class Group:
         """What the latest readings show; None: they are too few."""
         self.doubted: Sequence[int] = ()
         """Numbers of the cables whose tensions are in doubt whatever their deviations say."""
-        self._believed_ns = 0
+        self._believed_ns = NEVER
         """When the beliefs last held what the readings showed [ns]."""
 
     def _no_evidence(self, sensor: Sensor) -> Sums:
@@ -144,7 +144,6 @@ class Group:
         sums = [one.faded(stamp_ns) for one in self.sums]
         verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
         if verdict is None:
-            self._believed_ns = stamp_ns
             return
         self.verdict = verdict
         if verdict.broken or self._believes(verdict):
