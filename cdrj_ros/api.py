@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -173,9 +174,14 @@ def estimate(
 
     Raises:
         UsageError: names or shapes that do not fit, or stamps that are not increasing integers.
+
+    Warns:
+        UserWarning: motors do not follow the joints: swapped columns, a unit, a gear or a sign; or
+            readings are too sparse.
     """
     from cdrj_ros.estimation.conditioner import condition
     from cdrj_ros.evaluation.estimating import estimate as estimate_segments
+    from cdrj_ros.evaluation.inputs import doubts_of
 
     model = _loaded(model)
     robot = model.robot.as_read
@@ -190,6 +196,8 @@ def estimate(
         _channels("joints", joints, tuple(joint.name for joint in robot.joints), later),
     )
     measured = None if efforts is None else _channels("efforts", efforts, names, stamps)
+    for doubt in doubts_of(model, conditioned):
+        warn(doubt, stacklevel=2)
     found = estimate_segments(model, conditioned, measured, uncertainty=uncertainty)
     refused = {cause: n for cause, n in conditioned.refused.items() if n}
     return replace(found, refused=refused)

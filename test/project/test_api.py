@@ -183,7 +183,7 @@ def test_arrays_that_do_not_fit_are_refused_with_what_is_allowed(
 def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_counted() -> None:
     stamps = FIRST_NS + np.arange(200) * 1_000_000
     angle = 0.1 * np.sin(0.01 * np.arange(200))
-    broken = angle.copy()
+    broken = 8.0 * angle  # as far as the joint turns
     broken[50] = np.nan
     tighter = cdrj.load("prototype", {"cables.upper.preload": 50.0})
     assert [cable.preload for cable in tighter.robot.cables] == [50.0, 26.26]

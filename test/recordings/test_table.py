@@ -110,6 +110,13 @@ def test_estimate_takes_a_frame_by_the_names_of_its_columns() -> None:
         cdrj.estimate(model, stamps, Frame(elbow=ELBOW, t=TIME), frame)
 
 
+def test_columns_that_cannot_be_those_of_the_robot_are_a_warning() -> None:
+    model = cdrj.load("prototype")
+    stamps = 10**9 + np.round(1e9 * TIME).astype(np.int64)
+    with pytest.warns(UserWarning, match="the motors seem to be in degrees"):
+        cdrj.estimate(model, stamps, np.degrees(0.1 * WINCH), 0.1 * ELBOW)
+
+
 def test_a_plot_has_the_last_element_of_every_cable_unless_told_otherwise() -> None:
     model = cdrj.load(PROTOTYPE)
     stamps = 1_000_000_000 + (1e9 * TIME).astype(np.int64)
