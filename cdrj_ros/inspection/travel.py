@@ -39,7 +39,7 @@ THINNED: Final = 5
 """Every so many poses are compared where many mistakes are."""
 
 UNIT: Final = 0.1
-"""Largest deviation with another unit, which is known exactly, as a fraction of the motion."""
+"""Largest deviation with motors in degrees, beside which gears of 50 and 64 are other mistakes."""
 
 BETTER: Final = 3.0
 """Factor by which a single mistake must reduce the deviation of the motors to be named."""
@@ -153,7 +153,7 @@ class MotorTravel:
         turns = np.array([one.name not in robot.prismatic_joints for one in robot.joints])
         words = "seem to be in degrees{}: give scale as scale_deg, 1 where the file has none"
         radians = np.where(turns, _in_degrees(robot.joints, joint), joint)
-        yield Mistake(f"the joints {words.format('')}", motor, radians, UNIT)
+        yield Mistake(f"the joints {words.format('')}", motor, radians, SCATTER)
         words = words.format(" (or before gears of about 57)")
         yield Mistake(f"the motors {words}", _in_degrees(robot.motors, motor), joint, UNIT)
         words = "the readings of {} and {} seem to be swapped: exchange their names"

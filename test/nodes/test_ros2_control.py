@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from support.estimators import JOINT as ELBOW
+from support.estimators import MOTOR as WINCH
 from support.estimators import Bench, diagnosed, sample_at
 from support.published import (
     EFFORT_SCALE,
@@ -149,3 +151,20 @@ def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with
     cut_short = bench.estimator(*ONE_TOPIC, robot=other, prefix="arm")
     played(cut_short, 10)
     assert "prefix: arm1_ in the robot file would fit" in diagnosed(cut_short)[0].message
+
+
+@pytest.mark.parametrize("share", [1.0, 0.2])
+def test_degrees_are_named_where_a_part_or_all_of_the_motion_fits_the_range(
+    bench: Bench, share: float
+) -> None:
+    """Up to 17 or 3.4 degrees, which the range of 0.7 rad cuts off; one look every 0.6 s."""
+    estimation = bench.estimator()
+    for k in range(0, 7200, 4):
+        sample = sample_at(k)
+        elbow = np.degrees(share * sample.joint_angle)
+        estimation.joint(ELBOW.encode(sample.stamp_ns, position=elbow))
+        estimation.motor(WINCH.encode(sample.stamp_ns, position=share * sample.motor_angle))
+        if k % 600 == 0:
+            status = diagnosed(estimation)[0]
+    assert status.level == status.ERROR
+    assert status.message.startswith("the joints seem to be in degrees: give scale as scale_deg")
