@@ -20,9 +20,14 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "test")]
 
-from support import campaign  # noqa: E402
+from support import (  # noqa: E402
+    campaign,
+    driver_draws,
+    driver_faults,
+)
 from support import campaign_draws as draws  # noqa: E402
 
+from cdrj_ros.estimation.estimator import Estimate  # noqa: E402
 from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
 
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
@@ -66,6 +71,8 @@ def _course(index: int) -> campaign.Course:
 
 def run(kind: str, seed: int) -> Result:
     """One run of a kind of fault, or of several together."""
+    if kind in driver_draws.DRIVERS:
+        return _run_driver(kind, seed)
     if kind == MIXED:
         kinds, faults = draws.mixed(seed)
         words = " + ".join(kinds)
@@ -76,10 +83,24 @@ def run(kind: str, seed: int) -> Result:
     course = _course(index)
     with TemporaryDirectory() as folder:
         outputs = campaign.run(_model(), course, faults, scratch=Path(folder))
+    said = f"course {index}, seed {seed}: {words} {faults.words()}"
+    return _result(kind, course, outputs, said)
+
+
+def _run_driver(kind: str, seed: int) -> Result:
+    """One run of a driver."""
+    index = (3 * list(driver_draws.DRIVERS).index(kind) + 7 * seed) % draws.COURSES
+    course = _course(index)
+    messages = driver_draws.messages(_model(), course, kind, seed)
+    outputs = driver_faults.run(_model(), messages)
+    return _result(kind, course, outputs, f"course {index}, seed {seed}")
+
+
+def _result(kind: str, course: campaign.Course, outputs: list[Estimate], words: str) -> Result:
+    """The verdict on a run."""
     verdict = campaign.judge(course, outputs, 0, course.duration_ns)
     two, five = (round(verdict.beyond(s) * verdict.ratio.size) for s in (2.0, 5.0))
-    said = f"course {index}, seed {seed}: {words} {faults.words()}"
-    return Result(kind, verdict.judged, verdict.ratio.size, two, five, verdict.worst, said)
+    return Result(kind, verdict.judged, verdict.ratio.size, two, five, verdict.worst, words)
 
 
 def row(kind: str, results: list[Result]) -> str:
@@ -113,12 +134,13 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="write the table into the page")
     arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.runs)
-    tasks = [(kind, seed) for kind in draws.SINGLE for seed in seeds]
+    kinds = (*draws.SINGLE, *driver_draws.DRIVERS)
+    tasks = [(kind, seed) for kind in kinds for seed in seeds]
     tasks += [(MIXED, arguments.first + k) for k in range(arguments.mixed)]
     tasks = [task for task in tasks if arguments.only in task[0]]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         results = list(pool.map(run, *zip(*tasks, strict=True)))
-    own = {kind: [one for one in results if one.kind == kind] for kind in (*draws.SINGLE, MIXED)}
+    own = {kind: [one for one in results if one.kind == kind] for kind in (*kinds, MIXED)}
     rows = [row(kind, some) for kind, some in own.items() if some]
     table = "\n".join([*HEAD, *rows, "", summary(results)])
     print(table)

@@ -220,20 +220,20 @@ void bind_axis(nb::module_& core) {
             [](Axis* made, std::string name, double lower, double upper, double max_speed,
                Nanoseconds clock_offset_ns, double clock_stddev, double period, double scale,
                double offset, std::vector<double> corrected_at, std::vector<double> correction,
-               double bandwidth, bool adaptive, double band, double negligible, double worth,
-               std::vector<double> pull, double start) {
+               double bandwidth, bool adaptive, double band, double negligible, double count,
+               double worth, std::vector<double> pull, double start) {
                 require(
                     corrected_at.size() == correction.size(),
                     "a correction needs as many values as angles");
                 new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns,
                                 clock_stddev, period, scale, offset, std::move(corrected_at),
                                 std::move(correction), bandwidth, adaptive, band, negligible,
-                                worth, std::move(pull), start};
+                                count, worth, std::move(pull), start};
             },
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
             "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
-            "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "worth"_a,
-            "pull"_a, "start"_a, R"(
+            "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "count"_a,
+            "worth"_a, "pull"_a, "start"_a, R"(
             Keep the numbers.
 
             Args:
@@ -249,6 +249,7 @@ void bind_axis(nb::module_& core) {
                 adaptive: whether that bandwidth rises with the motion.
                 band: greatest difference of an angle and its reading [rad].
                 negligible: standard deviations up to this are not reported [rad].
+                count: resolution of the readings [rad]; 0 where it is unknown.
                 worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
                 pull: of every cable, see ``conditioner.pulls_of`` [1/rad]; empty for none.
                 start: an ambiguous first reading means the possible angle nearest to it [rad].)")
@@ -334,7 +335,7 @@ void bind_conditioner(nb::module_& core) {
         .def_prop_ro("misfitting", [](const Conditioner& c) {
             List<nb::str> found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {
-                if (c.channels()[k].misfits(c.axes()[k])) found.append(c.axes()[k].name);
+                if (c.channels()[k].misfits) found.append(c.axes()[k].name);
             }
             return found;
         })

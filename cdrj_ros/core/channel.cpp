@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <utility>
 
 namespace cdrj {
@@ -18,6 +19,8 @@ constexpr int LAG_READINGS = 8;            // fewest readings in one
 constexpr double ARRIVAL = 1e-3;           // standard deviation of even times of arrival [s]
 constexpr double UNEVEN_FADES = 10.0;      // time constant [s], that of (C2)
 constexpr Nanoseconds OLDEST_NS = 20'000'000;  // a value may be so much older, unless that is stated
+constexpr double DEGREES = 180.0 / std::numbers::pi;  // in a radian
+constexpr double BETWEEN = 0.1;            // a change is no multiple if it is so far from the nearest one
 constexpr double FINER = 0.22;             // logarithm of 1.25
 
 /// The next of few values, each a quarter above the one before, so that changes are few.
@@ -284,13 +287,22 @@ bool Channel::note_plausible(const Axis& axis, Point next, bool off) {
     return steps.take(motion, axis.worth, next, off) || stepped;
 }
 
+void Channel::look_at_counts(const Axis& axis, double reading) {
+    if (counted) return;
+    if (axis.count == 0.0) {
+        counted = true;
+    } else if (turns.last && reading != *turns.last) {
+        const double counts = std::abs(reading - *turns.last) / (DEGREES * axis.count);
+        counted = std::abs(counts - std::max(std::nearbyint(counts), 1.0)) > BETWEEN;
+    }
+}
+
 Offset Channel::offset(const Axis& axis) {
     const bool stated = axis.clock_stddev > 0.0;
     const double oldest = (stated ? lag.most_ns : std::max(lag.most_ns, OLDEST_NS)) * 1e-9;
     const double stamps = std::hypot(DEVIATION * oldest, axis.clock_stddev);
     const double clock = lag.apart ? std::hypot(stamps, arrivals.stddev()) : stamps;
-    const double unit = fits || axis.pull.empty() ? 0.0 : DEVIATION * std::abs(moved());
-    const double slipped = std::hypot(steps.offset(motion), unit);
+    const double slipped = std::hypot(steps.offset(motion), unit_error(axis));
     const Offset now{slipped, clock};
     if (now != exact_) {
         exact_ = now;

@@ -163,17 +163,30 @@ public:
     /// It does if it continues the refused readings before it, or with `StepDetector`.
     bool note_plausible(const Axis& axis, Point next, bool off);
 
-    /// Whether readings may be wrong because their sensor has stepped, is stuck, or not the only one.
+    /// Whether readings may be wrong because their sensor has stepped, is stuck, or not the only one, their
+    /// unit is another one, or there is but one of them.
     bool is_doubtful() const {
-        return steps.memory.stepped || steps.alternates() || steps.repeats();
+        return steps.memory.stepped || steps.alternates() || steps.repeats() || misfits || alone;
     }
 
     /// Its motion since the first reading.
     double moved() const { return first ? last - *first : 0.0; }
 
-    /// Whether it has moved so far that the others must have moved as well, which they have not.
-    bool misfits(const Axis& axis) const {
-        return !fits && !axis.pull.empty() && DEVIATION * std::abs(moved()) > axis.worth;
+    /// Notes whether a reading shows that counts are not degrees, (C15).
+    void look_at_counts(const Axis& axis, double reading);
+
+    /// Whether nothing excludes another unit yet.
+    bool is_unit_open(const Axis& axis) const { return !axis.pull.empty() && !(fits && counted); }
+
+    /// What its motion so far is wrong by if its unit is.
+    double unit_error(const Axis& axis) const {
+        return is_unit_open(axis) ? DEVIATION * std::abs(moved()) : 0.0;
+    }
+
+    /// Notes whether it has moved so far that the others must have moved as well, or its counts have shown
+    /// its unit, which they have not.
+    void doubt_unit(const Axis& axis) {
+        misfits = is_unit_open(axis) && (misfits || unit_error(axis) > axis.worth);
     }
 
     /// Whether an error of the stamps by the lag would count: in the fastest motion so far it would be
@@ -219,6 +232,9 @@ public:
     bool in_doubt = false;        // whether the time line has been told so
     std::optional<double> first;  // its first angle
     bool fits = false;            // whether motors and joints have moved together, (C15)
+    bool misfits = false;         // whether its unit is in doubt, since it has moved too far
+    bool alone = false;           // whether there is only the first reading
+    bool counted = false;         // whether a change was no multiple of a count in degrees, (C15)
     bool lost_way = false;        // whether the motion up to the next reading is unknown
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 

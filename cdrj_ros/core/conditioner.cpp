@@ -152,9 +152,12 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
     if (channel.note_plausible(axes_[k], {raw.stamp_ns, unwrapped.angle}, off)) ++steps;
     if (alternated && !channel.steps.alternates()) channel.lost_way = true;
     if (channel.steps.repeats()) since_ns = channel.steps.repeated_since_ns();
-    tell_doubt(k, since_ns, raw.stamp_ns);
-    if (!channel.first) channel.first = unwrapped.angle;
+    channel.alone = !channel.first;
+    if (channel.alone) channel.first = unwrapped.angle;
+    channel.look_at_counts(axes_[k], raw.reading);
     if (!channel.fits && !axes_[k].pull.empty()) look_for_fit(k);
+    channel.doubt_unit(axes_[k]);
+    tell_doubt(k, since_ns, raw.stamp_ns);
     time_line_.take(axes_[k], channel, raw, unwrapped, shown_by_others(k, raw.stamp_ns));
     ++accepted;
 }

@@ -12,6 +12,9 @@ constexpr std::size_t FOR_VELOCITY = 2, FOR_CURVATURE = 4;
 /// A speed that exceeds all before it counts as a little more, so that few do.
 constexpr double MORE = 1.1;
 
+/// Standard deviation of what lags are worth, by the swing of the mean tension.
+constexpr double SWUNG = 0.5;
+
 double square(double x) { return x * x; }
 
 /// Widens a range, by its ends, to a value; whether that has changed it.
@@ -181,7 +184,7 @@ void Lags::bound(Cable& cable) {
         const double lag = cable.gains[k] * stddev[cable.axes[k]];
         swung += square(lag * (range[2 * k + 3] - range[2 * k + 2]));
     }
-    const double seen = square(DEVIATION * std::max(range[1] - range[0], 0.0));
+    const double seen = square(SWUNG * std::max(range[1] - range[0], 0.0));
     cable.late_share = std::min(
         swung > seen ? seen / swung : 1.0, cable.fit.share(fit_of(cable), stddev));
 }

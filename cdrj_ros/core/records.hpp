@@ -73,6 +73,7 @@ struct Axis {
     bool adaptive = false;              // whether that bandwidth rises with the motion
     double band = 0.0;                  // greatest difference of an angle and its reading
     double negligible = 0.0;            // standard deviations up to this are not reported
+    double count = 0.0;                 // resolution of the readings; 0 where it is unknown
     double worth = 0.0;  // change of the angle that alone makes tensions UNSURE; 0 where unknown
     // Change of the tension of every cable per angle, by what makes it UNSURE [1/rad]; empty for an axis
     // that may move through its range while those of the other kind, motors or joints, stand still.

@@ -121,6 +121,7 @@ def axis_of(
         adaptive=tracking is None and sensor.tracking == "adaptive",
         band=half_width(sensor),
         negligible=max(negligible(sensor), LITTLE * worth if isfinite(worth) else 0.0),
+        count=sensor.resolution,
         worth=worth,
         pull=pull,
         start=axis.reference_angle,

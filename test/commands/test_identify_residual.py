@@ -37,7 +37,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     for k, (amplitude, hertz) in enumerate(((0.3, 0.2), (0.45, 0.25), (0.6, 0.15), (0.5, 0.22))):
         motion = ["--amplitude", str(amplitude), "--frequency", str(hertz), "--seed", str(k)]
         made.append(str(folder / f"run{k}"))
-        options = ["--robot", str(truth), "--duration", "9", "--cells", "2"]
+        options = ["--robot", str(truth), "--rig", "fast", "--duration", "9", "--cells", "2"]
         assert simulate.main([made[-1], *options, *motion]) == 0
     return made
 
@@ -71,14 +71,14 @@ def test_what_the_model_lacks_is_learned_for_a_run_that_was_not_used(
 ) -> None:
     """Measured efforts and tensions come nearer, within bands that are not wider; others stay."""
     before, after = compared(PROTOTYPE, bags[-1]), compared(corrected, bags[-1])
-    names = [one.output for one in load_model(str(corrected)).robot.residuals]
-    assert sorted(names) == sorted(OUTPUTS)  # the error of tension/lower/1 is that of its cell
+    learned = {one.output for one in load_model(str(corrected)).robot.residuals}
+    assert set(OUTPUTS) <= learned  # the error of tension/lower/1 is little more than its cell's
     for name, share in zip(OUTPUTS, (0.25, 0.8), strict=True):
         assert rms(after[name]) < share * rms(before[name])
         assert after[name].stddev is not None
         error = np.abs(after[name].estimate - after[name].reference)
         assert np.mean(error <= 2.0 * after[name].stddev) >= 0.93
-    for name in before.keys() - OUTPUTS:
+    for name in before.keys() - learned:
         np.testing.assert_array_equal(after[name].estimate, before[name].estimate)
 
 

@@ -20,6 +20,7 @@ from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
 
 SECONDS = 28.0
+FAST = "drives: {max_speed: 60}\n"
 HEARD = """
 motor_efforts: {noise: 0.01}
 load_cells: {elements: [upper/8, lower/8], noise: 0.1}
@@ -30,7 +31,7 @@ WHOLE, LOOSE = "36.85,26.26", "29.48,26.26"
 
 def simulated(folder: Path, preload: str, heard: str = HEARD) -> str:
     """A bag of six cycles of the rig after a rest, which its sensors may hear."""
-    (folder / "rig.yaml").write_text(heard)
+    (folder / "rig.yaml").write_text(heard + FAST)
     words = ["--robot", ROBOT, "--preload", preload, "--rig", str(folder / "rig.yaml")]
     motion = ["--duration", f"{SECONDS:g}", "--frequency", "0.25", "--amplitude", "0.6"]
     assert simulate.main([str(folder / "bag"), *words, *motion, "--cells", "1"]) == 0
@@ -45,7 +46,7 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture(scope="module")
 def unheard(tmp_path_factory: pytest.TempPathFactory) -> str:
     """As ``loose``, without efforts and load cells."""
-    return simulated(tmp_path_factory.mktemp("unheard"), LOOSE, heard="{}")
+    return simulated(tmp_path_factory.mktemp("unheard"), LOOSE, heard="")
 
 
 @pytest.mark.usefixtures("few_pictures")

@@ -155,6 +155,21 @@ def in_degrees(axes: Iterable[str]) -> Fault:
     return spoil
 
 
+def older(axis: str, messages_ago: int) -> Fault:
+    """The value of one axis is that of an earlier message."""
+
+    def spoil(messages: list[Message]) -> list[Message]:
+        place = messages[0].names.index(axis)
+        found = []
+        for k, message in enumerate(messages):
+            positions = list(message.positions)
+            positions[place] = messages[max(k - messages_ago, 0)].positions[place]
+            found.append(message._replace(positions=tuple(positions)))
+        return found
+
+    return spoil
+
+
 # --- runs -----------------------------------------------------------------------------------------
 
 

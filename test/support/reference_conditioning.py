@@ -482,6 +482,9 @@ class Channel:
     pull: list[float] = field(default_factory=list)
     first: float | None = None
     fits: bool = False
+    counted: bool = False
+    misfits: bool = False
+    alone: bool = False
 
     def __post_init__(self) -> None:
         sensor = self.axis.sensor
@@ -580,6 +583,16 @@ class Channel:
     def moved(self) -> float:
         return 0.0 if self.first is None else self.last - self.first
 
+    def is_counted(self, reading: float) -> bool:
+        """Whether a reading has not changed by whole counts in degrees, (C15)."""
+        count = self.axis.sensor.resolution
+        if count == 0.0:
+            return True
+        if self.reading is None or reading == self.reading:
+            return False
+        counts = abs(reading - self.reading) / (180.0 / pi * count)
+        return abs(counts - max(round(counts), 1.0)) > 0.1
+
     def offset(self) -> tuple[float, ...]:
         """(C9) and (C10), with (C15)."""
         least = 0 if self.clock_stddev > 0.0 else OLDEST_NS
@@ -587,7 +600,8 @@ class Channel:
         clock = hypot(0.35 * oldest, self.clock_stddev)
         if self.lag.apart:
             clock = hypot(clock, self.arrivals.stddev)
-        unit = 0.0 if self.fits or not self.pull else 0.35 * abs(self.moved())
+        known = self.fits and self.counted
+        unit = 0.0 if known or not self.pull else 0.35 * abs(self.moved())
         return level(hypot(self.steps.offset(self.motion), unit)), level(clock)
 
     def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
@@ -784,7 +798,8 @@ class Reference:
 
     def _tell_doubt(self, channel: Channel, since: int, stamp: int) -> None:
         steps = channel.steps
-        if steps.stepped or steps.alternates or steps.repeats:
+        unit = channel.misfits or channel.alone
+        if steps.stepped or steps.alternates or steps.repeats or unit:
             if channel.doubt is None:
                 channel.doubt = Doubt(since)
                 self.doubts.append(channel.doubt)
@@ -886,9 +901,14 @@ class Reference:
         if alternated and not channel.steps.alternates:
             channel.lost_way = True
         repeats = channel.steps.repeats
-        self._tell_doubt(channel, channel.steps.repeated_since if repeats else since_ns, stamp)
+        channel.alone = channel.first is None
         channel.first = value if channel.first is None else channel.first
         channel.fits = channel.fits or self._has_fitted(channel)
+        channel.counted = channel.counted or channel.is_counted(reading)
+        known = (channel.fits and channel.counted) or not channel.pull
+        too_far = 0.35 * abs(channel.moved()) > channel.steps.worth
+        channel.misfits = not known and (channel.misfits or too_far)
+        self._tell_doubt(channel, channel.steps.repeated_since if repeats else since_ns, stamp)
         least = self._shown_by_others(channel, stamp)
         since, angle, motion = stamp - channel.last_ns, value, channel.motion
         if channel.bandwidth > 0.0:
