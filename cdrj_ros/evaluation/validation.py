@@ -60,6 +60,9 @@ MAX_GAP_NS: Final = 100_000_000
 PRELOAD_DIFFERS: Final = 0.1
 """Relative difference of all mean tensions of a cable beyond which its preload is questioned."""
 
+NO_PRELOAD: Final = 5.0
+"""Ratio of mean tensions, or its inverse, beyond which another preload is not the reason."""
+
 
 Progress = Callable[[float], None]
 
@@ -192,7 +195,9 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
             if channel.name.startswith(f"{TENSION}/{cable.name}/")
             and np.sum(channel.estimate) > 0.0
         ]
-        if ratios and (min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS):
+        if not ratios or min(ratios) < 1.0 / NO_PRELOAD or max(ratios) > NO_PRELOAD:
+            continue
+        if min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS:
             notes.append(
                 f"Recorded tensions of cable {cable.name} are {100.0 * np.mean(ratios):.0f} % of "
                 f"the estimates on average; its preload is {cable.preload:.4g} N here. If "
@@ -270,7 +275,7 @@ def compare_bag(
     recording, sensors = _read(task, model)
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
-    notes = [*unstated_counts(model, recording), *doubts_of(model, conditioned)]
+    notes = [*doubts_of(model, conditioned), *unstated_counts(model, recording)]
     recording = replace(recording, motors={}, joints={})  # one hour of readings is 130 MB
     reading_s = perf_counter() - begin
     if progress:
