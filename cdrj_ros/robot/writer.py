@@ -58,7 +58,10 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
     document, whole = parse_document(text, source), file_document(text, source)
     for path, value in values.items():
         # a number that the file leaves out is found only in the changed document
-        document = with_numbers(document, {path: value})
+        changed = with_numbers(document, {path: value})
+        if changed == document:  # it is its default
+            continue
+        document = changed
         number = find_number(document, path)
         kind, *keys = number.keys
         origin = origin_of(whole, str(kind), int(keys[0])) if kind in KINDS else None

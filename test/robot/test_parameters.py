@@ -138,6 +138,13 @@ def test_missing_numbers_are_written_at_their_place() -> None:
     assert {path: number_at(document, path) for path in values} == pytest.approx(values)
 
 
+def test_a_missing_number_that_is_set_to_its_default_needs_no_place() -> None:
+    values = {"motors.winch.reference_angle": 0.0, "cables.lower.preload": 20.0}
+    text = with_numbers_in_text(TEXT, values, "prototype.yaml")
+    assert number_at(parse_document(text, "x"), "motors.winch.reference_angle") == 0.0
+    assert number_at(parse_document(text, "x"), "cables.lower.preload") == 20.0
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_flow_and_block_mappings_take_new_numbers(end: str) -> None:
     lines = [
