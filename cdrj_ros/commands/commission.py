@@ -135,7 +135,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     text = path.read_text(encoding="utf-8")
     refuse_aliases(text, str(path))
     now = begin(text, str(path))
-    steps = [Step("new file", judged(now.model))]
+    steps = [Step("new file", judged(now.model, now.heard))]
     _show(steps[-1])
     topics = topics_of(arguments)
     for name, take in _measurements(topics):
@@ -150,7 +150,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             on = name == "rest" and not arguments.yes
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
         now = take(now, given)
-        steps.append(Step(name, judged(now.model)))
+        steps.append(Step(name, judged(now.model, now.heard)))
         for note in _notes(now, suspected=bool(arguments.preload)):
             say(f"note: {note}")
         _show(steps[-1])

@@ -10,7 +10,7 @@ cable of a group gets its own.  docs/commission.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any, Final
@@ -23,6 +23,7 @@ from cdrj_ros.commands.identify_entries import (
     fitted_numbers,
     section_with,
 )
+from cdrj_ros.estimation.sensors import sensors_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.alternatives import DrumFinding
@@ -34,7 +35,7 @@ from cdrj_ros.identification.problem import Progress, Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.inspection.shares import tension_effects
 from cdrj_ros.model.packing import EFFORT, TENSION
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import channels_of, connected_cables, joints_of, part_of
 from cdrj_ros.robot.reader import build_robot
@@ -194,17 +195,22 @@ def fit_parts(
         UsageError: no part has a reference, or all numbers are exact.
     """
     chosen_channels(prepare(robot).layout, recordings, ())
-    starts = {one.part.cables: one.found.values.tolist() for one in before}
+    starts = {
+        (one.part.cables, unknown.paths, unknown.factors): value
+        for one in before
+        for unknown, value in zip(one.found.unknowns, one.found.values.tolist(), strict=True)
+    }
     found = []
     for part in parts_of(robot):
         own = [part.recorded(one) for one in recordings]
         own = [one for one in own if one.references]
         if not own:
             continue
-        unknowns = unknowns_of(part.robot, text, part.elsewhere)
-        values = starts.get(part.cables, [one.start for one in unknowns])
-        pairs = zip(unknowns, values, strict=True)
-        unknowns = tuple(replace(unknown, start=value) for unknown, value in pairs)
+        heard = {name for one in own for name in one.references}
+        unknowns = unknowns_of(part.robot, text, part.elsewhere, heard)
+        keys = [(part.cables, one.paths, one.factors) for one in unknowns]
+        pairs = zip(unknowns, keys, strict=True)
+        unknowns = tuple(replace(one, start=starts.get(key, one.start)) for one, key in pairs)
         found.append(PartFit(part, _fitted(part, unknowns, own, say)))
     return tuple(found)
 
@@ -222,7 +228,10 @@ def _fitted(
 
 
 def unknowns_of(
-    robot: Robot, text: str, elsewhere: frozenset[str] = frozenset()
+    robot: Robot,
+    text: str,
+    elsewhere: frozenset[str] = frozenset(),
+    references: Collection[str] = (),
 ) -> tuple[Unknown, ...]:
     """All causes of error, each with what is known of it, those that move the tensions most first.
 
@@ -233,6 +242,7 @@ def unknowns_of(
         robot: the robot.
         text: of its file.
         elsewhere: numbers that are not fitted.
+        references: what is fitted to; the gains of efforts among it are unknown, too.
 
     Raises:
         UsageError: all numbers are exact.
@@ -245,12 +255,25 @@ def unknowns_of(
     ]
     if not causes:
         raise UsageError("the robot file says that all its numbers are exact")
-    effect = (tension_effects(prepare(robot), causes) ** 2).mean(axis=(1, 2))
-    chosen: list[Mapping[str, float]] = []
+    model = prepare(robot)
+    effect = (tension_effects(model, causes) ** 2).mean(axis=(1, 2))
+    chosen: list[Mapping[str, float]] = _gains(model, references)
     for k in np.argsort(-effect).tolist():
         if len({*chain(*chosen), *causes[k]}) <= COVARIANCE_LIMIT:
             chosen.append(causes[k])
     return unknown_causes(document, chosen)
+
+
+def _gains(model: Model, references: Collection[str]) -> list[Mapping[str, float]]:
+    """Errors of the gains of motors' efforts, as large as the estimator expects them."""
+    robot, sensors = model.robot, sensors_of(model)
+    known = robot.uncertainty.parameters if robot.uncertainty else ()
+    gains = {
+        f"motors.{one.name}.effort_scale": sensors[one.name].prior[1] * abs(one.effort_scale)
+        for one in robot.motors
+        if f"{EFFORT}/{one.name}" in references and one.name in sensors
+    }
+    return [{path: gain} for path, gain in gains.items() if path not in known]
 
 
 def section_of(robot: Robot, fits: Sequence[PartFit]) -> str:

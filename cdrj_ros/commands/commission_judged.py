@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cdrj_ros._core import mark_unsure
 from cdrj_ros.commands.commission_steps import (
-    READING,
     Commissioned,
     drums_measured,
     fitted,
     preloaded,
+    tared,
 )
-from cdrj_ros.estimation.changes import narrowed
-from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elements
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.estimation.estimator import Estimate, Samples, initial_state, run
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.arrays import Series, Stamps
 from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.inspection.shares import DURATION_S, sweep
 from cdrj_ros.model.packing import EFFORT, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.tolerances import SCALE_READING
 
 SWEEP_SAMPLES: Final = 2000
 """Samples of the motion by which a file is judged; 50 a second."""
@@ -47,41 +46,50 @@ class Judged(NamedTuple):
     """Median of standard deviation over tension, by cable."""
 
 
-def judged(model: Model, known: Uncertainty | None = None) -> Judged:
-    """How well a file knows the tensions.
+def judged(model: Model, efforts: Collection[str] = ()) -> Judged:
+    """How well a file knows the tensions if it is right but for what it says of its accuracy.
+
+    The estimator of the node reads what the sensors of such a robot would read.
 
     Args:
         model: the robot.
-        known: standard deviations of its numbers; None: those of the file.
+        efforts: names of the motors whose efforts it publishes.
     """
-    samples = _sweep(model)
-    _, found = Ensemble(model, known=known).run(initial_state(model), samples)
-    stddev = found.stddev
-    assert stddev is not None
-    values = found.values
-    preload = preload_of_elements(model.robot)
-    mark_unsure(model.core, values, preload, stddev, UNSURE_SHARE, samples.doubtful)
-    after = slice(round(KNOWN_FROM * len(values)), None)
-    tension = values[after, model.layout.tension]
-    status = values[after, tension.shape[1] : 2 * tension.shape[1]]
-    relative = stddev[after, : tension.shape[1]] / np.maximum(tension, 1e-9)
-    cables = np.repeat(
-        [cable.name for cable in model.robot.cables],
-        [len(cable.element_names) for cable in model.robot.cables],
-    )
-    return Judged(
-        float(np.mean(status == 0.0)),
-        {
-            cable.name: float(np.median(relative[:, cables == cable.name]))
-            for cable in model.robot.cables
-        },
-    )
+    robot, elements = model.robot, len(model.layout.elements)
+    noise = _effort_noise(model)
+    read = _made_up(model, _sweep(model), {name: noise[name] for name in map(_effort, efforts)})
+    axes = {**read.motors, **read.joints}
+    angles = np.stack([one.value for one in axes.values()], axis=1)
+    heard = np.array([one.value for one in read.references.values()])
+    estimator, made = LiveEstimator(model), list[Estimate]()
+    for k, stamp in enumerate(next(iter(axes.values())).stamp_ns.tolist()):
+        if efforts:
+            estimator.feed_efforts(stamp, list(efforts), heard[:, k])
+        made += estimator.feed("both", stamp, list(axes), angles[k])[1]
+    after = made[round(KNOWN_FROM * len(made)) :]
+    tension = np.stack([one.tension for one in after])
+    ok = np.stack([one.values[elements : 2 * elements] for one in after]) == 0.0
+    stddev = np.stack([one.stddev for one in after if one.stddev is not None])[:, :elements]
+    relative = stddev / np.maximum(tension, 1e-9)
+    ends = np.cumsum([0, *(len(cable.element_names) for cable in robot.cables)])
+    medians = [float(np.median(relative[:, i:j])) for i, j in pairwise(ends.tolist())]
+    names = [cable.name for cable in robot.cables]
+    return Judged(float(np.mean(ok)), dict(zip(names, medians, strict=True)))
 
 
 def _sweep(model: Model) -> Samples:
     motors, joints = sweep(model, SWEEP_SAMPLES)
-    stamps = round(DURATION_S / SWEEP_SAMPLES * 1e9) * np.arange(1, SWEEP_SAMPLES + 1)
-    return Samples(stamps, np.ascontiguousarray(motors), np.ascontiguousarray(joints))
+    return Samples(_stamps(), np.ascontiguousarray(motors), np.ascontiguousarray(joints))
+
+
+def _at_rest(model: Model) -> Samples:
+    motors, joints = model.robot.reference_motors, model.robot.reference_pose
+    count = (SWEEP_SAMPLES, 1)
+    return Samples(_stamps(), np.tile(motors, count), np.tile(joints, count))
+
+
+def _stamps() -> Stamps:
+    return round(DURATION_S / SWEEP_SAMPLES * 1e9) * np.arange(1, SWEEP_SAMPLES + 1)
 
 
 def foretold(now: Commissioned, step: str) -> Judged:
@@ -91,24 +99,33 @@ def foretold(now: Commissioned, step: str) -> Judged:
         now: the file.
         step: ``rest``, ``preload``, ``drum``, ``motion`` or ``cells``.
     """
-    robot = now.model.robot
+    robot, heard = now.model.robot, now.heard
     if step == "rest":
-        numbers = [f"joints.{joint.name}.reference_angle" for joint in robot.joints]
-        return judged(now.model, narrowed(robot, dict.fromkeys(numbers, 0.0)))
+        return judged(tared(now, _made_up(now.model, _at_rest(now.model), {})).model, heard)
     if step == "preload":
-        return judged(preloaded(now, _scale_made_up(now)).model)
+        return judged(preloaded(now, _scale_made_up(now)).model, heard)
     if step == "drum":
         document: Any = robot.document
         sizes = {motor: 2.0 * find_number(document, paths[0]).value
                  for motor, paths in drum_radii(document).items()}  # fmt: skip
-        return judged(drums_measured(now, sizes).model)
-    noise = {f"{EFFORT}/{motor.name}": motor.effort_noise for motor in robot.motors}
+        return judged(drums_measured(now, sizes).model, heard)
+    noise = _effort_noise(now.model)
     if step == "cells":
         noise[f"{TENSION}/{robot.cables[0].element_names[-1]}"] = CELL_NOISE
     right = replace(now, text=now.base, fits=(), recordings=())
     if any(one.scales for one in now.recordings):
         right = preloaded(right, _scale_made_up(right))
-    return judged(fitted(right, [_made_up(right.model, noise)]).model)
+    after = fitted(right, [_made_up(right.model, _sweep(right.model), noise)])
+    return judged(after.model, after.heard)
+
+
+def _effort(name: str) -> str:
+    return f"{EFFORT}/{name}"
+
+
+def _effort_noise(model: Model) -> dict[str, float]:
+    """Standard deviations of the motors' efforts [N m], by channel."""
+    return {_effort(motor.name): motor.effort_noise for motor in model.robot.motors}
 
 
 def _scale_made_up(now: Commissioned) -> list[dict[str, float]]:
@@ -124,15 +141,14 @@ def _scale_made_up(now: Commissioned) -> list[dict[str, float]]:
         values = estimates.values[int(np.searchsorted(samples.stamp_ns, pose.stamp_ns))]
         ends = [cable.element_names[-1] for cable in cables]
         true = {end: float(values[columns[f"{TENSION}/{end}"]]) for end in ends}
-        errors = generator.normal(1.0, READING, len(ends)).tolist()
+        errors = generator.normal(1.0, SCALE_READING, len(ends)).tolist()
         readings.append({end: true[end] * one for end, one in zip(ends, errors, strict=True)
                          if true[end] > 0.0})  # fmt: skip
     return readings
 
 
-def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
+def _made_up(model: Model, samples: Samples, noise: Mapping[str, float]) -> Recorded:
     """What encoders and other sensors, given by their noise, would read if the file were right."""
-    samples = _sweep(model)
     _, estimates = run(model, initial_state(model), samples)
     columns, generator = channel_columns(model.layout), np.random.default_rng(0)
     stamps = samples.stamp_ns
@@ -154,5 +170,5 @@ def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
             reading = np.round(reading / sensor.resolution) * sensor.resolution
         series[axis.name] = Series(stamps, stamps, reading)
     motors = {motor.name: series[motor.name] for motor in model.robot.motors}
-    joints = {joint.name: series[joint.name] for joint in model.robot.joints}
+    joints = {joint.name: series[joint.name] for joint in model.robot.as_read.joints}
     return Recorded("made up", motors, joints, references)

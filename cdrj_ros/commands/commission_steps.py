@@ -26,8 +26,6 @@ from cdrj_ros.commands.commission_fits import PartFit, fit_parts, section_of
 from cdrj_ros.commands.commission_rests import REST_IN_POSE_NS, pose_words, rest_poses
 from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.estimation.changes import (
-    CALLIPER,
-    SPRING_SCALE_NOW,
     narrowed,
     preloads_of,
     reference_at,
@@ -38,17 +36,15 @@ from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.observations import Recorded, ScaleReading, samples_of
 from cdrj_ros.identification.problem import Progress
 from cdrj_ros.identification.unknowns import drum_radii
-from cdrj_ros.model.packing import TENSION
+from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.names import known_name
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.stated import stated_numbers, with_covariance
+from cdrj_ros.robot.tolerances import CALLIPER, SCALE_READING, SPRING_SCALE_NOW
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section, yaml_number
-
-READING: Final = 0.01
-"""Error of a spring scale's reading beside that of its gain, as a fraction."""
 
 BACK: Final = (0.9999, 0.999, 0.99)
 """Shares of a change by a fit that are tried if the whole makes an impossible robot."""
@@ -80,6 +76,14 @@ class Commissioned:
     def model(self) -> Model:
         """The prepared robot of the text."""
         return prepare(parse_robot(self.text, self.source))
+
+    @property
+    def heard(self) -> tuple[str, ...]:
+        """Motors whose efforts the robot publishes; all if the estimate needs them."""
+        robot = self.model.robot
+        there = {name for one in (*self.recordings, self.rest) if one for name in one.references}
+        names = [motor.name for motor in robot.motors]
+        return tuple(one for one in names if robot.unmeasured or f"{EFFORT}/{one}" in there)
 
     @property
     def measured(self) -> Model:
@@ -180,7 +184,7 @@ def _of_one_scale(known: Uncertainty, values: Mapping[str, float]) -> Uncertaint
         if path.endswith(".preload") and path in known.parameters
     }
     read = [k for k, own in stddev.items() if np.isclose(covariance[k, k], own**2)]
-    common = 1.0 - (READING / SPRING_SCALE_NOW) ** 2
+    common = 1.0 - (SCALE_READING / SPRING_SCALE_NOW) ** 2
     for i in read:
         for j in read:
             if i != j:
@@ -329,4 +333,4 @@ def _noise(values: Vector, rows: Mapping[str, Sequence[object]], cable: str) -> 
     As if each had an own error √(1 + count) times as large, their mean errs as it does.
     """
     count = sum(len(row) for name, row in rows.items() if name.split("/")[0] == cable)
-    return READING * sqrt(1.0 + count) * float(np.mean(values))
+    return SCALE_READING * sqrt(1.0 + count) * float(np.mean(values))

@@ -17,17 +17,7 @@ from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import LARGEST, allowed_range, document_complaints
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
-
-SPRING_SCALE_NOW: Final = 0.045
-"""Standard deviation of a preload that was read on a spring scale just now, as a fraction.
-
-The scale's gain errs in all tensions alike, and as long as the file is used.  So twice this value
-must hold for nearly every scale, not for 19 of 20; it is half as large again as what scales within
-3 % need.
-"""
-
-CALLIPER: Final = 5e-5
-"""Error of a radius whose diameter was measured over the wound cable by a calliper [m]."""
+from cdrj_ros.robot.tolerances import CALLIPER, SPRING_SCALE_NOW
 
 REST_NS: Final = 300_000_000
 """Time for which every axis must have stood still before a tare [ns]."""

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import correct
-from cdrj_ros.estimation.changes import SPRING_SCALE_NOW
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample
 from cdrj_ros.estimation.group import Group
@@ -27,6 +26,7 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import connected_cables
+from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a reading [ns]."""

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.estimation.parameter_draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
@@ -32,7 +33,7 @@ STEP: Final = 0.5
 """Deviation at which the effect of a cause is computed [standard deviations]."""
 
 NEGLIGIBLE: Final = 1e-9
-"""Share of the variance below which a combination of numbers is left out."""
+"""Correlation below which numbers count as independent."""
 
 
 @dataclass(frozen=True)
@@ -60,24 +61,17 @@ def nuisance_causes(known: Uncertainty | None, unknowns: Sequence[Unknown]) -> t
     if known is None:
         return ()
     fitted = {_same(path) for unknown in unknowns for path in unknown.paths}
-    stddev = np.sqrt(np.diag(known.covariance))
-    rest = [
-        k
-        for k, path in enumerate(known.parameters)
-        if _same(path) not in fitted and stddev[k] > 0.0
-    ]
-    correlation = known.covariance / np.outer(
-        np.where(stddev > 0.0, stddev, 1.0), np.where(stddev > 0.0, stddev, 1.0)
-    )
-    causes: list[Cause] = []
-    for group in _related(rest, correlation):
-        shares, directions = np.linalg.eigh(correlation[np.ix_(group, group)])
-        for share, direction in zip(shares, directions.T, strict=True):
-            if share > NEGLIGIBLE * len(group):
-                sizes = np.sqrt(share) * direction * stddev[group]
-                sizes = sizes if sizes[int(np.abs(direction).argmax())] > 0.0 else -sizes
-                moved = zip(group, sizes.tolist(), strict=True)
-                causes.append({known.parameters[k]: size for k, size in moved if size != 0.0})
+    rest = [k for k, path in enumerate(known.parameters) if _same(path) not in fitted]
+    stated = sum(k < known.stated for k in rest)
+    paths = tuple(known.parameters[k] for k in rest)
+    covariance = known.covariance[np.ix_(rest, rest)]
+    stddev = np.sqrt(np.diag(covariance))
+    causes = []
+    for one in independent_causes(Uncertainty(paths, covariance, stated)):
+        largest = int(np.abs(one.factor / stddev[one.numbers]).argmax())
+        sizes = np.sign(one.factor[largest]) * one.factor
+        moved = zip(one.numbers.tolist(), sizes.tolist(), strict=True)
+        causes.append({paths[k]: size for k, size in moved if size != 0.0})
     return tuple(causes)
 
 

@@ -86,15 +86,20 @@ class Channel:
         """Whether each reference is a mean; ``sigma`` is then the noise of a mean."""
         return self.read.begin.size > 0
 
-    def reference_by(self, robot: Robot) -> Vector:
-        """The reference as a robot reads it, whose preload or scale of efforts may be another."""
+    def residuals(self, robot: Robot, estimates: Vector) -> Vector:
+        """What is left of estimates, as a robot reads them whose preload or scale is another.
+
+        They are compared in the units of the readings, which have the noise: in those of the
+        estimate a fit would make the residuals small together with the gain.
+        """
         if self.scale is not None:
             cable = self.name.split("/")[1]
             preload = next(one.preload for one in robot.cables if one.name == cable)
-            return preload / self.scale.preload * self.reference
-        name = self.name.removeprefix(f"{EFFORT}/")
-        ratio = robot.effort_scale.get(name, self.effort_scale) / self.effort_scale
-        return self.reference if ratio == 1.0 else ratio * self.reference
+            ratio = preload / self.scale.preload
+        else:
+            name = self.name.removeprefix(f"{EFFORT}/")
+            ratio = robot.effort_scale.get(name, self.effort_scale) / self.effort_scale
+        return (estimates / ratio - self.reference) / self.sigma
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import allowed_range
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.robot.tolerances import HANDBOOK_REST, SPRING_SCALE
+from cdrj_ros.robot.tolerances import HANDBOOK_REST, OTHER_BEND, SPRING_SCALE
 
 ALONG: Final = (
     "preload", "EA", "drum_radius", "joints.{*}.reference_angle", "joint_offset",
@@ -166,9 +166,6 @@ def unknown_causes(
     return tuple(one for one in found if one.lower < one.upper)
 
 
-BEND: Final = 0.5
-"""Standard deviation of the change of a wrap angle, as a fraction: by 45 of 90 degrees."""
-
 MARGIN: Final = 0.1
 """Distance of the range's ends from the readings and the zero, as a fraction of the stroke."""
 
@@ -208,7 +205,7 @@ def pose_unknowns(document: Document, robot: Robot) -> tuple[PoseUnknown, ...]:
 
     Zeros have no prior.  A preload and the drag of a pulley keep the file's number within its
     stated standard deviation, but at least the default one of a file that states none; a wrap angle
-    keeps it within the fraction ``BEND``.
+    keeps it within the fraction ``OTHER_BEND``.
 
     Args:
         document: content of the robot file.
@@ -246,7 +243,7 @@ def _pulley(
     if node["type"] in ("winch", "anchor") or not isinstance(node.get("wrap_angle"), (int, float)):
         return
     if find_number(document, f"{at}.friction.mu_c").value > 0.0:
-        stddev = BEND * float(node["wrap_angle"])
+        stddev = OTHER_BEND * float(node["wrap_angle"])
         yield _with_prior(document, f"{at}.wrap_angle", stddev, "a joint without a sensor bends it")
     if node.get("bearing_torque", 0.0) > 0.0:
         path = f"{at}.bearing_torque"

@@ -228,8 +228,7 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
         for at, k in enumerate(group.members)
     }
     parts = [
-        (columns[k] - channel.reference_by(model.robot)) / channel.sigma
-        for k, channel in enumerate(observed.channels)
+        channel.residuals(model.robot, columns[k]) for k, channel in enumerate(observed.channels)
     ]
     return np.concatenate(parts) if parts else np.empty(0)
 

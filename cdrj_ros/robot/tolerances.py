@@ -2,7 +2,9 @@
 
 A number in a file comes from a drawing, a catalogue, a spring scale or a judgement by eye.  Unless
 the block ``uncertainty`` states its standard deviation or contains ``others: exact``, its standard
-deviation is the one below.  docs/estimation.md has the same table with reasons.
+deviation is the one below.  docs/estimation.md has the same table with reasons.  The estimator, the
+fits of ``identify`` and those of ``commission`` all begin with these numbers.  What changes after
+the file was written, such as a preload that settles, is added by ``estimation/unknowns.py``.
 """
 
 from __future__ import annotations
@@ -32,9 +34,26 @@ POSITION_BY_EYE: Final = 1e-3
 SPRING_SCALE: Final = 0.1
 """Error of a preload that was read on a spring scale and has crept since, as a fraction."""
 
+SPRING_SCALE_NOW: Final = 0.045
+"""The same of one that was read just now.
+
+The scale's gain errs in all tensions alike, and as long as the file is used.  So twice this value
+must hold for nearly every scale, not for 19 of 20; it is half as large again as what scales within
+3 % need.
+"""
+
+SCALE_READING: Final = 0.01
+"""Part of that error that a reading does not share with all others of the same scale."""
+
 CATALOGUE_STIFFNESS: Final = 0.1
 """Error of EA from a catalogue or from the modulus of steel, as a fraction; it includes the
 error of the lengths."""
+
+CALLIPER: Final = 5e-5
+"""Error of a radius whose diameter was measured over the wound cable by a calliper [m]."""
+
+OTHER_BEND: Final = 0.5
+"""Change of a wrap angle in another pose of an instrument, as a fraction: by 45 of 90 degrees."""
 
 DRAWN_RADIUS: Final = 2.5e-4
 """Error of a drawn radius to the cable's centre line, and of all other drawn dimensions [m]."""

@@ -53,6 +53,18 @@ def two() -> Robot:
     return hand(finger("a"), finger("b"))
 
 
+def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
+    alone = hand(finger("b"))
+    right = recorded(alone)
+    more = {name: replace(one, value=1.05 * one.value) for name, one in right.references.items()}
+    (fit,) = fit_parts(alone, text_of(alone), [replace(right, references=more)], (), None)
+    known = dict(zip(fit.numbers.paths, fit.numbers.stddev, strict=True))
+    for one in alone.cables:
+        path = f"cables.{one.name}.preload"
+        assert abs(fit.values[path] - one.preload) < 2.0 * known[path]
+        assert known[path] > 0.03 * one.preload
+
+
 def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> None:
     alone = hand(finger("b"))
     (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)], (), None)

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE, ROBOTS
 
-from cdrj_ros.estimation.changes import CALLIPER, SPRING_SCALE_NOW, narrowed
+from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.robot.tolerances import (
-    ZERO_BY_EYE,
-)
+from cdrj_ros.robot.tolerances import CALLIPER, SPRING_SCALE_NOW, ZERO_BY_EYE
 from cdrj_ros.robot.writer import with_section
 
 TEXT = PROTOTYPE.read_text(encoding="utf-8")
