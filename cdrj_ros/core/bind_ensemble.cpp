@@ -97,11 +97,11 @@ std::tuple<HeldState, Written, bool, Written> step(
 
 Written update(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& offset, const Given& estimate, Index least) {
+    const Given& unseen, const Given& offset, const Given& estimate) {
     const Written stddev = stddev_of(ensemble);
     ensemble.update(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
-        estimate_of(ensemble, estimate), least, span_of(stddev));
+        estimate_of(ensemble, estimate), span_of(stddev));
     return stddev;
 }
 
@@ -144,7 +144,7 @@ void follow(
         if (change < changes.size() && changes[change] == k) {
             sample.offset = offsets.subspan(change++ * lasting, lasting);
         }
-        ensemble.update(sample, row_of(estimates, k), 1, row_of(stddev, k));
+        ensemble.update(sample, row_of(estimates, k), row_of(stddev, k));
         return true;
     });
 }
@@ -313,15 +313,14 @@ void bind_ensemble(nb::module_& core) {
             "``Robot.step`` and ``update``: (state, estimate, solved, standard deviations).")
         .def(
             "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, "least"_a, R"(
+            "estimate"_a, R"(
             The standard deviations at a sample and its estimate, shape (quantities,).
 
             They are those before the update of the member in turn.
 
             Args:
                 stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
-                estimate: shape (estimate_size,).
-                least: number of members that are updated at least.)")
+                estimate: shape (estimate_size,).)")
         .def(
             "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
             "estimate"_a,

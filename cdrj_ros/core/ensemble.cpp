@@ -137,17 +137,16 @@ bool Ensemble::step(
         robot_.advance(before, sample.motor_angle, sample.joint_angle, dt, out_.data());
     std::copy_n(out_.begin(), state.size(), state.begin());
     std::copy_n(out_.begin() + robot_.state_size(), estimate.size(), estimate.begin());
-    update(sample, estimate, 1, stddev);
+    update(sample, estimate, stddev);
     return solved;
 }
 
 void Ensemble::update(
-    const SampleView& sample, std::span<const double> estimate, Index least,
-    std::span<double> stddev) {
+    const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
     roll_back();
     begin(sample, estimate);
     finish(stddev);
-    if (is_due(sample.stamp_ns) || least > 1) update_members(std::min(least, members()));
+    if (is_due(sample.stamp_ns)) update_members(1);
 }
 
 void Ensemble::predict(

@@ -115,10 +115,9 @@ public:
     /// Write the standard deviations at a sample and its estimate.
     ///
     /// They are those before the update of the member in turn, which follows unless the last one is
-    /// too recent. `least`: number of members to be updated at least.
+    /// too recent.
     void update(
-        const SampleView& sample, std::span<const double> estimate, Index least,
-        std::span<double> stddev);
+        const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
 
     /// As `update` at a predicted sample, which the ensemble forgets again at the next call.
     ///

@@ -160,7 +160,6 @@ class Corrections:
         if not renewed:
             return
         self._judge(sample.stamp_ns)
-        ensemble.catch_up(sample, estimate)
         self._shift[:] = self._left[:] = 0.0
         for group in self.groups:
             found = group.correction(sample.stamp_ns, values, ensemble.deviation)

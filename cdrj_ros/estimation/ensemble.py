@@ -221,7 +221,7 @@ class Ensemble:
         Raises:
             ValueError: the sample or the estimate is of another robot.
         """
-        return self.core.update(*sample[:5], estimate.values, 1)
+        return self.core.update(*sample[:5], estimate.values)
 
     def predict(self, sample: Sample, estimate: Estimate) -> Vector:
         """Standard deviations at a predicted sample, which the ensemble forgets again.
@@ -229,11 +229,6 @@ class Ensemble:
         Members are updated only where the prediction adds to their deviations.
         """
         return self.core.predict(*sample[:5], estimate.values)
-
-    def catch_up(self, sample: Sample, estimate: Estimate) -> None:
-        """Update all members to ``sample``, the last one given to ``update``."""
-        if not (self.stamps == sample.stamp_ns).all():
-            self.core.update(*sample[:5], estimate.values, len(self.states))
 
     def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
         """Apply ``step`` to many samples in two calls; the results are bit-identical."""
