@@ -97,7 +97,7 @@ $(VENV): requirements/constraints.txt requirements/ros.txt requirements/build.tx
 	@PYTHON=$(PYTHON) tools/setup_venv.sh $(FLAVOUR)
 	@touch $@
 
-$(BENCH): $(VENV) requirements/bench.txt requirements/opensim.txt
+$(BENCH): $(VENV) requirements/bench.txt
 	@tools/setup_venv.sh bench
 	@touch $@
 

@@ -87,10 +87,6 @@ bench)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
     stage $log "Installing the software that the benchmark compares with" \
         pip_install -c $pinned -r requirements/bench.txt
-    # A ROS of the system may keep NumPy 1, which OpenSim cannot use.
-    stage $log "Installing OpenSim, which the benchmark compares with" \
-        pip_install -c $pinned -r requirements/opensim.txt ||
-        printf 'The benchmark is going to leave OpenSim out.\n'
     ;;
 docs)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
