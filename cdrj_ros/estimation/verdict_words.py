@@ -54,7 +54,10 @@ def report(robot: Robot, verdicts: Sequence[Verdict | None]) -> Report:
     broken = any(one.broken for one in judged)
     level: Level = "error" if broken else "warn" if words else "ok"
     named = tuple(name for one in judged for name in (one.broken, *one.named))
-    return Report(level, "; ".join(words) or "agrees with the robot file", values, named)
+    agrees = "agrees with the robot file"
+    if not any(one.deviation for one in judged):
+        agrees = "nothing to compare: the sensors repeat their readings"
+    return Report(level, "; ".join(words) or agrees, values, named)
 
 
 def _unit(sensor: str) -> str:

@@ -151,19 +151,22 @@ def judge(
         cables: names of all cables of the robot.
 
     Returns:
-        None if there are too few readings.
+        None if there are too few readings.  Frozen sensors tell nothing but a cable without load.
     """
+    used = [k for k in range(len(sensors)) if not frozen[k]]
     # an effort that never changes is not measured; a load cell may be without load
-    used = [k for k, one in enumerate(sensors) if not frozen[k] or one.axis < 0]
+    loads = [k for k, one in enumerate(sensors) if not frozen[k] or one.axis < 0]
+    broken = _broken(sensors, sums, loads)
     total = _total(len(unknowns), len(sensors), sums, used)
     if total.number < LEAST_NUMBER:
-        return None
+        if not any(frozen):
+            return None
+        return Verdict((), cables[broken] if broken >= 0 else "", True, 0.0, {})
     prior = np.zeros(total.vector.size)
     prior[: len(unknowns)] = [0.0 if one.kind is not None else one.start**2 for one in unknowns]
     changes = [*_of_robot(unknowns, prior.size), *_of_sensors(len(unknowns), sensors, used)]
     chosen = _select(total, prior, changes)
     solved = _solve(total, prior, chosen)
-    broken = _broken(sensors, sums, used)
     deviation = {}
     for k in used:
         own = solved.mean[_places(len(unknowns), k)]

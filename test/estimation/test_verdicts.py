@@ -287,3 +287,5 @@ def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Sa
         live.feed_efforts(stamp, ["winch"], [0.0])
         live.take(motion.at(k))
     assert report_of(live).level == "ok", report_of(live).message
+    assert "repeat their readings" in report_of(live).message
+    assert corrections_of(live).doubted is None
