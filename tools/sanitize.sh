@@ -45,8 +45,9 @@ cp -as "$PWD/cdrj_ros" "$tree/"
 find "$tree" -name '*.so' -delete
 cp "$made"/_core.*.so "$tree/cdrj_ros/"
 
-# Python itself keeps memory until it ends.
+# Python itself keeps memory until it ends. It does not load the C++ library by itself, whose exceptions
+# the sanitizer has to know at the start.
 export ASAN_OPTIONS=detect_leaks=0
-LD_PRELOAD=$(c++ -print-file-name=libasan.so) PYTHONPATH=$tree:${PYTHONPATH:-} \
+LD_PRELOAD="$(c++ -print-file-name=libasan.so) $(c++ -print-file-name=libstdc++.so)" PYTHONPATH=$tree:${PYTHONPATH:-} \
     pytest -q -p no:cacheprovider test/messages/test_cdr.py \
         test/estimation/test_{beliefs,conditioner,core_ensemble,time_line,time_line_properties,tracking}.py
