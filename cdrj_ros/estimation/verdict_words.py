@@ -68,7 +68,7 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
     if verdict.broken:
         text = f"cable {verdict.broken} carries nothing: it is broken or off its drum"
         of_sensors = [f.change.what for f in verdict.found if f.change.kind in ("gain", "bias")]
-        return [text + _or(of_sensors if verdict.explained_otherwise else ())]
+        return [text + _or(of_sensors if verdict.explained else ())]
     if not verdict.explained:
         worst = max(verdict.deviation, key=lambda name: verdict.deviation[name][1])
         file, found = verdict.deviation[worst]

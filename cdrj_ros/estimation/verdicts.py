@@ -106,8 +106,6 @@ class Verdict:
     found: tuple[Finding, ...]
     broken: str
     """A cable that carries nothing; empty for none."""
-    explained_otherwise: bool
-    """Whether the findings explain the readings as well as the broken cable."""
     left: float
     """Mean square of what the findings leave, in squares of the expected errors."""
     deviation: Mapping[str, tuple[float, float]]
@@ -120,8 +118,8 @@ class Verdict:
 
     @property
     def explained(self) -> bool:
-        """Whether the readings agree with the file with the findings."""
-        return bool(self.broken) or self.left <= UNEXPLAINED
+        """Whether the readings agree with the file with the findings, whatever is broken."""
+        return self.left <= UNEXPLAINED
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,7 @@ def judge(
     if total.number < LEAST_NUMBER:
         if not any(frozen):
             return None
-        return Verdict((), cables[broken] if broken >= 0 else "", True, 0.0, {})
+        return Verdict((), cables[broken] if broken >= 0 else "", 0.0, {})
     prior = np.zeros(total.vector.size)
     prior[: len(unknowns)] = [0.0 if one.kind is not None else one.start**2 for one in unknowns]
     changes = [*_of_robot(unknowns, prior.size), *_of_sensors(len(unknowns), sensors, used)]
@@ -173,9 +171,8 @@ def judge(
         deviation[sensors[k].name] = _rms(sums[k], 0.0 * own), _rms(sums[k], own)
     found = [_finding(total, prior, changes, chosen, k) for k in range(len(chosen))]
     return Verdict(
-        tuple(found), cables[broken] if broken >= 0 else "",
-        solved.left <= UNEXPLAINED * total.number, solved.left / total.number, deviation,
-    )  # fmt: skip
+        tuple(found), cables[broken] if broken >= 0 else "", solved.left / total.number, deviation
+    )
 
 
 def _total(count: int, sensors: int, sums: Sequence[Sums], used: Sequence[int]) -> _Total:

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.estimation.corrections import JUDGED_NS
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.sensors import LEAST_NS
 from cdrj_ros.estimation.session import LiveEstimator
@@ -69,6 +70,7 @@ class RecordedVerdict:
         self._readings = _in_time({**efforts, **cells})
         self._next = 0
         self._begin_ns = self._taken_ns = -1
+        self._noted_ns = 0
         self._alarms: list[Alarm] = []
         self._report = Report("ok", "too few readings of sensors", {})
 
@@ -85,7 +87,8 @@ class RecordedVerdict:
                 self._begin_ns = self._taken_ns
             self._feed()
             self._live.take(samples.at(k))
-            self._note()
+            if self._taken_ns - self._noted_ns >= JUDGED_NS:
+                self._note()
 
     def _feed(self) -> None:
         """Queue the readings up to the present sample."""
@@ -99,6 +102,7 @@ class RecordedVerdict:
 
     def _note(self) -> None:
         """Keep a verdict that stands, in its latest words."""
+        self._noted_ns = self._taken_ns
         corrections = self._live.corrections
         if corrections is None:
             return
@@ -114,6 +118,7 @@ class RecordedVerdict:
 
     def verdict(self) -> Verdict:
         """What was found so far."""
+        self._note()
         levels = [self._report.level, *(one.level for one in self._alarms)]
         worst = max(levels, key=("ok", "warn", "error").index)
         return Verdict(
