@@ -197,27 +197,6 @@ Array<Index> view_of_progress(nb::handle self) {
     return Array<Index>({3}, &progress.updates, self);
 }
 
-/// A population whose topology stays alive with it.
-struct HeldPopulation {
-    HeldPopulation(const HeldRobot& robot, const Given& constants)
-        : robot(robot),
-          population(
-              this->robot.robot.topology, constants.shape(0),
-              taken(constants, {constants.shape(0), robot.constants.size()}, "constants")) {}
-
-    HeldRobot robot;
-    Population population;
-};
-
-std::pair<bool, Written> advance(
-    HeldPopulation& held, Index k, const Given& motor_angle, const Given& joint_angle, double dt) {
-    held.robot.require_angles(motor_angle.size(), joint_angle.size());
-    require(k >= 0 && k < held.population.size(), "there is no such robot");
-    const bool solved = held.population.advance(
-        k, span_of(motor_angle), span_of(joint_angle), dt, held.robot.out.data());
-    return {solved, held.robot.estimate()};
-}
-
 /// Mark one estimate, or the rows of a table.
 void mark_estimates(
     const HeldRobot& robot, const Written& estimates, const Given& preload, const Given& stddev, double share,
@@ -258,26 +237,6 @@ void mark_estimates(
 }  // namespace
 
 void bind_ensemble(nb::module_& core) {
-    nb::class_<HeldPopulation>(core, "Population",
-        "Robots of one topology, each with constants and a history of its own.")
-        .def(
-            nb::init<const HeldRobot&, const Given&>(), "robot"_a, "constants"_a, R"(
-            Copy all arrays.
-
-            Args:
-                robot: whose topology they have.
-                constants: of every robot, shape (robots, constants).
-
-            Raises:
-                TypeError: an array is not contiguous or of another type.
-                ValueError: the constants are not those of such robots.)")
-        .def(
-            "advance", advance, "k"_a, "motor_angle"_a, "joint_angle"_a, "dt"_a,
-            "``Robot.step`` of robot ``k`` from its own state, which changes: (solved, estimate).")
-        .def("reset", [](HeldPopulation& held) {
-            std::ranges::fill(held.population.states, 0.0);
-        },
-            "Discard the history of all robots.");
     nb::class_<Ensemble>(core, "Ensemble", R"(
         Robots that differ in all that is unknown, stepped along with the estimate.
 
