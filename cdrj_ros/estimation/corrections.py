@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros._core import correct
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
-from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample
+from cdrj_ros.estimation.estimator import Estimate, Sample
 from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
@@ -31,12 +31,6 @@ from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a reading [ns]."""
 
-TICK_NS: Final = 20_000_000
-"""Shortest time between two samples at which signatures and corrections are renewed [ns]."""
-
-LONGEST_NS: Final = 1_000_000_000
-"""After a longer time without a sample their robots start anew [ns]."""
-
 KEPT: Final = 5_000
 """Maximum number of past estimates."""
 
@@ -45,9 +39,6 @@ CONFIRMED: Final = 2.0
 
 TELLING: Final = 0.1
 """if they know the preload better than by this share."""
-
-JUDGED_NS: Final = 500_000_000
-"""Time between two verdicts on a group [ns]."""
 
 
 def exact(known: Uncertainty | None) -> Uncertainty | None:
@@ -94,16 +85,11 @@ class Corrections:
         self.doubted: NDArray[np.bool_] | None = None
         """Elements whose tensions are in doubt whatever their deviations say, shape (elements,);
         None for none."""
-        self._judged_ns, self._next = 0, 0
         self._past: deque[_Past] = deque(maxlen=KEPT)
-        self._renewed_ns = NEVER
-        """Stamp of the sample at which signatures were last renewed [ns]."""
-        self._shift = np.zeros(self._columns.size)
-        """Change of every quantity by what the sensors say."""
-        self._known = np.zeros(self._columns.size)
-        """Share of the variance of its history that they take away."""
-        self._left = np.zeros(self._columns.size)
-        """Variance that they leave."""
+        self._said = np.zeros((3, len(self.groups), self._columns.size))
+        """What the sensors of every group say, see ``Group.correction``."""
+        self._shift, self._known, self._left = np.zeros((3, self._columns.size))
+        """What all say: of a joint's effort, which several groups share, the changes add up."""
         self._least = unmodelled(model)[1]
 
     def forget(self) -> None:
@@ -115,13 +101,11 @@ class Corrections:
     def restart(self) -> None:
         """Begin with an unknown history; what is known of robot and sensors is kept."""
         for group in self.groups:
-            group.beliefs.core.pause()
-            group.forget_evidence()
+            group.restart()
         self.doubted = None
-        self._renewed_ns = NEVER
         self._directions.forget()
         self._past.clear()
-        self._known[:] = 0.0
+        self._said[1] = self._known[:] = 0.0
 
     def widen(self, changes: Vector) -> None:
         """Leave open changes of all cables' mean tensions of these sizes [N], shape (cables,)."""
@@ -137,8 +121,9 @@ class Corrections:
                ensemble: Ensemble) -> None:  # fmt: skip
         """Take a sample, the model's estimate for it, and the readings up to it.
 
-        What is said of the present follows with the signatures, so that many sensors that read at
-        different times cost no more than one.
+        Signatures, beliefs and what is said of the present are renewed by one group after the
+        other, so that no sample waits for all; many sensors that read at different times cost no
+        more than one.
 
         Args:
             sample: not a predicted one.
@@ -146,7 +131,8 @@ class Corrections:
             readings: that have become due.
             ensemble: whose members have been updated with the sample.
         """
-        renewed = self._renew_signatures(sample)
+        count = len(self.groups)
+        due = [k for k, group in enumerate(self.groups) if group.renew(sample, k / count)]
         values = estimate.values[self._columns]
         angles = np.concatenate([sample.motor_angle, sample.joint_angle])
         assert estimate.stddev is not None
@@ -156,55 +142,38 @@ class Corrections:
         while sample.stamp_ns - self._past[0].stamp_ns > HISTORY_NS:
             self._past.popleft()
         for reading in readings:
-            self._take(reading)
-        if not renewed:
-            return
-        self._judge(sample.stamp_ns)
-        self._shift[:] = self._left[:] = 0.0
-        for group in self.groups:
+            self._group_of[self.sensors[reading.name].cables[0]].waiting.append(reading)
+        for k in due:
+            group = self.groups[k]
+            waiting, group.waiting = group.waiting, []
+            for reading in waiting:
+                self._take(reading, k)
+            if group.judge(sample.stamp_ns):
+                self._doubt()
             found = group.correction(sample.stamp_ns, values, ensemble.deviation)
-            self._shift[group.columns] += found[0]
-            self._known[group.columns] = found[1]
-            self._left[group.columns] += found[2]
+            self._said[:, k, group.columns] = found
+        if due:
+            self._shift, self._left = self._said[[0, 2]].sum(axis=1)
+            self._known = self._said[1].max(axis=0)
 
-    def _renew_signatures(self, sample: Sample) -> bool:
-        """Renew the signatures of all groups, unless too soon; whether that was done."""
-        passed = sample.stamp_ns - self._renewed_ns
-        if self._renewed_ns != NEVER and 0 <= passed < TICK_NS:
-            return False
-        goes_on = self._renewed_ns != NEVER and 0 < passed <= LONGEST_NS
-        self._renewed_ns = sample.stamp_ns
-        for group in self.groups:
-            if not goes_on:
-                group.signatures.reset()
-            group.follow(sample, passed * 1e-9 if goes_on else 0.0)
-        return True
-
-    def _judge(self, stamp_ns: int) -> None:
-        """Renew the verdict on one group after the other, each once in ``JUDGED_NS``."""
-        if abs(stamp_ns - self._judged_ns) * len(self.groups) < JUDGED_NS:
-            return
-        self._judged_ns = stamp_ns
-        self._next = (self._next + 1) % len(self.groups)
-        self.groups[self._next].judge(stamp_ns)
+    def _doubt(self) -> None:
+        """Renew ``doubted``."""
         cables = [c for group in self.groups for c in group.doubted]
         robot = self.model.robot
         doubted = robot.per_element(np.isin(np.arange(len(robot.cables)), cables))
         self.doubted = doubted if cables else None
 
-    def _take(self, reading: Reading) -> None:
-        """Take one reading, unless it is refused."""
+    def _take(self, reading: Reading, k: int) -> None:
+        """Take one reading of the group of this index, unless it is refused."""
         sensor = self.sensors[reading.name]
-        group = self._group_of[sensor.cables[0]]
         past = self._at(reading.stamp_ns, sensor.column)
         if past is None:
             self.refused += 1
             return
         h, then = past
-        slopes = then.slopes[self.groups.index(group)]
         direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
         history = float(then.stddev[sensor.column])
-        group.take(reading, sensor, h, slopes, history, direction, then.values)
+        self.groups[k].take(reading, sensor, h, then.slopes[k], history, direction, then.values)
 
     def _at(self, stamp_ns: int, column: int) -> tuple[float, _Past] | None:
         """A quantity by the model at a time, and the sample at or after it; None if too old."""

@@ -24,6 +24,15 @@ from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import has_number, part_of
 from cdrj_ros.robot.reader import build_robot
 
+TICK_NS: Final = 20_000_000
+"""Signatures and corrections are renewed once in this time [ns]."""
+
+LONGEST_NS: Final = 1_000_000_000
+"""After a longer time without a sample the robots of the signatures start anew [ns]."""
+
+JUDGED_NS: Final = 500_000_000
+"""Time between two verdicts [ns]."""
+
 STRAYS: Final = 2
 """So many stray readings in a row are no evidence."""
 
@@ -64,18 +73,39 @@ class Group:
         self._model = model
         self._own = own
         self._cable_of = _cables_of_columns(own)
+        self._tick, self._renewed_ns = NEVER, NEVER
+        """Of the last renewal: its number, and its stamp [ns]."""
         self.forget()
 
-    def follow(self, sample: Sample, dt: float) -> None:
-        """Renew the signatures, with a sample of the whole robot.
+    def renew(self, sample: Sample, phase: float) -> bool:
+        """Renew the signatures with a sample of the whole robot, unless too soon.
 
         Args:
             sample: now.
-            dt: time since the last one [s]; 0 if unknown.
+            phase: when in every ``TICK_NS`` that is due, from 0 to 1.
+
+        Returns:
+            Whether they were renewed.
         """
+        tick = (sample.stamp_ns + round(phase * TICK_NS)) // TICK_NS
+        if tick == self._tick:
+            return False
+        passed = sample.stamp_ns - self._renewed_ns
+        goes_on = self._renewed_ns != NEVER and 0 < passed <= LONGEST_NS
+        self._tick, self._renewed_ns = tick, sample.stamp_ns
+        if not goes_on:
+            self.signatures.reset()
         self.slopes = self.signatures.follow(
-            sample.motor_angle[self._motors], sample.joint_angle[self._joints], dt
-        )
+            sample.motor_angle[self._motors], sample.joint_angle[self._joints],
+            passed * 1e-9 if goes_on else 0.0,
+        )  # fmt: skip
+        return True
+
+    def restart(self) -> None:
+        """Begin with an unknown history; what is known of robot and sensors is kept."""
+        self._tick, self._renewed_ns = NEVER, NEVER
+        self.beliefs.core.pause()
+        self.forget_evidence()
 
     def forget(self) -> None:
         """Forget what sensors have said."""
@@ -86,14 +116,16 @@ class Group:
 
     def forget_evidence(self) -> None:
         """Forget what the latest readings show."""
+        self.waiting: list[Reading] = []
+        """Readings up to the last sample, taken with the next renewal."""
         self.sums = [self._no_evidence(sensor) for sensor in self.beliefs.sensors]
         """(B5) of every sensor that was heard."""
         self.verdict: Verdict | None = None
         """What the latest readings show; None: they are too few."""
         self.doubted: Sequence[int] = ()
         """Numbers of the cables whose tensions are in doubt whatever their deviations say."""
-        self._believed_ns = NEVER
-        """When the beliefs last held what the readings showed [ns]."""
+        self._believed_ns, self._judged_ns = NEVER, NEVER
+        """When the beliefs last held what the readings showed, and when that was judged [ns]."""
 
     def _no_evidence(self, sensor: Sensor) -> Sums:
         return nothing(self.beliefs.count + 3, contributions(self._model.robot, sensor))
@@ -133,18 +165,24 @@ class Group:
                 reading.noise**2, sensor.model_error(reading.value) ** 2 + history**2, values,
             )  # fmt: skip
 
-    def judge(self, stamp_ns: int) -> None:
-        """Renew ``verdict`` and ``doubted``; both stay while the sensors are silent.
+    def judge(self, stamp_ns: int) -> bool:
+        """Renew ``verdict`` and ``doubted`` where due; both stay while the sensors are silent.
 
         Args:
             stamp_ns: now [ns].
+
+        Returns:
+            Whether they were renewed.
         """
+        if abs(stamp_ns - self._judged_ns) < JUDGED_NS:
+            return False
+        self._judged_ns = stamp_ns
         beliefs, names = self.beliefs, self._model.layout.cables
         frozen = [beliefs.core.heard(k)[2] for k in range(len(beliefs.sensors))]
         sums = [one.faded(stamp_ns) for one in self.sums]
         verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
         if verdict is None:
-            return
+            return False
         self.verdict = verdict
         if verdict.broken or self._believes(verdict):
             self._believed_ns = stamp_ns
@@ -152,6 +190,7 @@ class Group:
         lost = stamp_ns - self._believed_ns > CONTRADICTED_NS
         broken = [names.index(verdict.broken)] if verdict.broken else []
         self.doubted = self.cables if lost else broken
+        return True
 
     def _believes(self, verdict: Verdict) -> bool:
         """Whether the beliefs hold what the latest readings show."""

@@ -7,20 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
-from cdrj_ros.estimation.corrections import JUDGED_NS
 from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.estimation.group import JUDGED_NS, TICK_NS
 from cdrj_ros.estimation.sensors import LEAST_NS
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.verdict_words import Level, Report
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import Model
-
-TICK_NS: Final = 20_000_000
-"""Least time between two samples that are used [ns]: as often as signatures are renewed."""
 
 
 @dataclass(frozen=True)

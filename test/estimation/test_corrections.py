@@ -134,20 +134,26 @@ def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known() -> N
     assert found.within > 0.95
 
 
+@pytest.fixture
+def renewed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Stamps at which a group's part of the present is renewed."""
+    calls: list[int] = []
+    conditioned = Group.correction
+
+    def noted(group: Group, stamp_ns: int, *others: Any) -> Any:
+        calls.append(stamp_ns)
+        return conditioned(group, stamp_ns, *others)
+
+    monkeypatch.setattr(Group, "correction", noted)
+    return calls
+
+
 def test_sensors_that_read_at_different_times_cost_no_more_than_together(
-    monkeypatch: pytest.MonkeyPatch,
+    renewed: list[int],
 ) -> None:
     """The present is conditioned on all readings once in 20 ms, whenever they come."""
     model = _document("finger", {"effort_noise": 0.003})
     truth, motors = _truth(model, {}, 1.0), model.layout.motors
-    calls: list[int] = []
-    conditioned = Group.correction
-
-    def counted(group: Group, stamp_ns: int, *others: Any) -> Any:
-        calls.append(stamp_ns)
-        return conditioned(group, stamp_ns, *others)
-
-    monkeypatch.setattr(Group, "correction", counted)
     live = LiveEstimator(model)
     for k in range(len(truth.tension)):
         stamp = START + k * 10**9 // HERTZ
@@ -157,7 +163,24 @@ def test_sensors_that_read_at_different_times_cost_no_more_than_together(
         live.feed("joints", stamp, model.layout.joints, truth.joint_angle[k])
     assert live.corrections is not None
     assert len(live.corrections.right) == len(motors)
-    assert len(calls) == pytest.approx(50, abs=1)
+    assert len(renewed) == pytest.approx(50, abs=1)
+
+
+def test_no_sample_of_a_hand_waits_for_more_than_one_of_its_groups(renewed: list[int]) -> None:
+    """Seven groups, each renewed once in ten samples; at the start, all are."""
+    model = load_model("hand")
+    live, motors, joints = LiveEstimator(model), model.layout.motors, model.layout.joints
+    pose, efforts = model.robot.reference_pose, np.ones(len(motors))
+    for k in range(100):
+        stamp = START + k * 2_000_000
+        live.feed_efforts(stamp, motors, efforts)
+        live.feed("motors", stamp, motors, model.robot.reference_motors)
+        live.feed("joints", stamp, joints, pose)
+    assert live.corrections is not None
+    groups, (start, *later) = len(live.corrections.groups), sorted(set(renewed))
+    assert renewed.count(start) == groups == 7
+    assert all(renewed.count(stamp) == 1 for stamp in later)
+    assert len(later) == pytest.approx(10 * groups, abs=groups)
 
 
 def test_a_joint_torque_sensor_corrects_what_no_motor_shows() -> None:

@@ -12,9 +12,10 @@ from support.places import ROBOT
 
 from cdrj_ros.commands import simulate
 from cdrj_ros.commands.validate import main
+from cdrj_ros.estimation.group import TICK_NS
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.evaluation.recorded_verdict import TICK_NS, RecordedVerdict
+from cdrj_ros.evaluation.recorded_verdict import RecordedVerdict
 from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
