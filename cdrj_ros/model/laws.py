@@ -50,11 +50,6 @@ def elasticity_of(cable: Any) -> Elasticity:
     return Elasticity(cable.axial_stiffness, cable.bedding_strain, cable.bedding_tension)
 
 
-def elasticities(rows: Any) -> Elasticity:
-    """The laws of many rows of ``Constants.cables``; the fields have the shape of ``rows``."""
-    return Elasticity(*(rows[name] for name in Elasticity._fields))
-
-
 def strain_at(law: Elasticity, tension: Numeric) -> Numeric:
     """(E21): strain at a tension [-].
 
