@@ -23,7 +23,6 @@ the estimator that hears the efforts, whose share of OK is compared with what co
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -34,30 +33,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from cdrj_ros.api import Estimator
+from cdrj_ros.commands import commission_steps as steps
+from cdrj_ros.commands.commission_judged import foretold, judged
+from cdrj_ros.commands.commission_rests import rest_poses
+from cdrj_ros.estimation.conditioner import condition
+from cdrj_ros.estimation.estimator import Estimates
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.identification.observations import Recorded, samples_of
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
+from cdrj_ros.robot.writer import with_section
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.drives import follow_joints
+from cdrj_ros.simulation.load import make_load
+from cdrj_ros.simulation.motion import differences, named_motion, random
+from cdrj_ros.simulation.truth import simulate
 
-from cdrj_ros.api import Estimator  # noqa: E402
-from cdrj_ros.commands import commission_steps as steps  # noqa: E402
-from cdrj_ros.commands.commission_judged import foretold, judged  # noqa: E402
-from cdrj_ros.commands.commission_rests import rest_poses  # noqa: E402
-from cdrj_ros.estimation.conditioner import condition  # noqa: E402
-from cdrj_ros.estimation.estimator import Estimates  # noqa: E402
-from cdrj_ros.evaluation.estimating import estimate  # noqa: E402
-from cdrj_ros.foundation.arrays import Series  # noqa: E402
-from cdrj_ros.foundation.errors import RobotFileError  # noqa: E402
-from cdrj_ros.identification.observations import Recorded, samples_of  # noqa: E402
-from cdrj_ros.model.prepared import Model, prepare  # noqa: E402
-from cdrj_ros.robot.description import Robot, Winch  # noqa: E402
-from cdrj_ros.robot.parameters import with_numbers  # noqa: E402
-from cdrj_ros.robot.reader import build_robot, load_document  # noqa: E402
-from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range  # noqa: E402
-from cdrj_ros.robot.writer import with_section  # noqa: E402
-from cdrj_ros.simulation.assembly import Truth  # noqa: E402
-from cdrj_ros.simulation.drives import follow_joints  # noqa: E402
-from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import differences, named_motion, random  # noqa: E402
-from cdrj_ros.simulation.truth import simulate  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 Vector = NDArray[np.float64]
 

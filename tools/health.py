@@ -11,7 +11,6 @@ cells at elements 8 of 0.1 N; both are read at 100 Hz.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,18 +19,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.faults import Slip
+from cdrj_ros.simulation.load import make_load
+from cdrj_ros.simulation.motion import differences, random, sine
+from cdrj_ros.simulation.truth import simulate
 
-from cdrj_ros.estimation.estimator import Sample  # noqa: E402
-from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
-from cdrj_ros.robot.description import Pulley, Robot  # noqa: E402
-from cdrj_ros.simulation.assembly import Truth  # noqa: E402
-from cdrj_ros.simulation.faults import Slip  # noqa: E402
-from cdrj_ros.simulation.load import make_load  # noqa: E402
-from cdrj_ros.simulation.motion import differences, random, sine  # noqa: E402
-from cdrj_ros.simulation.truth import simulate  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 Vector = NDArray[np.float64]
 

@@ -23,21 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+from cdrj_ros._core import mark_unsure
+from cdrj_ros.estimation.changes import narrowed
+from cdrj_ros.estimation.ensemble import Ensemble
+from cdrj_ros.estimation.estimator import NO_DOUBTS, Sample, Samples, initial_state, run
+from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
+from cdrj_ros.model.packing import OK
+from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers
+from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.assembly import divide_contacts
 
-from cdrj_ros._core import mark_unsure  # noqa: E402
-from cdrj_ros.estimation.changes import narrowed  # noqa: E402
-from cdrj_ros.estimation.ensemble import Ensemble  # noqa: E402
-from cdrj_ros.estimation.estimator import NO_DOUBTS, Sample, Samples, initial_state, run  # noqa: E402  # noqa: E402
-from cdrj_ros.estimation.session import LiveEstimator, Options  # noqa: E402
-from cdrj_ros.evaluation.inputs import condition_recording, read_inputs  # noqa: E402
-from cdrj_ros.model.packing import OK  # noqa: E402
-from cdrj_ros.model.prepared import Model, load_model, prepare  # noqa: E402
-from cdrj_ros.recordings.recording import Topics  # noqa: E402
-from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers  # noqa: E402
-from cdrj_ros.robot.reader import build_robot  # noqa: E402
-from cdrj_ros.simulation.assembly import divide_contacts  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 Table = NDArray[np.float64]
 
