@@ -153,18 +153,21 @@ void EncoderlessEstimator::roll_back() {
 
 /// Solve the readings in `motor_angle_`, `measured_angle_` and `effort_` for one robot, group by group.
 ///
-/// `since`: time since its last sample, if it has had one. Where a cable has no path in any pose that was
-/// tried at the start, state and memory stay as if there had been no sample.
+/// `since`: time since its last sample, if it has had one. `estimated`: of a member, what the nominal robot
+/// remembers. Where a cable has no path in any pose that was tried at the start, state and memory stay as if
+/// there had been no sample.
 void EncoderlessEstimator::solve(
     const Robot& robot, std::span<const double> share, std::span<double> state, Memory& memory,
-    Nanoseconds since) {
+    Nanoseconds since, const Memory* estimated) {
     const double dt = memory.started ? static_cast<double>(since) * 1e-9 : 0.0;
     for (std::size_t k = 0; k < measured_.size(); ++k) angle_[measured_[k]] = measured_angle_[k];
     const auto advance = [&](bool anew) {
         for (std::size_t g = 0; g < solvers_.size(); ++g) {
             EncoderlessMemory& own = memory.groups[g];
-            solvers_[g]->solve(
-                {robot, state, own, motor_angle_, measured_angle_, effort_, dt}, anew);
+            EncoderlessSample sample{
+                robot, state, own, motor_angle_, measured_angle_, effort_, dt};
+            if (estimated != nullptr) sample.near = estimated->groups[g].angle;
+            solvers_[g]->solve(sample, anew);
             const std::vector<std::size_t>& places = solvers_[g]->group.places;
             for (std::size_t k = 0; k < places.size(); ++k) {
                 angle_[joints_[places[k]].joint] = own.angle[k];
@@ -219,7 +222,8 @@ void EncoderlessEstimator::update_member(
     solve(
         ensemble_.population[member],
         std::span(ensemble_.draws.friction_share).subspan(member * pulleys, pulleys),
-        ensemble_.population.state(member), memory, readings.stamp_ns - stamps.front());
+        ensemble_.population.state(member), memory, readings.stamp_ns - stamps.front(),
+        &history_.nominal);
     std::ranges::fill(stamps, readings.stamp_ns);
     ensemble_.compare(readings.stamp_ns, estimate(), results.estimate);
     const auto members = static_cast<double>(ensemble_.members());

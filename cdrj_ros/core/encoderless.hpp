@@ -64,6 +64,7 @@ struct EncoderlessSample {
     std::span<const double> measured_angle;  // of the joints that have an encoder [rad] or [m]
     std::span<const double> effort;          // of the motors [N m]; NaN where none was heard
     double dt;                               // time since the last update [s]; 0 at the first one
+    std::span<const double> near{};          // of a member: the estimated angles of the group
 };
 
 /// Finds the angles of a group of joints without encoder in one sample.
@@ -77,14 +78,14 @@ public:
     EncoderlessSolver(const EncoderlessSolver&) = delete;  // views of its own numbers
     EncoderlessSolver& operator=(const EncoderlessSolver&) = delete;
 
-    /// Find the angles, near those before or, with `anew`, anywhere in the joints' ranges; the memory becomes
-    /// that after the sample.
+    /// Find the angles, near those before or, with `anew`, anywhere in the joints' ranges, of a member near
+    /// the estimated ones; the memory becomes that after the sample.
     void solve(const EncoderlessSample& sample, bool anew);
 
     const EncoderlessGroup group;
 
 private:
-    /// Search the angles, then correct them.
+    /// Begin anew: at the angles that a search finds, of a member at the estimated ones.
     void find(const EncoderlessSample& sample);
 
     // Evaluation at the present angles; whether all cables could be solved.
@@ -98,8 +99,8 @@ private:
     void weigh_prediction(const EncoderlessSample& sample);
     void widen(const EncoderlessSample& sample, bool loads_known);
 
-    // Correction (M2).
-    void correct(const EncoderlessSample& sample);
+    // Correction (M2); whether the angles have arrived, so that they have been evaluated.
+    bool correct(const EncoderlessSample& sample);
     void weigh_correction(const EncoderlessSample& sample);
     double misfit(const EncoderlessSample& sample) const;
 
@@ -199,7 +200,7 @@ private:
     History before_first_sample() const;
     void solve(
         const Robot& robot, std::span<const double> share, std::span<double> state, Memory& memory,
-        Nanoseconds since);
+        Nanoseconds since, const Memory* estimated = nullptr);
     std::span<const double> estimate() const;
     void update_member(const EncoderlessReadings& readings, const EncoderlessResults& results);
     void write_unknown(const EncoderlessResults& results) const;

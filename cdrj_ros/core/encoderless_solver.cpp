@@ -76,11 +76,8 @@ void EncoderlessSolver::solve(const EncoderlessSample& sample, bool anew) {
     if (anew) {
         find(sample);
     } else {
-        if (sample.dt > 0.0) {
-            predict(sample);
-            correct(sample);
-        }
-        evaluate(sample);
+        if (sample.dt > 0.0) predict(sample);
+        if (!(sample.dt > 0.0 && correct(sample))) evaluate(sample);
         const double motors = static_cast<double>(group.motors.size());
         const double most = LOST * LOST * motors + REMAINING * memory.left;
         memory.lost = misfit(sample) > most ? memory.lost + sample.dt : 0.0;
@@ -93,7 +90,16 @@ void EncoderlessSolver::solve(const EncoderlessSample& sample, bool anew) {
 }
 
 void EncoderlessSolver::find(const EncoderlessSample& sample) {
-    search(sample);
+    if (sample.near.empty()) {
+        search(sample);
+    } else {
+        for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = sample.near[a];
+    }
+    aim();
+    sample.memory.covariance.fill(0.0);
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
+        sample.memory.covariance(a, a) = joints_[a].variance();
+    }
     correct(sample);
     evaluate(sample);
     sample.memory.lost = 0.0;
@@ -264,7 +270,7 @@ void EncoderlessSolver::widen(const EncoderlessSample& sample, bool loads_known)
 // -------------------------------------------------------------------------------------------------
 // Correction (M2)
 
-void EncoderlessSolver::correct(const EncoderlessSample& sample) {
+bool EncoderlessSolver::correct(const EncoderlessSample& sample) {
     equations_.matrix = sample.memory.covariance;
     invert(equations_.matrix, information_);
     for (int step = 0; step < STEPS; ++step) {
@@ -272,8 +278,9 @@ void EncoderlessSolver::correct(const EncoderlessSample& sample) {
         weigh_correction(sample);
         const bool arrived = move();
         sample.memory.covariance = equations_.inverse;
-        if (arrived) break;
+        if (arrived) return true;
     }
+    return false;
 }
 
 /// Normal equations of (M2): near the target, and with the measured efforts.
@@ -314,11 +321,6 @@ void EncoderlessSolver::search(const EncoderlessSample& sample) {
     const int rounds = joints_.size() == 1 ? 1 : ROUNDS;
     for (int round = 0; round < rounds; ++round) {
         for (std::size_t a = 0; a < joints_.size(); ++a) search_along(sample, a);
-    }
-    aim();
-    sample.memory.covariance.fill(0.0);
-    for (std::size_t a = 0; a < joints_.size(); ++a) {
-        sample.memory.covariance(a, a) = joints_[a].variance();
     }
 }
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from cdrj_ros.estimation.encoderless import (
     RecentEfforts,
     efforts_at,
 )
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
@@ -128,6 +131,26 @@ def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
     alone = determined_joints(prepare(build_robot(document, "cut")))
     assert alone == {"pip": float("inf")}
     assert determined_joints(load_model(ROBOT)) == {}
+
+
+def test_members_follow_the_estimate_and_search_nothing() -> None:
+    """32 members of uncertain numbers, one in turn at every sample, cost a few estimates."""
+    robot = load_model("finger").robot
+    joints = tuple(replace(one, measured=one.name != "pip") for one in robot.joints)
+    model = prepare(replace(robot, joints=joints))
+    time = 0.002 * np.arange(1000)
+    bent = np.radians(35.0 + 25.0 * np.sin(2.0 * np.pi * time))
+    motors = np.outer(bent, [14.0 / 6.0, 9.0 / 6.0, -16.0 / 6.0])  # arms over the drums' radius
+    samples = Samples(START + 2 * MS * np.arange(1000), motors, np.stack([bent, bent], axis=1))
+    _, efforts = truth_of(model, samples)
+    read, taken = only_measured(model, samples), []
+    for members in (0, 32):
+        estimator = EncoderlessEstimator(model, members)
+        estimator.run(read.part(slice(0, 200)), efforts[:200])
+        before = process_time()
+        estimator.run(read.part(slice(200, 1000)), efforts[200:])
+        taken.append(process_time() - before)
+    assert taken[1] < 20.0 * taken[0]
 
 
 def test_bad_arguments_are_refused(prototype: Model) -> None:
