@@ -8,9 +8,9 @@ leaves open is in the beliefs.  See docs/estimation.md.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +18,15 @@ from numpy.typing import NDArray
 from cdrj_ros._core import correct
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, Sample
-from cdrj_ros.estimation.group import Group
+from cdrj_ros.estimation.group import HISTORY_NS, Group, Past
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
 from cdrj_ros.estimation.verdict_words import Report, report
-from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import connected_cables
 from cdrj_ros.robot.tolerances import SPRING_SCALE_NOW
-
-HISTORY_NS: Final = 200_000_000
-"""Maximum age of a reading [ns]."""
 
 KEPT: Final = 5_000
 """Maximum number of past estimates."""
@@ -48,19 +45,6 @@ def exact(known: Uncertainty | None) -> Uncertainty | None:
     return replace(known, parameters=(), covariance=np.zeros((0, 0)), stated=0)
 
 
-class _Past(NamedTuple):
-    """The model's estimate at a sample."""
-
-    stamp_ns: int
-    values: Vector
-    """Of all quantities, shape (columns,)."""
-    stddev: Vector
-    slopes: list[Table]
-    """Signatures of every group."""
-    direction: Vector
-    """Of the axes' friction, see ``Directions``."""
-
-
 class Corrections:
     """What a robot's sensors say, and the estimate with it."""
 
@@ -77,15 +61,13 @@ class Corrections:
         self.model = model
         self.sensors = sensors
         self.groups = [Group(model, cables, known) for cables in _groups_of(model, sensors)]
-        self.refused = 0
-        """Readings that are too old."""
         self._columns = stddev_columns(model.layout)
         self._group_of = {c: group for group in self.groups for c in group.cables}
         self._directions = Directions(model.robot)
         self.doubted: NDArray[np.bool_] | None = None
         """Elements whose tensions are in doubt whatever their deviations say, shape (elements,);
         None for none."""
-        self._past: deque[_Past] = deque(maxlen=KEPT)
+        self._past: deque[Past] = deque(maxlen=KEPT)
         self._said = np.zeros((3, len(self.groups), self._columns.size))
         """What the sensors of every group say, see ``Group.correction``."""
         self._shift, self._known, self._left = np.zeros((3, self._columns.size))
@@ -117,79 +99,45 @@ class Corrections:
                 size[k] = (changes[c] / group.unknowns[k].unit) ** 2
             group.beliefs.core.widen(size)
 
-    def follow(self, sample: Sample, estimate: Estimate, readings: Sequence[Reading],
-               ensemble: Ensemble) -> None:  # fmt: skip
-        """Take a sample, the model's estimate for it, and the readings up to it.
+    def take(self, sample: Sample, estimate: Estimate, readings: Iterable[Reading],
+             ensemble: Ensemble) -> None:  # fmt: skip
+        """Take a sample and the readings up to it, and ``correct`` the model's estimate.
 
-        Signatures, beliefs and what is said of the present are renewed by one group after the
-        other, so that no sample waits for all; many sensors that read at different times cost no
-        more than one.
+        Beliefs and what is said of the present are renewed by one group after the other, so that no
+        sample waits for all; many sensors that read at different times cost no more than one.
 
         Args:
             sample: not a predicted one.
-            estimate: for it, with standard deviations.
+            estimate: for it, with standard deviations; changed.
             readings: that have become due.
             ensemble: whose members have been updated with the sample.
         """
-        count = len(self.groups)
-        due = [k for k, group in enumerate(self.groups) if group.renew(sample, k / count)]
-        values = estimate.values[self._columns]
-        angles = np.concatenate([sample.motor_angle, sample.joint_angle])
         assert estimate.stddev is not None
-        slopes = [group.slopes for group in self.groups]
-        direction = self._directions.follow(angles)
-        self._past.append(_Past(sample.stamp_ns, values, estimate.stddev, slopes, direction))
-        while sample.stamp_ns - self._past[0].stamp_ns > HISTORY_NS:
+        angles = np.concatenate([sample.motor_angle, sample.joint_angle])
+        now = Past(
+            sample.stamp_ns, estimate.values[self._columns], estimate.stddev,
+            self._directions.follow(angles),
+        )  # fmt: skip
+        self._past.append(now)
+        while now.stamp_ns - self._past[0].stamp_ns > HISTORY_NS:
             self._past.popleft()
         for reading in readings:
-            self._group_of[self.sensors[reading.name].cables[0]].waiting.append(reading)
-        for k in due:
-            group = self.groups[k]
-            waiting, group.waiting = group.waiting, []
-            for reading in waiting:
-                self._take(reading, k)
-            if group.judge(sample.stamp_ns):
-                self._doubt()
-            found = group.correction(sample.stamp_ns, values, ensemble.deviation)
-            self._said[:, k, group.columns] = found
-        if due:
+            sensor = self.sensors[reading.name]
+            self._group_of[sensor.cables[0]].waiting.append((reading, sensor))
+        renewed = False
+        for k, group in enumerate(self.groups):
+            phase = k / len(self.groups)
+            if (found := group.take(sample, phase, self._past, ensemble.deviation)) is not None:
+                self._said[:, k, group.columns] = found
+                renewed = True
+        if renewed:
             self._shift, self._left = self._said[[0, 2]].sum(axis=1)
             self._known = self._said[1].max(axis=0)
-
-    def _doubt(self) -> None:
-        """Renew ``doubted``."""
-        cables = [c for group in self.groups for c in group.doubted]
-        robot = self.model.robot
-        doubted = robot.per_element(np.isin(np.arange(len(robot.cables)), cables))
-        self.doubted = doubted if cables else None
-
-    def _take(self, reading: Reading, k: int) -> None:
-        """Take one reading of the group of this index, unless it is refused."""
-        sensor = self.sensors[reading.name]
-        past = self._at(reading.stamp_ns, sensor.column)
-        if past is None:
-            self.refused += 1
-            return
-        h, then = past
-        direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
-        history = float(then.stddev[sensor.column])
-        self.groups[k].take(reading, sensor, h, then.slopes[k], history, direction, then.values)
-
-    def _at(self, stamp_ns: int, column: int) -> tuple[float, _Past] | None:
-        """A quantity by the model at a time, and the sample at or after it; None if too old."""
-        past = self._past
-        if not past or not past[0].stamp_ns <= stamp_ns <= past[-1].stamp_ns:
-            return None
-        k = len(past) - 1
-        while k > 0 and past[k - 1].stamp_ns >= stamp_ns:
-            k -= 1
-        after = past[k]
-        value = float(after.values[column])
-        if after.stamp_ns != stamp_ns:
-            before = past[k - 1]
-            share = (after.stamp_ns - stamp_ns) / (after.stamp_ns - before.stamp_ns)
-            value += share * (float(before.values[column]) - value)
-        return value, after
+            cables = [c for group in self.groups for c in group.doubted]
+            robot = self.model.robot
+            every = np.arange(len(robot.cables))
+            self.doubted = robot.per_element(np.isin(every, cables)) if cables else None
+        self.correct(estimate, ensemble.variance)
 
     def correct(self, estimate: Estimate, history: Vector) -> None:
         """Change an estimate with standard deviations into that with what the sensors say.
@@ -203,6 +151,11 @@ class Corrections:
             self.model.core, estimate.values, estimate.stddev, history,
             self._shift, self._known, self._left, self._least,
         )  # fmt: skip
+
+    @property
+    def refused(self) -> int:
+        """Number of readings that were too old."""
+        return sum(group.refused for group in self.groups)
 
     def report(self) -> Report:
         """What the readings say about robot and sensors."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.groups import has_number, part_of
 from cdrj_ros.robot.reader import build_robot
 
+HISTORY_NS: Final = 200_000_000
+"""Maximum age of a reading [ns]."""
+
 TICK_NS: Final = 20_000_000
 """Signatures and corrections are renewed once in this time [ns]."""
 
@@ -41,6 +45,33 @@ CONTRADICTED: Final = 3.0
 
 CONTRADICTED_NS: Final = round(2e9 * FADES_S)
 """Time for which readings contradict the beliefs until the tensions are in doubt [ns]."""
+
+
+class Past(NamedTuple):
+    """The model's estimate at a sample."""
+
+    stamp_ns: int
+    values: Vector
+    """Of all quantities of the robot, shape (columns,)."""
+    stddev: Vector
+    direction: Vector
+    """Of the axes' friction, see ``Directions``."""
+
+
+def _at(past: Sequence[Past], stamp_ns: int, column: int) -> tuple[float, Past] | None:
+    """A quantity by the model at a time, and the sample at or after it; None if too old."""
+    if not past[0].stamp_ns <= stamp_ns <= past[-1].stamp_ns:
+        return None
+    k = len(past) - 1
+    while k > 0 and past[k - 1].stamp_ns >= stamp_ns:
+        k -= 1
+    after = past[k]
+    value = float(after.values[column])
+    if after.stamp_ns != stamp_ns:
+        before = past[k - 1]
+        share = (after.stamp_ns - stamp_ns) / (after.stamp_ns - before.stamp_ns)
+        value += share * (float(before.values[column]) - value)
+    return value, after
 
 
 class Group:
@@ -67,45 +98,12 @@ class Group:
         self.columns = _columns_in(model, own)
         """Index of every quantity of the group among those of the robot."""
         self.place = {column: k for k, column in enumerate(self.columns.tolist())}
-        self.slopes: Table = np.zeros((len(self.unknowns), self.columns.size))
-        """Change of every quantity per unit of every unknown, (B2), shape (unknowns, columns); a
-        new array whenever it is renewed."""
+        self.refused = 0
+        """Readings that were too old."""
         self._model = model
         self._own = own
         self._cable_of = _cables_of_columns(own)
-        self._tick, self._renewed_ns = NEVER, NEVER
-        """Of the last renewal: its number, and its stamp [ns]."""
         self.forget()
-
-    def renew(self, sample: Sample, phase: float) -> bool:
-        """Renew the signatures with a sample of the whole robot, unless too soon.
-
-        Args:
-            sample: now.
-            phase: when in every ``TICK_NS`` that is due, from 0 to 1.
-
-        Returns:
-            Whether they were renewed.
-        """
-        tick = (sample.stamp_ns + round(phase * TICK_NS)) // TICK_NS
-        if tick == self._tick:
-            return False
-        passed = sample.stamp_ns - self._renewed_ns
-        goes_on = self._renewed_ns != NEVER and 0 < passed <= LONGEST_NS
-        self._tick, self._renewed_ns = tick, sample.stamp_ns
-        if not goes_on:
-            self.signatures.reset()
-        self.slopes = self.signatures.follow(
-            sample.motor_angle[self._motors], sample.joint_angle[self._joints],
-            passed * 1e-9 if goes_on else 0.0,
-        )  # fmt: skip
-        return True
-
-    def restart(self) -> None:
-        """Begin with an unknown history; what is known of robot and sensors is kept."""
-        self._tick, self._renewed_ns = NEVER, NEVER
-        self.beliefs.core.pause()
-        self.forget_evidence()
 
     def forget(self) -> None:
         """Forget what sensors have said."""
@@ -114,10 +112,19 @@ class Group:
         """Index of every sensor that was heard in ``beliefs``, by name."""
         self.forget_evidence()
 
+    def restart(self) -> None:
+        """Begin with an unknown history; what is known of robot and sensors is kept."""
+        self.beliefs.core.pause()
+        self.forget_evidence()
+
     def forget_evidence(self) -> None:
         """Forget what the latest readings show."""
-        self.waiting: list[Reading] = []
-        """Readings up to the last sample, taken with the next renewal."""
+        self.waiting: list[tuple[Reading, Sensor]] = []
+        """Readings up to the last sample, which the next renewal takes."""
+        self._tick = NEVER
+        """Number of the last renewal."""
+        self._slopes: deque[tuple[int, Table]] = deque(maxlen=HISTORY_NS // TICK_NS + 1)
+        """Signatures with the stamps of their samples [ns]."""
         self.sums = [self._no_evidence(sensor) for sensor in self.beliefs.sensors]
         """(B5) of every sensor that was heard."""
         self.verdict: Verdict | None = None
@@ -126,6 +133,53 @@ class Group:
         """Numbers of the cables whose tensions are in doubt whatever their deviations say."""
         self._believed_ns, self._judged_ns = NEVER, NEVER
         """When the beliefs last held what the readings showed, and when that was judged [ns]."""
+
+    def take(
+        self, sample: Sample, phase: float, past: Sequence[Past], deviation: Table
+    ) -> tuple[Vector, Vector, Vector] | None:
+        """Renew signatures, beliefs and verdict, once in ``TICK_NS``.
+
+        Args:
+            sample: now, of the whole robot.
+            phase: when in every ``TICK_NS`` that is due, from 0 to 1.
+            past: the model's estimates for the last samples, this one included.
+            deviation: of the members from it by their histories, shape (members, columns).
+
+        Returns:
+            What the sensors say, see ``correction``; None if nothing was due.
+        """
+        if not self.follow(sample, phase):
+            return None
+        waiting, self.waiting = self.waiting, []
+        for reading, sensor in waiting:
+            self._take(reading, sensor, past)
+        if abs(sample.stamp_ns - self._judged_ns) >= JUDGED_NS:
+            self._judged_ns = sample.stamp_ns
+            self._judge(sample.stamp_ns)
+        return self.correction(sample.stamp_ns, past[-1].values, deviation)
+
+    def follow(self, sample: Sample, phase: float) -> bool:
+        """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
+        tick = (sample.stamp_ns + round(phase * TICK_NS)) // TICK_NS
+        if tick == self._tick:
+            return False
+        self._tick = tick
+        passed = sample.stamp_ns - self._slopes[-1][0] if self._slopes else 0
+        goes_on = 0 < passed <= LONGEST_NS
+        if not goes_on:
+            self.signatures.reset()
+            self._slopes.clear()
+        slopes = self.signatures.follow(
+            sample.motor_angle[self._motors], sample.joint_angle[self._joints],
+            passed * 1e-9 if goes_on else 0.0,
+        )  # fmt: skip
+        self._slopes.append((sample.stamp_ns, slopes))
+        return True
+
+    @property
+    def slopes(self) -> Table:
+        """Change of every quantity per unit of every unknown, (B2), shape (unknowns, columns)."""
+        return self._slopes[-1][1]
 
     def _no_evidence(self, sensor: Sensor) -> Sums:
         return nothing(self.beliefs.count + 3, contributions(self._model.robot, sensor))
@@ -140,49 +194,34 @@ class Group:
             self.sums.append(self._no_evidence(sensor))
         return self.index[sensor.name]
 
-    def take(
-        self, reading: Reading, sensor: Sensor, h: float, slopes: Table, history: float,
-        direction: float, values: Vector,
-    ) -> None:  # fmt: skip
-        """Take a reading.
-
-        Args:
-            reading: of the sensor.
-            sensor: of this group.
-            h: what the model says [N] or [N m].
-            slopes: signatures of the unknowns, shape (unknowns, columns).
-            history: standard deviation of h by its friction history.
-            direction: change of the reading per unit of the axis' friction.
-            values: of all quantities of the robot.
-        """
+    def _take(self, reading: Reading, sensor: Sensor, past: Sequence[Past]) -> None:
+        """Take a reading, unless it is too old."""
+        found = _at(past, reading.stamp_ns, sensor.column)
+        if found is None:
+            self.refused += 1
+            return
+        h, then = found
+        since = (one for at, one in reversed(self._slopes) if at <= then.stamp_ns)
+        slopes = next(since, self._slopes[0][1])
         k, own = self.hear(sensor), slopes[:, self.place[sensor.column]]
-        core = self.beliefs.core
+        direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
+        history, core = float(then.stddev[sensor.column]), self.beliefs.core
         core.take(k, reading.stamp_ns, reading.value, reading.noise, h, own, history, direction)
         *_, strays = core.heard(k)
         if not 0 < strays <= STRAYS:
             self.sums[k].add(
                 reading.stamp_ns, reading.value - h, np.concatenate([own, [1.0, h, direction]]),
-                reading.noise**2, sensor.model_error(reading.value) ** 2 + history**2, values,
+                reading.noise**2, sensor.model_error(reading.value) ** 2 + history**2, then.values,
             )  # fmt: skip
 
-    def judge(self, stamp_ns: int) -> bool:
-        """Renew ``verdict`` and ``doubted`` where due; both stay while the sensors are silent.
-
-        Args:
-            stamp_ns: now [ns].
-
-        Returns:
-            Whether they were renewed.
-        """
-        if abs(stamp_ns - self._judged_ns) < JUDGED_NS:
-            return False
-        self._judged_ns = stamp_ns
+    def _judge(self, stamp_ns: int) -> None:
+        """Renew ``verdict`` and ``doubted``; both stay while the sensors are silent."""
         beliefs, names = self.beliefs, self._model.layout.cables
         frozen = [beliefs.core.heard(k)[2] for k in range(len(beliefs.sensors))]
         sums = [one.faded(stamp_ns) for one in self.sums]
         verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
         if verdict is None:
-            return False
+            return
         self.verdict = verdict
         if verdict.broken or self._believes(verdict):
             self._believed_ns = stamp_ns
@@ -190,7 +229,6 @@ class Group:
         lost = stamp_ns - self._believed_ns > CONTRADICTED_NS
         broken = [names.index(verdict.broken)] if verdict.broken else []
         self.doubted = self.cables if lost else broken
-        return True
 
     def _believes(self, verdict: Verdict) -> bool:
         """Whether the beliefs hold what the latest readings show."""

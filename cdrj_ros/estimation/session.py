@@ -316,9 +316,8 @@ class LiveEstimator:
             self.state, estimate = self.ensemble.step(self.state, sample)
         self._note(sample, estimate)
         if self.corrections is not None and self.ensemble is not None and estimate.solved:
-            due = list(self.readings.due(sample.stamp_ns))
-            self.corrections.follow(sample, estimate, due, self.ensemble)
-            self.corrections.correct(estimate, self.ensemble.variance)
+            due = self.readings.due(sample.stamp_ns)
+            self.corrections.take(sample, estimate, due, self.ensemble)
         self._mark(sample, estimate)
         return estimate
 

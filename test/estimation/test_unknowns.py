@@ -83,7 +83,7 @@ def test_a_signature_is_what_the_robot_with_this_number_alone_does(name: str) ->
     samples = _course(model, 12)
     slopes = []
     for sample in samples:
-        assert group.renew(sample, 0.0)
+        assert group.follow(sample, 0.0)
         slopes.append(group.slopes)
     checked = 0
     for u, unknown in enumerate(group.unknowns):
