@@ -26,7 +26,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.parameter_draws import independent_causes
+from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.laws import elasticity_of, tensions_at

@@ -11,7 +11,7 @@ import numpy as np
 
 from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition, worth_of
 from cdrj_ros.estimation.estimator import Angles, Samples
-from cdrj_ros.estimation.sparse import NOTED, sparse_words
+from cdrj_ros.estimation.refusals import NOTED, sparse_words
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.estimation.parameter_draws import independent_causes
+from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document

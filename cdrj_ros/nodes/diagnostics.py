@@ -13,8 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from cdrj_ros.estimation.corrections import Corrections
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.estimation.refusals import sparse_words
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.estimation.sparse import sparse_words
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.model.prepared import Model

@@ -7,9 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from support.places import ROBOT, ROBOTS, ROOT
 
+from cdrj_ros.estimation.draws import Streams, draw_members
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import ALL_SEEN, Sample, Samples, initial_state, run, step
-from cdrj_ros.estimation.parameter_draws import Streams, draw_members
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.recordings.recording import Topics

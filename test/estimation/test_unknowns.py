@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
+from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.estimation.group import Group
-from cdrj_ros.estimation.parameter_draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.parameters import number_at, with_numbers
