@@ -19,13 +19,16 @@ from typing import Any, Final
 
 import numpy as np
 from PIL import Image
-from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 
-import cdrj_ros as cdrj
-from cdrj_ros.recordings.writer import BagWriter
-
 ROOT: Final = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "test"))
+
+from support.browser import chromium  # noqa: E402
+
+import cdrj_ros as cdrj  # noqa: E402
+from cdrj_ros.recordings.writer import BagWriter  # noqa: E402
+
 FIGURES: Final = ROOT / "docs" / "figures"
 BAG: Final = ROOT / "bags" / "prototype_preload_36_26"
 
@@ -68,12 +71,6 @@ CLOSE: Final = (
     "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
 )
 """Closes the notice that the browser renders in software."""
-
-OPTIONS: Final = (
-    "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
-)  # fmt: skip
 
 
 def known() -> str:
@@ -122,18 +119,9 @@ def resize(browser: Any, size: tuple[int, int]) -> None:
 @contextmanager
 def browsing(folder: Path, size: tuple[int, int]) -> Iterator[Any]:
     """Start a browser with a window of the given size [px]; ``folder`` holds its profile."""
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium") or ""
-    width, height = size
-    for option in (*OPTIONS, f"--window-size={width},{height}", f"--user-data-dir={folder}"):
-        options.add_argument(option)
-    service = webdriver.ChromeService(shutil.which("chromedriver"))
-    browser = webdriver.Chrome(options=options, service=service)
-    try:
+    with chromium(folder, *size) as browser:
         resize(browser, size)
         yield browser
-    finally:
-        browser.quit()
 
 
 def picture(folder: Path, address: str, size: tuple[int, int], path: Path) -> None:
