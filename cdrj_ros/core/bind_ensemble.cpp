@@ -326,7 +326,7 @@ void bind_ensemble(nb::module_& core) {
         .def_prop_ro("lags", part(&Ensemble::lags, &Lags::numbers),
             "What is remembered of mean tensions and velocities, (U13) and (U18); opaque.")
         .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals),
-            "Twice the number of past intervals without readings, plus one during one, (axes,).")
+            "Beginnings and ends of intervals without readings so far, odd during one, shape (axes,).")
         .def_prop_ro("heading", part(&Ensemble::memory, &EnsembleMemory::heading),
             "Direction of every axis, 1 or -1, 0 before its first angle, shape (axes,).")
         .def_prop_ro("furthest", part(&Ensemble::memory, &EnsembleMemory::furthest),

@@ -122,14 +122,14 @@ Channel::Channel(const Axis& axis) {
 }
 
 void Channel::take_over(const Channel& earlier) {
-    motion = earlier.motion.elsewhen();
+    motion = earlier.motion.without_window();
     steps.memory = earlier.steps.memory;
     left_behind_ns = earlier.last_ns;
 }
 
 void Channel::keep_turns(const Channel& earlier) {
     turns = earlier.turns;
-    motion = earlier.motion.elsewhen();
+    motion = earlier.motion.without_window();
     steps.memory.bend = earlier.steps.memory.bend;
     steps.memory.unexplained = earlier.steps.memory.unexplained;
 }
@@ -251,7 +251,7 @@ bool Channel::straggles(Nanoseconds stamp_ns, std::span<const Channel> channels)
 void Channel::resume(const Axis& axis, double angle) {
     lost_way = axis.worth > 0.0 && std::abs(angle - last) > axis.worth;
     steps.restart();
-    motion = motion.elsewhen();
+    motion = motion.without_window();
 }
 
 void Channel::note_implausible(const Axis& axis, Raw raw) {

@@ -358,7 +358,7 @@ void Conditioner::recall(std::span<const double> numbers, std::span<const double
     for (std::size_t k = 0; k < channels_.size(); ++k) {
         Channel& channel = channels_[k];
         for (double* one : channel.remembered()) *one = *next++;
-        channel.motion = channel.motion.elsewhen();
+        channel.motion = channel.motion.without_window();
         channel.steps.memory.stepped = stepped[k] != 0.0;
     }
 }

@@ -47,7 +47,7 @@ std::vector<Index> up_to(Index count) {
 }
 
 /// The quantities of a robot, in the order of `unmodelled`.
-std::vector<Quantity> quantities_of(const Robot& robot, std::span<const double> unmodelled) {
+std::vector<UncertainOutput> quantities_of(const Robot& robot, std::span<const double> unmodelled) {
     const auto& [topology, constants] = robot;
     const Sizes& sizes = topology.sizes;
     std::vector<Index> of_elements, of_pulleys;  // their cables
@@ -55,7 +55,7 @@ std::vector<Quantity> quantities_of(const Robot& robot, std::span<const double> 
         of_elements.insert(of_elements.end(), topology.cables[c].elements, c);
         of_pulleys.insert(of_pulleys.end(), topology.cables[c].pulleys, c);
     }
-    std::vector<Quantity> found;
+    std::vector<UncertainOutput> found;
     Index axis = 0;
     for (const EstimatePart& part : ESTIMATE) {
         if (!part.uncertain) continue;
@@ -270,7 +270,7 @@ void Ensemble::note_turns(Nanoseconds before) {
 bool Ensemble::has_turned(Index axis) const {
     const double back = std::abs(angle_[axis] - memory.furthest[axis]);
     return std::ranges::any_of(robot_.topology.paths->cables_of_axis[axis], [&](Index c) {
-        const Quantity& tension = quantities[tensions_of(c).first];
+        const UncertainOutput& tension = quantities[tensions_of(c).first];
         const double most = std::max(estimate_[tension.index], tension.slack);
         const auto& gains = draws.gains[tensions_of(c).first];
         return std::ranges::any_of(gains, [&](const Gain& one) {

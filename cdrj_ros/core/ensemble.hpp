@@ -30,8 +30,8 @@ struct SampleView {
     std::span<const double> offset{};     // as `Sample::offset`
 };
 
-/// A quantity of the estimate that has a standard deviation.
-struct Quantity {
+/// An output of the estimate that has a standard deviation.
+struct UncertainOutput {
     Index index;                 // in the estimate
     Index cable;                 // -1 for an effort
     Index axis;                  // of an effort, among motors, then joints; otherwise -1
@@ -80,7 +80,7 @@ struct EnsembleMemory {
     std::vector<double> angle;        // of all axes at the last sample [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
     std::vector<double> least_variance;  // of every quantity, where more is open than members show, (U15)
-    // of every axis, twice the number of its past intervals without readings, plus one during one
+    // of every axis, beginnings and ends of intervals without readings so far; odd during one
     std::vector<Index> intervals;
     std::vector<double> heading;      // of every axis, 1 or -1; 0 before its first angle
     std::vector<double> furthest;     // its angle furthest in this direction [rad]
@@ -186,7 +186,7 @@ private:
     const Firsts first_;
 
 public:
-    const std::vector<Quantity> quantities;
+    const std::vector<UncertainOutput> quantities;
     Draws draws;
     Population population;  // the members
     EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
@@ -229,7 +229,7 @@ private:
     std::pair<Index, Index> tensions_of(Index cable) const;
     std::pair<Index, Index> forces_of(Index cable) const;
     Index effort_of(Index axis) const;
-    bool is_invalid(std::span<const double> estimate, const Quantity& quantity) const;
+    bool is_invalid(std::span<const double> estimate, const UncertainOutput& quantity) const;
     bool is_invalid(std::span<const double> estimate, Index cable) const;
 
    /// What samples change.

@@ -14,7 +14,7 @@ void Ensemble::compare(
     const Index member = next_member();
     const auto count = static_cast<double>(members());
     for (std::size_t q = 0; q < quantities.size(); ++q) {
-        const Quantity& one = quantities[q];
+        const UncertainOutput& one = quantities[q];
         if (is_invalid(nominal, one) || is_invalid(own, one)) continue;
         double& deviation = memory.deviation[member * std::ssize(quantities) + q];
         double now = own[one.index] - nominal[one.index];
@@ -148,7 +148,7 @@ double Ensemble::shown(Index q, std::span<const double> nominal) const {
 
 /// Variance of what is small between readings (U17), which members do not show.
 double Ensemble::hidden(Index q) const {
-    const Quantity& one = quantities[q];
+    const UncertainOutput& one = quantities[q];
     if (!any_small_ || (one.cable >= 0 && walked_[one.cable] != 0)) return 0.0;
     double total = 0.0;
     for (const auto& [axis, gain] : draws.gains[q]) {
@@ -158,7 +158,7 @@ double Ensemble::hidden(Index q) const {
 }
 
 /// Whether a cable that a quantity depends on is INVALID in an estimate.
-bool Ensemble::is_invalid(std::span<const double> estimate, const Quantity& quantity) const {
+bool Ensemble::is_invalid(std::span<const double> estimate, const UncertainOutput& quantity) const {
     if (quantity.cable >= 0) return is_invalid(estimate, quantity.cable);
     const auto& own = robot_.topology.paths->cables_of_axis[quantity.axis];
     return std::ranges::any_of(own, [&](Index c) { return is_invalid(estimate, c); });

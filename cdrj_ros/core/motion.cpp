@@ -88,7 +88,7 @@ Nanoseconds Motion::seen() const {
     return static_cast<Nanoseconds>(seconds * 1e9);
 }
 
-Motion Motion::elsewhen() const {
+Motion Motion::without_window() const {
     Motion later = *this;
     later.begin_ns = -1;
     later.begin = later.span = later.velocity = later.part_span = 0.0;

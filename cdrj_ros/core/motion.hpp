@@ -42,7 +42,7 @@ struct Motion {
     void take(Nanoseconds stamp_ns, double angle);
 
     /// What stays valid when the clock of the readings changes: all but the current window.
-    Motion elsewhen() const;
+    Motion without_window() const;
 
     /// Whether the motion so far tells what may happen between readings so far apart.
     bool knows(Nanoseconds span_ns) const;

@@ -112,7 +112,7 @@ class Motion:
         resolved = self.acceleration * smooth <= self.speed
         return int(min(max(slow, smooth) if resolved else slow, 1e9) * 1e9)
 
-    def elsewhen(self) -> Motion:
+    def without_window(self) -> Motion:
         return replace(self, begin_ns=-1, begin=0.0, span=0.0, velocity=0.0, last_part=None)
 
     def knows(self, span_ns: int) -> bool:
@@ -660,7 +660,7 @@ class Reference:
             self._drop_off(old)
             if keep_turns:
                 channel.turns, channel.reading = old.turns, old.reading
-                channel.motion = old.motion.elsewhen()
+                channel.motion = old.motion.without_window()
                 channel.steps.bend = old.steps.bend
                 channel.steps.unexplained = old.steps.unexplained
             elif old.last_ns >= 0:
@@ -681,7 +681,7 @@ class Reference:
         ):
             for name, value in zip(LASTING, row, strict=False):
                 setattr(channel.motion, name, value)
-            channel.motion = channel.motion.elsewhen()
+            channel.motion = channel.motion.without_window()
             for name, value in zip(LASTING_STEPS, row[len(LASTING) :], strict=True):
                 setattr(channel.steps, name, value)
             channel.steps.stepped = stepped != 0.0
@@ -763,7 +763,7 @@ class Reference:
         if channel.steps.repeats and point[1] != channel.last:
             channel.lost_way = 0.0 < channel.steps.worth < abs(point[1] - channel.last)
             channel.steps.restart()
-            channel.motion = channel.motion.elsewhen()
+            channel.motion = channel.motion.without_window()
         if channel.off is not None:
             off, channel.off = channel.off, None
             if not channel.steps.returns((off[0], channel.angle_at(off[1])), point):
@@ -849,7 +849,7 @@ class Reference:
                 self._drop_held(old)
         self._begin()
         for channel, old in zip(self.channels, before, strict=True):
-            channel.left_behind_ns, channel.motion = old.last_ns, old.motion.elsewhen()
+            channel.left_behind_ns, channel.motion = old.last_ns, old.motion.without_window()
             for name in (*LASTING_STEPS, "stepped"):
                 setattr(channel.steps, name, getattr(old.steps, name))
             self._append_all(channel, old.held)
