@@ -6,7 +6,7 @@ assumed to follow the joints such that every cable keeps its preload as well as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -26,7 +26,7 @@ from cdrj_ros.model.laws import (
     strain_at,
     tensions_at,
 )
-from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
+from cdrj_ros.model.prepared import Model, Shape, lengths_at, prepare, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law
 from cdrj_ros.robot.groups import joints_of, motors_of
 
@@ -166,7 +166,8 @@ def inspect_robot(model: Model) -> Inspection:
         wound = {name for cable in own for name in motors_of(cable)}
         motors |= {name: angles[name] for name in wound}
     poses = visited_poses(robot, [joint.name for joint in robot.joints])
-    arms = [_total_arms(robot, shape_at(model, pose)) for pose in poses]
+    parts = robot.parts
+    arms = [_total_arms(parts, shape_at(model, pose)) for pose in poses]
     still = Extent(0.0, 0.0, tuple(robot.reference_pose), tuple(robot.reference_pose))
     drums = robot.drums
     return Inspection(
@@ -185,16 +186,21 @@ def inspect_robot(model: Model) -> Inspection:
     )
 
 
-def _total_arms(robot: Robot, shape: Shape) -> Matrix:
+def _total_arms(parts: Sequence[slice], shape: Shape) -> Matrix:
     """Derivatives of every cable's length by every joint, shape (cables, joints)."""
-    return np.stack([shape.lever_arm[part].sum(axis=0) for part in robot.parts])
+    return np.stack([shape.lever_arm[part].sum(axis=0) for part in parts])
+
+
+def _whole(robot: Robot, length: Matrix) -> Matrix:
+    """Lengths of all cables from those of their elements [m], shape (poses, cables)."""
+    return np.stack([length[:, part].sum(axis=1) for part in robot.parts], axis=1)
 
 
 def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str, Extent]]:
     """The cables of a robot in some poses, and the angles of its motors by name."""
     robot = model.robot
     shapes = [shape_at(model, pose) for pose in poses]
-    whole = np.array([[one.length[part].sum() for part in robot.parts] for one in shapes])
+    whole = _whole(robot, np.stack([one.length for one in shapes]))
     stiffness = stiffness_at_preload(robot, whole[0])
     motors, followed = _followed(robot, whole, stiffness, robot.drums)
     names = [motor.name for motor in robot.motors]
@@ -205,9 +211,7 @@ def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str,
 def following_motors(model: Model, poses: Matrix) -> Matrix:
     """Motor angles that keep the preloads in given poses [rad], shape (poses, motors)."""
     robot = model.robot
-    reference = robot.reference_pose
-    lengths = [shape_at(model, pose).length for pose in (reference, *poses)]
-    whole = np.array([[one[part].sum() for part in robot.parts] for one in lengths])
+    whole = _whole(robot, lengths_at(model, np.vstack([robot.reference_pose, poses])))
     stiffness = stiffness_at_preload(robot, whole[0])
     angles, _ = _followed(robot, whole, stiffness, robot.drums)
     zero = robot.reference_motors
