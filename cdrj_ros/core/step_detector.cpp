@@ -28,6 +28,19 @@ double velocity(Point from, Point to) {
     return (to.angle - from.angle) / seconds(from, to);
 }
 
+/// What of a displacement exceeds any motion between the ones of the intervals before and after, (C5),
+/// with its sign, by the noise that it may contain.
+double jump(double before, double moved, double after, double noise) {
+    const double by = moved - 0.5 * (before + after);
+    return std::copysign(std::max(std::abs(by) - 0.5 * std::abs(after - before), 0.0) * noise, by);
+}
+
+/// The part of a displacement that neither of two lines explains, from what each leaves.
+double unexplained(double one, double other) {
+    if (one * other <= 0.0) return 0.0;
+    return std::abs(one) < std::abs(other) ? one : other;
+}
+
 }  // namespace
 
 /// Whether there are two readings before it, none of them too long ago.
@@ -43,10 +56,13 @@ bool StepDetector::is_plain(const Motion& motion, Point next, double deviation) 
 }
 
 /// Deviation from the line through the last two readings, by the noise that it may contain.
+///
+/// Stamps may be less even than readings, or readings than stamps, so the line is drawn over the
+/// stamps and over the order of readings; what either explains is no deviation.
 double StepDetector::bend(Point next) const {
-    const double line = velocity(points_[1], points_[2]) * seconds(points_[2], next);
+    const double before = points_[2].angle - points_[1].angle, after = next.angle - points_[2].angle;
     const double longer = seconds(points_[2], next) / seconds(points_[1], points_[2]);
-    return (next.angle - points_[2].angle - line) / (1.0 + longer);
+    return unexplained((after - before * longer) / (1.0 + longer), 0.5 * (after - before));
 }
 
 bool StepDetector::is_off(const Motion& motion, Point next) const {
@@ -80,7 +96,7 @@ bool StepDetector::take(const Motion& motion, double worth, Point next, bool off
     if (is_judged(next)) {
         const double deviation = bend(next);
         if (!off && !found) memory.bend = std::max(memory.bend, std::abs(deviation));
-        if (is_plain(motion, next, deviation)) side = deviation;
+        if (is_plain(motion, next, deviation) && next.angle != points_[2].angle) side = deviation;
     }
     alternate(side * side_ < 0.0);
     side_ = side;
@@ -98,20 +114,23 @@ bool StepDetector::take(const Motion& motion, double worth, Point next, bool off
 /// Whether the displacement between the last two readings was a step, (C7); otherwise what it has of
 /// unexplained is noted.
 bool StepDetector::is_step(const Motion& motion, double worth, Point next) {
-    const double before = velocity(points_[0], points_[1]), after = velocity(points_[2], next);
+    const double before = points_[1].angle - points_[0].angle;
+    const double moved = points_[2].angle - points_[1].angle;
+    const double after = next.angle - points_[2].angle;
     const double length = seconds(points_[1], points_[2]);
-    const double by = points_[2].angle - points_[1].angle - 0.5 * (before + after) * length;
-    const double beyond = std::abs(by) - 0.5 * std::abs(after - before) * length;  // (C5)
-    const double noise =
-        2.0 + length / seconds(points_[0], points_[1]) + length / seconds(points_[2], next);
-    const double size = std::max(beyond, 0.0) * NOISE / noise;
+    const double to_before = length / seconds(points_[0], points_[1]);
+    const double to_after = length / seconds(points_[2], next);
+    const double size = unexplained(
+        jump(before * to_before, moved, after * to_after, NOISE / (2.0 + to_before + to_after)),
+        jump(before, moved, after, 1.0));
     const double least = std::max(NOISE * motion.band, BEYOND * memory.unexplained);
-    const double fastest = std::max(std::abs(before), std::abs(after));
-    if (motion.travelled >= TRAVEL && size > least && std::abs(by) > fastest * length) {
+    const double by = moved - 0.5 * (before * to_before + after * to_after);
+    const double most = std::max(std::abs(before) * to_before, std::abs(after) * to_after);
+    if (motion.travelled >= TRAVEL && std::abs(size) > least && std::abs(by) > most) {
         step_by(by, worth);
         return true;
     }
-    memory.unexplained = std::max(memory.unexplained, size);
+    memory.unexplained = std::max(memory.unexplained, std::abs(size));
     return false;
 }
 

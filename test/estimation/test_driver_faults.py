@@ -17,7 +17,9 @@ from support.driver_faults import (
     frozen,
     in_degrees,
     judge,
+    late_stamps,
     messages_of,
+    repeated,
     run,
     second,
     twice,
@@ -62,6 +64,24 @@ def swing(model: Model, hertz: float = 0.3) -> Callable[[np.ndarray], np.ndarray
 @pytest.fixture(scope="module")
 def course(robot: Model) -> Course:
     return course_of(robot, 6.0, swing(robot))
+
+
+def test_stamps_of_publication_keep_status_0(robot: Model, course: Course) -> None:
+    """Readings are even although their stamps are not."""
+    messages = late_stamps(0.0003)(messages_of(robot, course, 200))
+    verdict = judge(course, run(robot, messages), 2.0)
+    assert verdict.ratio.size > 0.9 * verdict.judged
+    assert verdict.beyond(5.0) <= LAW
+
+
+def test_sensors_read_less_often_than_published_are_no_second_publisher(
+    robot: Model, course: Course
+) -> None:
+    named: list[list[str]] = []
+    messages = repeated(2)(messages_of(robot, course, 1000))
+    outputs = run(robot, messages, watch=lambda live, _: named.append(live.conditioner.alternating))
+    assert judge(course, outputs).beyond(5.0) <= LAW
+    assert not any(named)
 
 
 def first_joint(model: Model) -> str:

@@ -170,6 +170,25 @@ def older(axis: str, messages_ago: int) -> Fault:
     return spoil
 
 
+def late_stamps(deviation_s: float) -> Fault:
+    """The stamps are times of publication, some time after that of the readings."""
+
+    def spoil(messages: list[Message]) -> list[Message]:
+        late = np.abs(np.random.default_rng(3).normal(0.0, 1e9 * deviation_s, len(messages)))
+        return [
+            m._replace(stamp_ns=m.stamp_ns + int(by)) for m, by in zip(messages, late, strict=True)
+        ]
+
+    return spoil
+
+
+def repeated(times: int) -> Fault:
+    """The sensors are read less often than they are published."""
+    return lambda messages: [
+        m._replace(positions=messages[k - k % times].positions) for k, m in enumerate(messages)
+    ]
+
+
 # --- runs -----------------------------------------------------------------------------------------
 
 

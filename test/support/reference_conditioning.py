@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import ceil, exp, hypot, inf, isfinite, isinf, log, nan, pi, sqrt
+from math import ceil, copysign, exp, hypot, inf, isfinite, isinf, log, nan, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -186,9 +186,10 @@ class Steps:
         return len(stamps) == 3 and max(b - a for a, b in pairwise(stamps)) <= 10**8
 
     def bent(self, point: tuple[int, float]) -> float:
-        length, rate = self.between(self.points[-2], self.points[-1])
-        since = self.between(self.points[-1], point)[0]
-        return (point[1] - self.points[-1][1] - rate * since) / (1.0 + since / length)
+        (first, start), (second, middle), (third, end) = *self.points[-2:], point
+        ratio = ((third - second) * 1e-9) / ((second - first) * 1e-9)
+        by_time = ((end - middle) - (middle - start) * ratio) / (1.0 + ratio)
+        return lesser(by_time, 0.5 * ((end - middle) - (middle - start)))
 
     def plain(self, motion: Motion, point: tuple[int, float]) -> bool:
         dense = point[0] - self.points[-1][0] <= 30_000_000
@@ -219,7 +220,8 @@ class Steps:
             size = self.bent(point)
             if not (off or found):
                 self.bend = max(self.bend, abs(size))
-            side = size if self.plain(motion, point) else 0.0
+            changed = point[1] != self.points[-1][1]
+            side = size if changed and self.plain(motion, point) else 0.0
         self.alternate(side * self.side < 0.0)
         self.side = side
         if motion.windows > 0.0:
@@ -277,16 +279,19 @@ class Steps:
             self.repeated_since = still[0]
 
     def has_stepped(self, motion: Motion, point: tuple[int, float]) -> bool:
-        first, second, third = self.points
-        earlier, before = self.between(first, second)
-        length, later = self.between(second, third)[0], self.between(third, point)[0]
-        after = self.between(third, point)[1]
-        by = third[1] - second[1] - 0.5 * (before + after) * length
-        beyond = abs(by) - 0.5 * abs(after - before) * length
-        size = max(beyond, 0.0) * 4.0 / (2.0 + length / earlier + length / later)
-        fastest = max(abs(before), abs(after))
+        spans = [(b[0] - a[0]) * 1e-9 for a, b in pairwise([*self.points, point])]
+        first, moved, last = (b[1] - a[1] for a, b in pairwise([*self.points, point]))
+        before, after = (spans[1] / spans[k] for k in (0, 2))
+        by = moved - 0.5 * (first * before + last * after)
+        fastest = max(abs(first) * before, abs(last) * after)
+        size = abs(
+            lesser(
+                jump(first * before, moved, last * after) * (4.0 / (2.0 + before + after)),
+                jump(first, moved, last),
+            )
+        )
         least = max(4.0 * motion.band, 2.5 * self.unexplained)
-        if motion.travelled >= 1.0 and size > least and abs(by) > fastest * length:
+        if motion.travelled >= 1.0 and size > least and abs(by) > fastest:
             self.step_by(by)
             return True
         self.unexplained = max(self.unexplained, size)
@@ -304,6 +309,15 @@ class Steps:
     def offset(self, motion: Motion) -> float:
         hidden = 0.35 * max(self.unexplained, self.sudden, 2.0 * motion.band)
         return hypot(hidden, self.displaced)
+
+
+def jump(before: float, moved: float, after: float) -> float:
+    by = moved - 0.5 * (before + after)
+    return copysign(max(abs(by) - 0.5 * abs(after - before), 0.0), by)
+
+
+def lesser(one: float, other: float) -> float:
+    return 0.0 if one * other <= 0.0 else min(one, other, key=abs)
 
 
 def level(value: float) -> float:
