@@ -41,7 +41,7 @@ REMEDIES: Final[Mapping[str, str]] = {
     "late": "let one node publish the axis, with one clock",
     "future": "synchronise the clocks, or state the clock_offset",
     "out_of_range": "correct scale, offset or range in the robot file",
-    "implausible": "correct scale or max_speed in the robot file, or let one node publish the axis",
+    "implausible": "correct scale, resolution or max_speed, or let one node publish the axis",
 }
 """What to do about them, where the meaning does not say it."""
 

@@ -16,6 +16,9 @@ CLEAR: Final = 14.0
 LEAST_RATIO: Final = 0.01
 """Smallest ratio of a measured effort to the expected one that tells a scale."""
 
+OPPOSITE: Final = -1.0 - 1.0 / 3.0
+"""Change of all preloads, as a share, below which efforts have the wrong sign: no cable pushes."""
+
 Level = Literal["ok", "warn", "error"]
 
 
@@ -40,8 +43,8 @@ def report(robot: Robot, verdicts: Sequence[Verdict | None]) -> Report:
         return Report("ok", "too few readings of sensors", {})
     words = [line for one in judged for line in _words(robot, one)]
     values = {
-        f"deviation of {name} [{_unit(name)}]": f"{file:.3g} from the file, {found:.3g} from it "
-        "with what is found"
+        f"deviation of {name} [{_unit(robot, name)}]": f"{file:.3g} from the file, "
+        f"{found:.3g} from it with what is found"
         for one in judged
         for name, (file, found) in one.deviation.items()
     }
@@ -60,8 +63,8 @@ def report(robot: Robot, verdicts: Sequence[Verdict | None]) -> Report:
     return Report(level, "; ".join(words) or agrees, values, named)
 
 
-def _unit(sensor: str) -> str:
-    return "N" if "/" in sensor else "N m"
+def _unit(robot: Robot, sensor: str) -> str:
+    return "N m" if any(axis.name == sensor for axis in robot.axes) else "N"
 
 
 def _words(robot: Robot, verdict: Verdict) -> list[str]:
@@ -71,10 +74,10 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
         return [text + _or(of_sensors if verdict.explained else ())]
     if not verdict.explained:
         worst = max(verdict.deviation, key=lambda name: verdict.deviation[name][1])
-        file, found = verdict.deviation[worst]
+        (file, found), unit = verdict.deviation[worst], _unit(robot, worst)
         text = (
-            f"{worst} is {file:.3g} {_unit(worst)} off, of which no single change explains "
-            f"{found:.3g} {_unit(worst)}: wrong robot file, wrong sign or unit of a sensor, or "
+            f"{worst} is {file:.3g} {unit} off, of which no single change explains "
+            f"{found:.3g} {unit}: wrong robot file, wrong sign or unit of a sensor, or "
             "several changes"
         )
         return [text]
@@ -91,6 +94,9 @@ def _sentence(robot: Robot, found: Finding) -> str:
     more = found.amount > 0.0
     if one.kind == "zero":
         text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}; ~/tare"
+    elif one.kind == "preload" and one.unit == "%" and found.amount < 100.0 * OPPOSITE:
+        fits = ", ".join(f"motors.{m.name}.effort_sign: {-m.effort_sign:+d}" for m in robot.motors)
+        return f"efforts are opposite to the cables' pull; {fits} fits"
     elif one.kind == "preload":
         file = [
             f" of {c.preload:.4g} N" for c in robot.cables if one.what == f"preload of {c.name}"

@@ -56,13 +56,14 @@ class WatchNode(Node):
         self.create_subscription(CableTensions, topics.TENSIONS, self.last.hear, qos, raw=True)
 
     def head(self) -> str:
-        """Topic, rate and age of the last message, or why there is none."""
+        """Topic, rate once it is known, and age of the last message, or why there is none."""
         if self.last.payload is None or self.last.silent():
             return self.missing()
         stamp = Time.from_msg(deserialize_message(self.last.payload, CableTensions).header.stamp)
         age_s = (self.get_clock().now() - stamp).nanoseconds * 1e-9
         age = f"age {age_s:.3f} s" if abs(age_s) < FOREIGN_S else "recorded stamps"
-        return f"{self.topic}, {self._rate.hz(self.last.count) or 0.0:.0f} Hz, {age}"
+        hz = self._rate.hz(self.last.count)
+        return f"{self.topic}, {age}" if hz is None else f"{self.topic}, {hz:.0f} Hz, {age}"
 
     def missing(self) -> str:
         """Why no message arrives."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.places import ROBOTS
 
 from cdrj_ros.estimation.corrections import Corrections
 from cdrj_ros.estimation.ensemble import mark_elements_unsure
@@ -16,7 +17,8 @@ from cdrj_ros.estimation.verdict_words import Report
 from cdrj_ros.model.packing import INVALID, OK, SLACK, UNSURE
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
-from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.reader import build_robot, parse_robot
+from cdrj_ros.simulation.drives import follow_joints
 
 CELLS = ("upper/8", "lower/8")
 EFFORT_NOISE, CELL_NOISE = 0.01, 0.1
@@ -221,6 +223,29 @@ def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
     assert message.startswith("scale of effort of winch is 20")
     value = float(message.split("effort_scale: ")[1].split()[0])
     assert value == pytest.approx(-0.5, rel=0.05)
+
+
+def test_efforts_of_the_other_sign_are_answered_with_the_key_and_not_with_lost_preload() -> None:
+    text = (ROBOTS / "finger.yaml").read_text()
+    model = prepare(parse_robot(f"prefix: arm/\n{text}"))
+    seconds = np.arange(0.0, 8.0, 0.04)
+    swing = 0.3 * np.sin(2.0 * np.pi * 0.3 * seconds)
+    joints = model.robot.reference_pose + swing[:, None]
+    stamps = 1_000_000_000 + np.round(1e9 * seconds).astype(np.int64)
+    samples = Samples(stamps, follow_joints(model, joints).motor_angle, joints)
+    efforts = run(model, initial_state(model), samples)[1].values[:, model.layout.motor_effort]
+    readings = -efforts + np.random.default_rng(0).normal(0.0, 0.003, efforts.shape)
+    live = LiveEstimator(model)
+    for k, stamp in enumerate(stamps.tolist()):
+        live.feed_efforts(stamp, model.layout.motors, readings[k])
+        live.take(samples.at(k))
+    said = report_of(live)
+    keys = ", ".join(f"motors.{name}.effort_sign: -1" for name in model.layout.motors)
+    assert said.message == f"efforts are opposite to the cables' pull; {keys} fits"
+    # a name with a prefix is no load cell's
+    assert [key for key in said.values if key.endswith("[N m]")] == [
+        f"deviation of {name} [N m]" for name in model.layout.motors
+    ]
 
 
 def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(
