@@ -53,7 +53,8 @@ ByName<Columns> all_records() {
     ADD_RECORD(
         CableTopology, first_element, elements, first_pulley, pulleys, first_contact, contacts,
         first_node, law, routed);
-    ADD_RECORD(EndTopology, motor, drum);
+    ADD_RECORD(EndTopology, first_turn, turns, drum);
+    ADD_RECORD(TurnTopology, motor);
     ADD_RECORD(PulleyTopology, element, first_contact, cells, surface, wrap_changes, stribeck);
     ADD_RECORD(TermTopology, adds_to_wrap, target, joint);
     ADD_RECORD(FrameTopology, parent, motion, joint);
@@ -61,7 +62,8 @@ ByName<Columns> all_records() {
     ADD_RECORD(
         CableConstants, axial_stiffness, bedding_strain, bedding_tension, creep_share, creep_time,
         flow_time, preload, maximum_tension, wound_tension, slack_tension);
-    ADD_RECORD(EndConstants, radius, winding);
+    ADD_RECORD(EndConstants, radius);
+    ADD_RECORD(TurnConstants, winding);
     ADD_RECORD(
         PulleyConstants, radius, rho, mu_c, mu_s, stribeck_speed, stribeck_lag, bearing_ratio, drag,
         bristle_stiffness, bristle_damping, viscous, breakaway, wrap, moved_after, cell_width,

@@ -219,10 +219,11 @@ double EncoderlessSolver::elongation(const EncoderlessSample& sample, Index c) {
         }
     }
     for (Index end = 2 * c; end < 2 * c + 2; ++end) {
-        const Index motor = topology.ends[end].motor;
-        if (motor < 0) continue;
-        const EndConstants& drum = constants.ends[end];
-        taken += drum.radius * drum.winding * (sample.motor_angle[motor] - before.angle[motor]);
+        for (const Index t : topology.turns_of(end)) {
+            const Index motor = topology.turns[t].motor;
+            taken += constants.ends[end].radius * constants.turns[t].winding *
+                     (sample.motor_angle[motor] - before.angle[motor]);
+        }
     }
     return longer + taken;
 }

@@ -49,10 +49,12 @@ void Ensemble::compare_cable(const Step& step, Index member, Index c) {
             deviation[effort_of(motors + j)] -= sign * work.lever_arm(q, j) * change;
         }
         for (const Index end : {Index{0}, Index{1}}) {
-            const Index motor = topology.ends[2 * c + end].motor;
-            if (motor < 0 || q != (end == 0 ? first : beyond - 1)) continue;
-            const double sign = constants.axes[motor].effort_sign;
-            deviation[effort_of(motor)] -= sign * motor_arm(step, c, end) * change;
+            if (q != (end == 0 ? first : beyond - 1)) continue;
+            for (const Index t : topology.turns_of(2 * c + end)) {
+                const Index motor = topology.turns[t].motor;
+                const double sign = constants.axes[motor].effort_sign;
+                deviation[effort_of(motor)] -= sign * motor_arm(step, c, end, t) * change;
+            }
         }
     }
     const auto [force, after_forces] = forces_of(c);

@@ -72,8 +72,9 @@ Paths paths_of(const Topology& topology) {
             join(path.joints, std::array{joint});
         }
         for (const Index end : {2 * c, 2 * c + 1}) {
-            const Index motor = topology.ends[end].motor;
-            if (motor >= 0) join(path.axes, std::array{motor});
+            for (const Index t : topology.turns_of(end)) {
+                join(path.axes, std::array{topology.turns[t].motor});
+            }
         }
         for (const Index j : path.joints) path.axes.push_back(sizes.motors + j);
         for (const Index a : path.axes) paths.cables_of_axis[a].push_back(c);
@@ -88,6 +89,7 @@ Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(
     Parts parts(packed + SIZES);
     cables = parts.take<const CableTopology>(sizes.cables);
     ends = parts.take<const EndTopology>(2 * sizes.cables);
+    turns = parts.take<const TurnTopology>(sizes.turns);
     pulleys = parts.take<const PulleyTopology>(sizes.pulleys);
     terms = parts.take<const TermTopology>(sizes.terms);
     frames = parts.take<const FrameTopology>(sizes.frames);
@@ -101,6 +103,7 @@ Constants::Constants(const Sizes& sizes, const double* packed) {
     Parts parts(packed);
     cables = parts.take<const CableConstants>(sizes.cables);
     ends = parts.take<const EndConstants>(2 * sizes.cables);
+    turns = parts.take<const TurnConstants>(sizes.turns);
     pulleys = parts.take<const PulleyConstants>(sizes.pulleys);
     elements = parts.take<const ElementConstants>(sizes.elements);
     segments = parts.take<const SegmentConstants>(sizes.segments());

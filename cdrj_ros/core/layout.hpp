@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <memory>
+#include <ranges>
 #include <span>
 #include <vector>
 
@@ -26,6 +27,7 @@ struct Sizes {
     Index nodes;           // of all cables; 0 for a robot without positions
     Index terms;           // tabulated functions of a joint angle that are added to a span or a wrap
     Index drums;           // ends of cables that take up cable: drums and sectors
+    Index turns;           // of drums by motors, several where several motors turn one drum
     Index surfaces;        // pulleys whose contact cells are fixed to their surface; 0 but for the
                            // simulated rig
     Index residuals;       // outputs with a learned correction; 0 but for robots that have one
@@ -72,6 +74,7 @@ struct Topology {
     Sizes sizes;
     std::span<const CableTopology> cables;
     std::span<const EndTopology> ends;  // cable c has its first end at 2 c and its last at 2 c + 1
+    std::span<const TurnTopology> turns;
     std::span<const PulleyTopology> pulleys;
     std::span<const TermTopology> terms;
     std::span<const FrameTopology> frames;
@@ -79,6 +82,11 @@ struct Topology {
     std::span<const ResidualTopology> residuals;
     std::span<const ResidualInputTopology> residual_inputs;
     std::shared_ptr<const Paths> paths;
+
+    /// Numbers of the turns of the drum at an end.
+    auto turns_of(Index end) const {
+        return std::views::iota(ends[end].first_turn, ends[end].first_turn + ends[end].turns);
+    }
 
     /// First segment of a cable, and the one after its last.
     struct Segments {
@@ -103,6 +111,7 @@ struct Constants {
 
     std::span<const CableConstants> cables;
     std::span<const EndConstants> ends;
+    std::span<const TurnConstants> turns;
     std::span<const PulleyConstants> pulleys;
     std::span<const ElementConstants> elements;
     std::span<const SegmentConstants> segments;
@@ -116,6 +125,19 @@ struct Constants {
     std::span<const ResidualRange> residual_ranges;  // of their inputs
     std::span<const double> residual_weights;
 };
+
+/// Angle by which motors have wound cable in at an end since the reference pose [rad], (E3).
+inline double turned_by_motors(
+    const Topology& topology, const Constants& constants, Index end,
+    std::span<const double> motor_angle) {
+    double turned = 0.0;
+    for (const Index t : topology.turns_of(end)) {
+        const Index motor = topology.turns[t].motor;
+        turned += constants.turns[t].winding *
+                  (motor_angle[motor] - constants.motors[motor].reference_angle);
+    }
+    return turned;
+}
 
 /// State of a robot between two samples.
 struct State {

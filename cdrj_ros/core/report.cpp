@@ -81,8 +81,8 @@ void report_cable(Step& step, Index c, bool solved) {
     }
 }
 
-double motor_arm(const Step& step, Index c, Index end) {
-    return step.constants.ends[2 * c + end].winding * drum_lever(step, c, end);
+double motor_arm(const Step& step, Index c, Index end, Index turn) {
+    return step.constants.turns[turn].winding * drum_lever(step, c, end);
 }
 
 double effort_of_cable(const Step& step, Index axis, Index c, double effort) {
@@ -94,8 +94,10 @@ double effort_of_cable(const Step& step, Index axis, Index c, double effort) {
         effort -= tension[k] * work.lever_arm(cable.first_element + k, joint);
     }
     for (const Index end : {Index{0}, Index{1}}) {
-        if (topology.ends[2 * c + end].motor != axis) continue;
-        effort -= motor_arm(step, c, end) * (end == 0 ? tension.front() : tension.back());
+        for (const Index t : topology.turns_of(2 * c + end)) {
+            if (topology.turns[t].motor != axis) continue;
+            effort -= motor_arm(step, c, end, t) * (end == 0 ? tension.front() : tension.back());
+        }
     }
     return effort;
 }

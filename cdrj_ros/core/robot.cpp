@@ -90,13 +90,10 @@ bool shape_cable(
     return possible;
 }
 
-/// Angle through which an end has wound cable in: by its motor, its frame and its tangent (E3).
+/// Angle through which an end has wound cable in: by its motors, its frame and its tangent (E3).
 double wound_angle(const Step& step, Index end, std::span<const double> motor_angle) {
-    const Index motor = step.topology.ends[end].motor;
-    const EndConstants& own = step.constants.ends[end];
-    double turned = 0.0;
-    if (motor >= 0) turned = motor_angle[motor] - step.constants.motors[motor].reference_angle;
-    return own.winding * turned + step.work.laid[end] / own.radius;
+    return turned_by_motors(step.topology, step.constants, end, motor_angle) +
+           step.work.laid[end] / step.constants.ends[end].radius;
 }
 
 /// Start a cable without friction history: its material determines one tension throughout.

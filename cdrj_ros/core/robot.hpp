@@ -159,9 +159,9 @@ void friction_losses(
 /// whether the fluxes of the cable were found; otherwise its elements are INVALID.
 void report_cable(Step& step, Index cable, bool solved);
 
-/// Moment arm of a cable at one of its ends about the axis of its motor [m]: its share in the
-/// motor's effort per newton (E12), (E27).
-double motor_arm(const Step& step, Index cable, Index end);
+/// Moment arm of a cable at one of its ends about the axis of a motor that turns its drum [m]: its
+/// share in the motor's effort per newton (E12), (E27).
+double motor_arm(const Step& step, Index cable, Index end, Index turn);
 
 /// Add the effort of one cable on an axis (E12), before the sign, to that of others.
 double effort_of_cable(const Step& step, Index axis, Index cable, double others = 0.0);

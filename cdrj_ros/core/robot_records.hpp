@@ -48,8 +48,14 @@ struct CableTopology {
 
 /// One end of a cable.
 struct EndTopology {
-    Index motor;  // motor of its winch; -1 for an anchor
+    Index first_turn;
+    Index turns;  // number of motors that turn its drum; 0 for an anchor
     Index drum;  // its memory among those of the state; -1 for an anchor
+};
+
+/// A motor that turns a drum.
+struct TurnTopology {
+    Index motor;
 };
 
 /// Place of a pulley in its cable, its contact cells, and the form of its friction.
@@ -105,7 +111,11 @@ struct CableConstants {
 /// Constants of one end of a cable; 0 for an anchor.
 struct EndConstants {
     double radius;  // of the drum, from its axis to the cable's centre line [m]
-    double winding;  // +1 where a positive motor angle winds the cable in, -1 where it pays it out
+};
+
+/// Constants of a motor that turns a drum.
+struct TurnConstants {
+    double winding;  // angle by which the drum winds cable in per angle of the motor [-], (E3)
 };
 
 /// One pulley of the robot: friction constants, and the wrap where it never changes.

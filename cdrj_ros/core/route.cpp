@@ -351,14 +351,10 @@ bool route_cable(
         work.touches.subspan(own.first_node, own.elements + 1),
     };
     const Index last = path.last();
-    for (const Index end : {Index{0}, Index{1}}) {  // the angle that its motor has wound in
-        const Index motor = topology.ends[2 * cable + end].motor;
-        Touch& touch = path.touches[end * last];
-        touch.wound = 0.0;
-        if (motor >= 0 && !motor_angle.empty()) {
-            const double turned = motor_angle[motor] - constants.motors[motor].reference_angle;
-            touch.wound = constants.ends[2 * cable + end].winding * turned;
-        }
+    for (const Index end : {Index{0}, Index{1}}) {
+        path.touches[end * last].wound =
+            motor_angle.empty() ? 0.0
+                                : turned_by_motors(topology, constants, 2 * cable + end, motor_angle);
     }
     const double size = place_nodes(path, work.pose);
     for (const Index k : {Index{0}, last}) {

@@ -19,7 +19,7 @@ import numpy as np
 
 from cdrj_ros.estimation.sensors import Sensor
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.description import Robot, Winch, turns_of
 
 FADES_S: Final = 5.0
 """Time after which a reading weighs a third [s]: a few strokes of a slow joint."""
@@ -116,6 +116,7 @@ def contributions(robot: Robot, sensor: Sensor) -> Table:
         elif sensor.axis < len(robot.motors):
             motor = robot.motors[sensor.axis]
             for node, element in ((cable.nodes[0], part.start), (cable.nodes[-1], part.stop - 1)):
-                if isinstance(node, Winch) and node.motor == motor.name:
-                    row[element] -= motor.effort_sign * node.winding * node.reel
+                if isinstance(node, Winch):
+                    winding = turns_of(node).get(motor.name, 0.0)
+                    row[element] -= motor.effort_sign * winding * node.reel
     return found

@@ -14,7 +14,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.description import Robot, Winch, turns_of
 
 LEAST_ARM: Final = 0.05
 """Moment arms below this fraction of the largest are not used to turn an effort into a tension."""
@@ -46,7 +46,8 @@ def _arms(robot: Robot, shape: Shape) -> Table:
     for cable, part in zip(robot.cables, robot.parts, strict=True):
         for node, element in ((cable.nodes[0], part.start), (cable.nodes[-1], part.stop - 1)):
             if isinstance(node, Winch):
-                arms[element, motors[node.motor]] = node.radius
+                for name, winding in turns_of(node).items():
+                    arms[element, motors[name]] = abs(winding) * node.radius
     levers = np.abs(shape.lever_arm)
     least = LEAST_ARM * np.maximum(levers.max(axis=0, initial=0.0), 1e-300)
     arms[:, len(motors) :] = np.where(levers > least, levers, 0.0)

@@ -23,6 +23,7 @@ from cdrj_ros.model.packing import (
     stddev_places,
 )
 from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.robot.description import turns_of
 
 
 @dataclass(frozen=True)
@@ -286,7 +287,7 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     for cable in robot.cables:
         rows = [k for k, name in enumerate(layout.elements) if name.startswith(f"{cable.name}/")]
         along = reach[rows].sum(axis=0)
-        winches = [node.motor for node in cable.nodes if hasattr(node, "motor")]
+        winches = [name for node in cable.nodes for name in turns_of(node)]
         if along.size and along.max() > 0.0:
             by_cable[cable.name] = angles[layout.joints[int(along.argmax())]]
         elif winches:

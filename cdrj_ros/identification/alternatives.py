@@ -29,7 +29,7 @@ from cdrj_ros.identification.solver import (
     prior_residuals,
     robust_weights,
 )
-from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.description import Robot, turns_of
 
 SOUGHT: Final = 41
 """Values of a number that is sought over its whole range."""
@@ -198,7 +198,7 @@ def _log_likelihood(one: Misfit, independent: int) -> float:
 def _motors(robot: Robot) -> Iterator[str]:
     """Motors that turn drums."""
     for cable in robot.cables:
-        yield from (node.motor for node in cable.nodes if isinstance(node, Winch))
+        yield from (name for node in cable.nodes for name in turns_of(node))
 
 
 def _whole_cycles(problem: Problem) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.robot.couplings import motor_shares
 from cdrj_ros.robot.document import allowed_range
 from cdrj_ros.robot.parameters import find_number, matching_paths, split_outside
 
@@ -216,9 +217,8 @@ def drum_radii(document: Mapping[str, Any]) -> dict[str, list[str]]:
     for cable in document["cables"]:
         for k, node in enumerate(cable["nodes"]):
             if node["type"] == "winch":
-                by_motor.setdefault(node["motor"], []).append(
-                    f"cables.{cable['name']}.nodes.{k + 1}.radius"
-                )
+                path = f"cables.{cable['name']}.nodes.{k + 1}.radius"
+                by_motor.setdefault(" and ".join(motor_shares(node)), []).append(path)
     return by_motor
 
 

@@ -27,7 +27,7 @@ from cdrj_ros.model.laws import (
     tensions_at,
 )
 from cdrj_ros.model.prepared import Model, Shape, lengths_at, prepare, shape_at
-from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law
+from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
 from cdrj_ros.robot.groups import joints_of, motors_of
 
 
@@ -298,8 +298,9 @@ def _wound(robot: Robot, cable: Cable, motors: Matrix) -> Vector:
     if not isinstance(last, Winch):
         return np.zeros(motors.shape[0])
     names = [motor.name for motor in robot.motors]
-    wound: Vector = last.winding * last.reel * motors[:, names.index(last.motor)]
-    return wound
+    windings = turns_of(last)
+    wound: Vector = motors[:, [names.index(name) for name in windings]] @ [*windings.values()]
+    return last.reel * wound
 
 
 def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:

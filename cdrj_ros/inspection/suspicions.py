@@ -13,7 +13,16 @@ from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, PulleyChe
 from cdrj_ros.model.impossible import Suspicion, unit_doubts
 from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at
 from cdrj_ros.model.untouched import untouched_bodies
-from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Robot, Winch, friction_law
+from cdrj_ros.robot.description import (
+    Anchor,
+    Cable,
+    Friction,
+    Pulley,
+    Robot,
+    Winch,
+    friction_law,
+    turns_of,
+)
 
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""
@@ -220,7 +229,7 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
             (cable.name, node, place)
             for cable in robot.cables
             for place, node in ((1, cable.nodes[0]), (-1, cable.nodes[-1]))
-            if isinstance(node, Winch) and node.motor == motor.name
+            if isinstance(node, Winch) and motor.name in turns_of(node)
         ]
         if not ends:
             yield Suspicion(motor.name, "moves no cable: no winch names this motor")
@@ -233,7 +242,7 @@ def _motors(inspection: Inspection) -> Iterator[Suspicion]:
                 "layers, the drum's radius is not constant",
             )
         senses = {
-            name: node.winding * node.place.turn * place
+            name: (turns_of(node)[motor.name] > 0.0) == (node.place.turn * place > 0)
             for name, node, place in ends
             if node.place is not None and robot.planar
         }

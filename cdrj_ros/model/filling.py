@@ -36,6 +36,7 @@ from cdrj_ros.robot.description import (
     Robot,
     Winch,
     friction_law,
+    turns_of,
 )
 
 MOVED_AFTER: Final[dict[MovingEnd, float]] = {"before": -0.5, "both": 0.0, "after": 0.5}
@@ -75,6 +76,7 @@ def _sizes(robot: Robot) -> Sizes:
         nodes=nodes if robot.frames else 0,
         terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
         drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
+        turns=sum(len(turns_of(node)) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
         residuals=len(robot.residuals),
         residual_inputs=sum(len(one.inputs) for one in robot.residuals),
@@ -118,7 +120,7 @@ class _Rows:
         self._frames = {frame.name: k for k, frame in enumerate(robot.frames)}
         self._node = 0
         self._term = 0
-        self._drums = 0
+        self._drums = self._turn = 0
         self._contact = 0
         self._surface = 0
 
@@ -218,20 +220,21 @@ class _Rows:
             slack_tension=cable.slack_tension,
         )
         for end, node in enumerate(_ends(cable)):
-            winch = node if isinstance(node, Winch) else None
+            turns = turns_of(node)
             _fill(
                 self._topology.ends,
                 2 * c + end,
-                motor=self._motors[winch.motor] if winch else -1,
+                first_turn=self._turn,
+                turns=len(turns),
                 drum=self._drums if _takes_up(node) else -1,
             )
             self._drums += _takes_up(node)
-            _fill(
-                self._constants.ends,
-                2 * c + end,
-                radius=winch.reel if winch else node.radius,
-                winding=winch.winding if winch else 0.0,
-            )
+            radius = node.reel if isinstance(node, Winch) else node.radius
+            _fill(self._constants.ends, 2 * c + end, radius=radius)
+            for motor, winding in turns.items():
+                _fill(self._topology.turns, self._turn, motor=self._motors[motor])
+                _fill(self._constants.turns, self._turn, winding=winding)
+                self._turn += 1
         stribeck = stribeck_of(cable)
         for k, node in enumerate(cable.pulleys):
             self._pulley(cable, node, stribeck, pulley + k, element + k)

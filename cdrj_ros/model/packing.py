@@ -47,6 +47,8 @@ class Sizes(NamedTuple):
     """Tabulated functions of a joint angle that are added to a span or a wrap."""
     drums: int
     """Ends of cables that take up cable: drums and sectors."""
+    turns: int
+    """Of drums by motors, several where several motors turn one drum."""
     surfaces: int = 0
     """Pulleys whose contact cells are fixed to their surface; 0 but for the simulated rig."""
     residuals: int = 0
@@ -65,6 +67,7 @@ def _topology_parts(sizes: Sizes) -> dict[str, Part]:
     return {
         "cables": part(sizes.cables, record="CableTopology"),
         "ends": part(2 * sizes.cables, record="EndTopology"),
+        "turns": part(sizes.turns, record="TurnTopology"),
         "pulleys": part(sizes.pulleys, record="PulleyTopology"),
         "terms": part(sizes.terms, record="TermTopology"),
         "frames": part(sizes.frames, record="FrameTopology"),
@@ -86,6 +89,7 @@ def _constant_parts(sizes: Sizes) -> dict[str, Part]:
     return {
         "cables": part(sizes.cables, record="CableConstants"),
         "ends": part(2 * sizes.cables, record="EndConstants"),
+        "turns": part(sizes.turns, record="TurnConstants"),
         "pulleys": part(sizes.pulleys, record="PulleyConstants"),
         "elements": part(sizes.elements, record="ElementConstants"),
         "segments": part(sizes.contacts + sizes.cables, record="SegmentConstants"),

@@ -10,6 +10,7 @@ from typing import Any
 from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import ProfileReader, given
+from cdrj_ros.robot.couplings import motor_shares
 from cdrj_ros.robot.description import (
     Anchor,
     Cable,
@@ -145,14 +146,19 @@ class CableReader:
         place = self.places.read(path, entry) if routed else None
         if entry["type"] == "winch":
             motors = [motor.name for motor in self.motors]
-            if entry["motor"] not in motors:
-                raise self.refuse(
-                    f"{path}.motor", f"must be one of {listed(motors)}, got {entry['motor']!r}"
-                )
+            turned = motor_shares(entry)
+            for motor, share in turned.items():
+                if motor not in motors:
+                    raise self.refuse(
+                        f"{path}.motor", f"must be one of {listed(motors)}, got {motor!r}"
+                    )
+                if share == 0.0:
+                    raise self.refuse(f"{path}.motor.{motor}", "must not be 0: leave the motor out")
             pitch = float(entry.get("pitch", 0.0))
             if pitch and (place is None or self.places.planar):
                 raise self.refuse(f"{path}.pitch", "needs a drum in space, with its axis")
-            return Winch(entry["motor"], float(entry["radius"]), entry["winding"], place, pitch)
+            radius, winding = float(entry["radius"]), entry["winding"]
+            return Winch(tuple(turned.items()), radius, winding, place, pitch)
         if entry["type"] == "anchor":
             return Anchor(**given(entry, "radius"), place=place)
         if entry["type"] == "pulley":

@@ -1,4 +1,4 @@
-"""Coupled joints of a robot file: linear functions of the angles of other joints.
+"""Linear maps of a robot file: joints that follow other joints, drums that several motors turn.
 
 A tendon, a belt, a four-bar linkage or a differential couples a joint to others: its angle is
 q = offset + sum of share * q_i over joints with angles of their own.  Frames that move with it move
@@ -30,6 +30,12 @@ class Coupling:
 def is_coupled(entry: Any) -> bool:
     """Whether an entry of ``joints`` is a coupled joint."""
     return isinstance(entry, dict) and "coupled" in entry
+
+
+def motor_shares(winch: Document) -> dict[str, float]:
+    """Motors that turn a drum, each with the drum's turn per turn of the motor [-]."""
+    given = winch["motor"]
+    return {given: 1.0} if isinstance(given, str) else {name: float(given[name]) for name in given}
 
 
 def own_joints(document: Document) -> list[Document]:

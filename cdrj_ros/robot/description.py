@@ -244,13 +244,14 @@ class Profile:
 
 @dataclass(frozen=True)
 class Winch:
-    """A motor's drum at an end of a cable."""
+    """A drum at an end of a cable."""
 
-    motor: str
+    motors: tuple[tuple[str, float], ...]
+    """Motors that turn it, each with the drum's turn per turn of the motor [-]."""
     radius: float
     """From the axis to the cable's centre line [m]."""
     winding: int
-    """+1: a positive motor angle winds the cable in; -1: pays it out."""
+    """+1: a positive angle of the drum winds the cable in; -1: pays it out."""
     place: Place | None = None
     pitch: float = 0.0
     """Distance by which the point of departure moves along the axis per turn wound in [m]."""
@@ -309,6 +310,13 @@ class Anchor:
 
 
 Node = Winch | Pulley | Anchor
+
+
+def turns_of(node: Node) -> dict[str, float]:
+    """Angle that a node winds in per angle of every motor that turns it, (E3); empty without."""
+    if not isinstance(node, Winch):
+        return {}
+    return {motor: node.winding * share for motor, share in node.motors}
 
 
 @dataclass(frozen=True)
@@ -436,8 +444,8 @@ class Robot:
         names = [motor.name for motor in self.motors]
         for c, cable in enumerate(self.cables):
             for node in cable.nodes:
-                if isinstance(node, Winch):
-                    drums[c, names.index(node.motor)] += node.winding * node.reel
+                for motor, winding in turns_of(node).items():
+                    drums[c, names.index(motor)] += winding * node.reel  # type: ignore[union-attr]
         return drums
 
     @property

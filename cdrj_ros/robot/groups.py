@@ -17,7 +17,7 @@ import numpy as np
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled
-from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, turns_of
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space import Frame
 from cdrj_ros.robot.stated import with_covariance
@@ -38,7 +38,7 @@ def joints_of(robot: Robot, cable: Cable) -> frozenset[str]:
 
 def motors_of(cable: Cable) -> frozenset[str]:
     """Names of the motors that wind a cable."""
-    return frozenset(node.motor for node in cable.nodes if isinstance(node, Winch))
+    return frozenset(name for node in cable.nodes for name in turns_of(node))
 
 
 def connected_cables(robot: Robot, *, branches: bool = False) -> Groups:

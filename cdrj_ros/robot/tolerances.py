@@ -20,7 +20,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.couplings import is_coupled
+from cdrj_ros.robot.couplings import is_coupled, motor_shares
 from cdrj_ros.robot.description import Uncertainty, friction_law
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
@@ -373,7 +373,8 @@ def _drums(document: Document) -> Iterator[Tolerance]:
         for k, node in enumerate(cable["nodes"]):
             if node["type"] == "winch":
                 path = f"cables.{cable['name']}.nodes.{k + 1}.radius"
-                by_motor.setdefault(node["motor"], {})[path] = _drawn(node["radius"])
+                shaft = " and ".join(motor_shares(node))
+                by_motor.setdefault(shaft, {})[path] = _drawn(node["radius"])
     for motor, factor in by_motor.items():
         yield Tolerance(
             f"drum radius of motor {motor}", "wind in ten turns and measure the cable's length",

@@ -93,20 +93,12 @@ class Rig:
 
     def drums(self, motor_angle: Table) -> Table:
         """Angles of all motors of the fine robot without faults [rad], shape (n, all motors)."""
-        owner = self.wiring.owner
-        return np.ascontiguousarray(np.where(owner >= 0, motor_angle[:, owner], 0.0))
+        faulty = len(self.wiring.robot.motors) - motor_angle.shape[1]
+        return np.pad(motor_angle, ((0, 0), (0, faulty)))
 
     def of_motors(self, effort: Vector) -> Vector:
-        """Efforts of the robot's motors, with those of the faulty ends that turn with them.
-
-        ``effort`` is that of all motors of the fine robot, shape (..., all motors).
-        """
-        own = len(self.lumped.robot.motors)
-        motors = effort[..., :own].copy()
-        for end in range(own, self.wiring.owner.size):
-            if self.wiring.owner[end] >= 0:
-                motors[..., self.wiring.owner[end]] += effort[..., end]
-        return np.asarray(motors)
+        """Efforts of the robot's motors among those of the fine robot, shape (..., all motors)."""
+        return effort[..., : len(self.lumped.robot.motors)].copy()
 
 
 def make_rig(robot: Robot, cells: int, faults: Sequence[CableFault] = ()) -> Rig:

@@ -22,7 +22,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import Cable, Joint, Robot, Winch
+from cdrj_ros.robot.description import Cable, Joint, Robot, Winch, turns_of
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import course
 from cdrj_ros.simulation.commands import Command, DriveLimits, Mode, Trajectory
@@ -76,7 +76,7 @@ def drive_limits(
     for motor in robot.motors:
         speeds.append(min(USUAL_SPEED if max_speed is None else max_speed, motor.max_speed))
         strongest = max(
-            (node.reel * cable.maximum_tension for cable, _, node in _drums(robot, motor.name)),
+            (arm * cable.maximum_tension for cable, _, arm in _drums(robot, motor.name)),
             default=np.inf,
         )
         usual = strongest if np.isfinite(strongest) else USUAL_TORQUE
@@ -96,20 +96,20 @@ def drive_limits(
     )  # fmt: skip
 
 
-def _drums(robot: Robot, motor: str) -> Iterator[tuple[Cable, int, Winch]]:
-    """Drums of a motor: the cable of each, the index of its element there, and the drum."""
+def _drums(robot: Robot, motor: str) -> Iterator[tuple[Cable, int, float]]:
+    """Drums of a motor: the cable of each, its element, and what a radian takes up [m/rad]."""
     for cable, part in zip(robot.cables, robot.parts, strict=True):
         for element, node in ((part.start, cable.nodes[0]), (part.stop - 1, cable.nodes[-1])):
-            if isinstance(node, Winch) and node.motor == motor:
-                yield cable, element, node
+            if isinstance(node, Winch) and motor in turns_of(node):
+                yield cable, element, node.reel * abs(turns_of(node)[motor])
 
 
 def _stiffness(robot: Robot, motor: str) -> float:
     """Stiffness of the cables' first elements against one motor, with all else held [N m/rad]."""
     length = shape_at(prepare(robot, check_range=False), robot.reference_pose).length
     return sum(
-        node.reel**2 * cable.axial_stiffness / float(length[element])
-        for cable, element, node in _drums(robot, motor)
+        arm**2 * cable.axial_stiffness / float(length[element])
+        for cable, element, arm in _drums(robot, motor)
     )
 
 

@@ -17,7 +17,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.laws import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch
+from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch, turns_of
 from cdrj_ros.simulation.motion import smooth_step
 
 ANCHOR_RADIUS: Final = 0.01
@@ -135,14 +135,12 @@ class Wiring:
 
     robot: Robot
     """The robot; its first motors are those of the robot without faults."""
-    owner: NDArray[np.int64]
-    """Index of the motor that each motor turns with, -1 for none; shape (all motors,)."""
     faults: tuple[tuple[CableFault, int, float], ...]
     """Each fault with the index of the motor that it moves and the rotation in all [rad]."""
 
     def offset(self, time: Vector) -> NDArray[np.float64]:
-        """Angle of each motor relative to its owner [rad], shape (n, all motors)."""
-        offset = np.zeros((time.size, self.owner.size))
+        """Angles by which faults turn the motors [rad], shape (n, all motors)."""
+        offset = np.zeros((time.size, len(self.robot.motors)))
         for fault, motor, turn in self.faults:
             offset[:, motor] += fault.apply(time, np.full(time.size, turn))
         return offset
@@ -161,8 +159,6 @@ def wire(robot: Robot, faults: tuple[CableFault, ...]) -> Wiring:
     Raises:
         UsageError: a cable does not exist, has no such end, or needs an amount.
     """
-    names = [motor.name for motor in robot.motors]
-    owner = list(range(len(names)))
     motors, cables = list(robot.motors), list(robot.cables)
     moved: list[tuple[CableFault, int, float]] = []
     taken: dict[tuple[int, int], int] = {}
@@ -173,23 +169,16 @@ def wire(robot: Robot, faults: tuple[CableFault, ...]) -> Wiring:
         if (index, place) not in taken:
             taken[index, place] = len(motors)
             node = cable.nodes[place]
-            if isinstance(node, Winch):
-                motor = robot.motors[names.index(node.motor)]
-                owner.append(names.index(node.motor))
-                extra = Motor(
-                    f"{cable.name}_drum", motor.reference_angle, effort_sign=motor.effort_sign
-                )
-            else:
-                owner.append(-1)
-                extra = Motor(f"{cable.name}_anchor")
+            extra = Motor(f"{cable.name}_{'drum' if isinstance(node, Winch) else 'anchor'}")
             motors.append(extra)
+            turned = node.motors if isinstance(node, Winch) else ()
             nodes = list(cables[index].nodes)
-            nodes[place] = Winch(extra.name, radius, winding, node.place)
+            nodes[place] = Winch((*turned, (extra.name, 1.0)), radius, winding, node.place)
             cables[index] = replace(cables[index], nodes=tuple(nodes))
         turn = -winding * _turn(robot, fault, index, radius)
         moved.append((fault, taken[index, place], turn))
     wired = replace(robot, motors=tuple(motors), cables=tuple(cables)) if faults else robot
-    return Wiring(wired, np.array(owner, dtype=np.int64), tuple(moved))
+    return Wiring(wired, tuple(moved))
 
 
 def _turn(robot: Robot, fault: CableFault, index: int, radius: float) -> float:
@@ -235,9 +224,7 @@ def _end(cable: Cable, fault: CableFault) -> tuple[int, float, int]:
 
 def _wound_together(robot: Robot, index: int) -> list[int]:
     """Indices of the cables that share a motor with this one, including itself."""
-    motors = [
-        {node.motor for node in cable.nodes if isinstance(node, Winch)} for cable in robot.cables
-    ]
+    motors = [{name for node in cable.nodes for name in turns_of(node)} for cable in robot.cables]
     return [c for c, own in enumerate(motors) if c == index or own & motors[index]]
 
 

@@ -265,10 +265,11 @@ def _balance(
     shape (n, all motors), plus one unknown, the drive, times the ratios of ``pull_together``.
     Largest speed and acceleration of the drive are given as ``limits``.
     """
-    robot, owner = rig.lumped.robot, rig.wiring.owner
-    direction = np.where(owner >= 0, pull_together(rig.lumped, joint)[owner], 0.0)
-    if len(robot.motors) == 1:  # it turns freely, at first near the angle that follows the joint
-        base = np.zeros((len(joints), owner.size))
+    direction = rig.drums(pull_together(rig.lumped, joint)[None])[0]
+    if (
+        len(rig.lumped.robot.motors) == 1
+    ):  # it turns freely, at first near the angle that follows the joint
+        base = np.zeros((len(joints), direction.size))
         centre = float(follow_joints(rig.lumped, joints[:1]).motor_angle[0, 0])
     else:
         base, centre = rig.drums(follow_joints(rig.lumped, joints).motor_angle), 0.0

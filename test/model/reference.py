@@ -436,8 +436,9 @@ def _prepared(
             continue
         angle = laid[end] / reel
         if isinstance(node, Winch):
-            m = [motor.name for motor in robot.motors].index(node.motor)
-            angle = node.winding * (motor[m] - robot.motors[m].reference_angle) + angle
+            for name, share in node.motors:
+                m = [motor.name for motor in robot.motors].index(name)
+                angle += node.winding * share * (motor[m] - robot.motors[m].reference_angle)
         if history is None:
             rate = reel / stretch
             drums.append(Drum(np.array([angle]), np.array([rate * angle]), rate))
@@ -494,7 +495,8 @@ def _outputs(
         for end, (node, pull) in enumerate(((cable.nodes[0], t[0]), (cable.nodes[-1], t[-1]))):
             if isinstance(node, Winch):
                 lever = pose.drum[2 * c + end]
-                motor_effort[names.index(node.motor)] -= node.winding * lever * pull
+                for name, share in node.motors:
+                    motor_effort[names.index(name)] -= node.winding * share * lever * pull
         cells, own = [pulley.cells for pulley in cable.pulleys], speed[rows(robot, c)[1]]
         speeds.extend(np.mean(part) for part in np.split(own, np.cumsum(cells)[:-1]) if part.size)
         if cable.placed:

@@ -88,7 +88,7 @@ def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
     for m, drive in enumerate(robot.motors):
         for c, cable in enumerate(robot.cables):
             winch = cable.nodes[0]
-            if not isinstance(winch, Winch) or winch.motor != drive.name:
+            if not isinstance(winch, Winch) or winch.motors != ((drive.name, 1.0),):
                 continue
             elements, _ = reference.parts(robot, c)
             now, first = length[:, elements].sum(axis=1), rest[elements].sum()
@@ -263,7 +263,7 @@ def with_everything(robot: Robot) -> Robot:
 
     def changed(k: int, node: Node) -> Node:
         if not isinstance(node, Pulley):
-            return node if isinstance(node, Winch) else Winch("winch", 0.002, 1)
+            return node if isinstance(node, Winch) else Winch((("winch", 1.0),), 0.002, 1)
         friction = replace(
             node.friction, breakaway=0.6, bristle_damping=300.0, viscous=150.0, mu_s=0.17,
             stribeck="capstan", stribeck_lag=0.03, stribeck_speed=0.1,
