@@ -198,7 +198,7 @@ def _material(cable: Cable, modulus: float | None) -> Iterator[Suspicion]:
             "polymers 5 to 120: is the unit right?",
         )
     strain = strain_at(elasticity_of(cable), cable.preload)
-    if strain > LARGEST_STRAIN:
+    if strain > LARGEST_STRAIN and not cable.rest_length:  # a spring with a length of its own
         yield Suspicion(
             cable.name,
             f"the preload alone stretches it by {100.0 * strain:.3g} %: is EA = "
