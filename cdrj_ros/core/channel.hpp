@@ -170,7 +170,7 @@ public:
     }
 
     /// Its motion since the first reading.
-    double moved() const { return first ? last - *first : 0.0; }
+    double moved() const { return last_ns >= 0 ? last - *first : 0.0; }
 
     /// Notes whether a reading shows that counts are not degrees, (C15).
     void look_at_counts(const Axis& axis, double reading);
@@ -180,7 +180,7 @@ public:
 
     /// What its motion so far is wrong by if its unit is.
     double unit_error(const Axis& axis) const {
-        return is_unit_open(axis) ? DEVIATION * std::abs(moved()) : 0.0;
+        return is_unit_open(axis) ? std::abs(moved()) : 0.0;
     }
 
     /// Notes whether it has moved so far that the others must have moved as well, or its counts have shown
@@ -231,6 +231,7 @@ public:
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so
     std::optional<double> first;  // its first angle
+    double furthest = 0.0;        // its greatest motion since then, while that is of use
     bool fits = false;            // whether motors and joints have moved together, (C15)
     bool misfits = false;         // whether its unit is in doubt, since it has moved too far
     bool alone = false;           // whether there is only the first reading

@@ -162,9 +162,14 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
     ++accepted;
 }
 
-/// Notes whether an axis has moved together with those of the other kind on one of its cables, (C15).
+/// Notes whether an axis, as far away as it has ever been, has moved together with those of the other kind
+/// on one of its cables, (C15).
+///
+/// On its way back its motion is small, and the others may be where a third axis has taken them.
 void Conditioner::look_for_fit(std::size_t k) {
     Channel& channel = channels_[k];
+    if (std::abs(channel.moved()) < channel.furthest) return;
+    channel.furthest = std::abs(channel.moved());
     const std::vector<double>& pull = axes_[k].pull;
     for (std::size_t cable = 0; cable < pull.size(); ++cable) {
         const double own = std::abs(pull[cable] * channel.moved());

@@ -495,6 +495,7 @@ class Channel:
     clock_stddev: float = 0.0
     pull: list[float] = field(default_factory=list)
     first: float | None = None
+    furthest: float = 0.0
     fits: bool = False
     counted: bool = False
     misfits: bool = False
@@ -595,7 +596,7 @@ class Channel:
         self.refused = stamp, angle
 
     def moved(self) -> float:
-        return 0.0 if self.first is None else self.last - self.first
+        return 0.0 if self.first is None or self.last_ns < 0 else self.last - self.first
 
     def is_counted(self, reading: float) -> bool:
         """Whether a reading has not changed by whole counts in degrees, (C15)."""
@@ -615,7 +616,7 @@ class Channel:
         if self.lag.apart:
             clock = hypot(clock, self.arrivals.stddev)
         known = self.fits and self.counted
-        unit = 0.0 if known or not self.pull else 0.35 * abs(self.moved())
+        unit = 0.0 if known or not self.pull else abs(self.moved())
         return level(hypot(self.steps.offset(self.motion), unit)), level(clock)
 
     def has_stepped(self, stamp: int, angle: float, off: bool) -> bool:
@@ -878,7 +879,10 @@ class Reference:
         return self.accepted > before
 
     def _has_fitted(self, channel: Channel) -> bool:
-        """Whether motors and joints of one of its cables have moved together, (C15)."""
+        """Whether it is at its furthest, and moved together with others of a cable, (C15)."""
+        if abs(channel.moved()) < channel.furthest:
+            return False
+        channel.furthest = abs(channel.moved())
         motors = len(self.robot.motors)
         kinds = self.channels[:motors], self.channels[motors:]
         others = kinds[any(channel is one for one in kinds[0])]
@@ -920,7 +924,7 @@ class Reference:
         channel.fits = channel.fits or self._has_fitted(channel)
         channel.counted = channel.counted or channel.is_counted(reading)
         known = (channel.fits and channel.counted) or not channel.pull
-        too_far = 0.35 * abs(channel.moved()) > channel.steps.worth
+        too_far = abs(channel.moved()) > channel.steps.worth
         channel.misfits = not known and (channel.misfits or too_far)
         self._tell_doubt(channel, channel.steps.repeated_since if repeats else since_ns, stamp)
         least = self._shown_by_others(channel, stamp)
