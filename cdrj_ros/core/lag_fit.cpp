@@ -200,7 +200,8 @@ double LagFit::share(std::span<const double> memory, std::span<const double> lag
         }
     }
     const double found = mean * mean + spread + parts.noise * parts.noise;
-    return open > found ? found / open : 1.0;
+    if (open > found) return found / open;
+    return open > 0.0 ? std::max(mean * mean / open, 1.0) : 1.0;
 }
 
 /// Variance of a lag behind the first axis if the stretches showed nothing [s^2].

@@ -38,7 +38,7 @@ public:
         std::span<double> memory, const Stretch& stretch, std::span<const double> lag_stddev) const;
 
     /// Mean square of what lags add to the mean tension in the fastest motion so far, by what it would be if
-    /// the stretches showed nothing; not above 1.
+    /// the stretches showed nothing; above 1 where they show greater lags.
     double share(std::span<const double> memory, std::span<const double> lag_stddev) const;
 
     /// Mean and standard deviation of an axis's lag behind the first one [s]; the standard deviation

@@ -185,8 +185,8 @@ void Lags::bound(Cable& cable) {
         swung += square(lag * (range[2 * k + 3] - range[2 * k + 2]));
     }
     const double seen = square(SWUNG * std::max(range[1] - range[0], 0.0));
-    cable.late_share = std::min(
-        swung > seen ? seen / swung : 1.0, cable.fit.share(fit_of(cable), stddev));
+    const double share = cable.fit.share(fit_of(cable), stddev);
+    cable.late_share = share * swung > seen ? seen / swung : share;
 }
 
 LagFit::Lag Lags::lag(std::size_t axis) const {

@@ -19,6 +19,7 @@ from support.driver_faults import (
     judge,
     late_stamps,
     messages_of,
+    older,
     repeated,
     run,
     second,
@@ -86,6 +87,11 @@ def test_sensors_read_less_often_than_published_are_no_second_publisher(
 
 def first_joint(model: Model) -> str:
     return model.robot.joints[0].name
+
+
+def test_a_lag_that_no_driver_should_have_takes_status_0_away(robot: Model, course: Course) -> None:
+    messages = older(first_joint(robot), 20)(messages_of(robot, course, 200))
+    assert judge(course, run(robot, messages), 4.5).beyond(5.0) <= LAW
 
 
 @pytest.mark.parametrize("hertz", [1000, 200, 50])
