@@ -128,7 +128,7 @@ class RestWatch:
         for axis, moved in zip(robot.axes, np.ptp(angles, axis=0), strict=True):
             stated = 4.0 * half_width(axis.sensor)
             allowed = stated or REST_FLOOR
-            if moved > allowed:
+            if moved > 1.001 * allowed:  # whole counts, but for rounding
                 key = "" if stated else ", or more with the sensor's resolution or noise stated"
                 return (
                     f"not at rest: {axis.name} moved by {moved:.3g} rad within the last "
