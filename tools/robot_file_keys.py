@@ -59,6 +59,8 @@ SKIPPED = {
 
 NUMBERS = {"point": "2 numbers", "place": "2 or 3 numbers", "vector": "3 numbers"}
 """Types of definitions that are numbers."""
+PARTS = {"name": "name", "ros_name": "name", "profile": "number or function", **NUMBERS}
+"""Types of definitions by their names."""
 
 UNIT = re.compile(r"\s*\[([^\]]+)\]")
 DEFAULT = re.compile(r"\s*Default:? (.+?)\.(?=\s|$)")
@@ -143,13 +145,11 @@ def _described(text: str) -> tuple[str, str, str]:
 
 
 def _type(rule: Mapping[str, Any]) -> str:
+    if "if" in rule:
+        return " or ".join(dict.fromkeys(_type(_resolved(rule[b])) for b in ("else", "then")))
     part = rule.get("part", "")
-    if part in ("name", "ros_name"):
-        return "name"
-    if part == "profile":
-        return "number or function"
-    if part in NUMBERS:
-        return NUMBERS[part]
+    if part in PARTS:
+        return PARTS[part]
     if part and "properties" in rule:
         return "mapping"
     if "const" in rule or ("enum" in rule and "type" not in rule):
