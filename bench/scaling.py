@@ -65,7 +65,7 @@ def chain(pulleys: int, length: float = LENGTH, stiffness: float | None = None) 
         "chain",
         6283.0,
         30.0,
-        (Winch("winch", DRUM, 1), *[pulley] * pulleys, Anchor()),
+        (Winch((("winch", 1.0),), DRUM, 1), *[pulley] * pulleys, Anchor()),
         (_constant(length / (pulleys + 1)),) * (pulleys + 1),
     )
     return prepare(Robot("chain", (Motor("winch"),), (), (cable,)))

@@ -375,7 +375,7 @@ def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[st
         print(*(f"    {one.found.drums}" for one in now.fits), sep="\n")
     yield "in three poses", compared(now.model, other)
     drums = {
-        node.motor: 2.0 * (node.radius + CALLIPER_NOISE * float(generator.standard_normal()))
+        node.motors[0][0]: 2.0 * (node.radius + CALLIPER_NOISE * float(generator.standard_normal()))
         for cable in robot.cables
         for node in cable.nodes
         if isinstance(node, Winch)

@@ -136,7 +136,7 @@ def path_of(
             continue
         if motor_angle is None:
             raise UsageError(f"cable {cable.name} has two winches: its motor angles are needed")
-        motor = model.layout.motors.index(last.motor)  # type: ignore[union-attr]
+        motor = model.layout.motors.index(last.motors[0][0])  # type: ignore[union-attr]
         wound[:, c] = last.reel * last.winding * motor_angle[:, motor]  # type: ignore[union-attr]
     return Path(stamp_ns, course(model, joint_angle), wound)
 

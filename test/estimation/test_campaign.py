@@ -115,7 +115,7 @@ def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviatio
     ratio = np.concatenate([one.ratio for one in verdicts])
     assert np.mean(ratio > 2.0) <= BEYOND_TWO
     assert np.mean(ratio > 5.0) <= 2.0 * BEYOND_FIVE  # of few with status 0
-    assert ratio.size > 0.2 * sum(one.judged for one in verdicts), "some have status 0"
+    assert ratio.size > 0.15 * sum(one.judged for one in verdicts), "some have status 0"
 
 
 @pytest.mark.parametrize("axis", ["winch", "elbow"])
@@ -236,7 +236,7 @@ def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_lat
     outputs = run(model, course, Faults(late_ns={axis: late}))
     verdict = judge(course, outputs, SECOND, course.duration_ns)
     assert verdict.beyond(5.0) <= BEYOND_FIVE
-    assert verdict.ratio.size > 0.95 * verdict.judged
+    assert verdict.ratio.size > 0.9 * verdict.judged
 
 
 @pytest.mark.parametrize("hertz", [20, 200])

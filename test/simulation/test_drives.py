@@ -58,7 +58,7 @@ def test_following_motors_keep_the_preload_of_frictionless_cables(
 
 def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots) -> None:
     robot = robots.finger()
-    single = replace(robot.cables[1].nodes[0], motor="flexor_motor", winding=1)
+    single = replace(robot.cables[1].nodes[0], motors=(("flexor_motor", 1.0),), winding=1)
     cables = (
         robot.cables[0],
         replace(robot.cables[1], nodes=(single, *robot.cables[1].nodes[1:])),
