@@ -141,7 +141,9 @@ def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
     assert preloads == pytest.approx([0.1, 0.1, 0.045], rel=1e-3)
 
 
-def test_a_delay_as_large_as_stated_is_covered(tool: ModuleType, motion: Samples) -> None:
+def test_a_delay_is_covered_also_where_a_smaller_one_is_stated(
+    tool: ModuleType, motion: Samples
+) -> None:
     """The joint's readings have passed a low-pass filter of 20 ms, which no stamp shows."""
     model = load_model(tool.ROBOT)
     true = tool.true_readings(model, tool.ROWS[0], motion).tension
@@ -160,5 +162,4 @@ def test_a_delay_as_large_as_stated_is_covered(tool: ModuleType, motion: Samples
         rows = found.stamp_ns > stamps[0] + 1_000_000_000
         error = np.abs(found.tension - true[np.searchsorted(stamps, found.stamp_ns)])[rows]
         covered.append(float(np.mean(error <= 2.0 * found.tension_stddev[rows])))
-    assert covered[0] < 0.8, "no test of anything"
-    assert covered[1] > 0.95
+    assert min(covered) > 0.95
