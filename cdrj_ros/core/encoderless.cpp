@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "residual.hpp"
+
 namespace cdrj {
 namespace {
 
@@ -43,7 +45,7 @@ std::vector<EncoderlessGroup> groups_of(
                 group.places.push_back(k);
             }
         }
-        for (const Index f : paths.frames) {
+        for (const Index f : paths.all.frames) {
             const auto moves = [&](Index c) {
                 return std::ranges::binary_search(paths.of_cable[c].frames, f);
             };
@@ -54,13 +56,12 @@ std::vector<EncoderlessGroup> groups_of(
     return groups;
 }
 
-std::vector<std::unique_ptr<EncoderlessSolver>> solvers_of(
+std::vector<EncoderlessSolver> solvers_of(
     const Robot& robot, const std::vector<EncoderlessJoint>& joints,
-    const std::vector<double>& effort_noise) {
-    std::vector<std::unique_ptr<EncoderlessSolver>> solvers;
+    const std::vector<double>& effort_noise, std::span<double> out) {
+    std::vector<EncoderlessSolver> solvers;
     for (EncoderlessGroup& group : groups_of(robot.topology, joints)) {
-        solvers.push_back(
-            std::make_unique<EncoderlessSolver>(robot, joints, std::move(group), effort_noise));
+        solvers.emplace_back(robot, joints, std::move(group), effort_noise, out);
     }
     return solvers;
 }
@@ -71,8 +72,9 @@ EncoderlessEstimator::EncoderlessEstimator(
     Ensemble& ensemble, std::vector<EncoderlessJoint> joints, std::vector<double> effort_noise)
     : ensemble_(ensemble),
       joints_(std::move(joints)),
-      solvers_(solvers_of(ensemble.robot(), joints_, effort_noise)),
       out_(ensemble.robot().out_size()),
+      solvers_(solvers_of(ensemble.robot(), joints_, effort_noise, out_)),
+      rest_(ensemble.robot().topology.paths->all),
       angle_(ensemble.robot().topology.sizes.joints),
       history_(before_first_sample()),
       motor_angle_(ensemble.robot().topology.sizes.motors),
@@ -83,12 +85,15 @@ EncoderlessEstimator::EncoderlessEstimator(
         }
     }
     measured_angle_.resize(measured_.size());
+    for (const EncoderlessSolver& one : solvers_) {
+        for (const Index c : one.group.cables) std::erase(rest_.cables, c);
+    }
 }
 
 EncoderlessEstimator::History EncoderlessEstimator::before_first_sample() const {
     const auto members = static_cast<std::size_t>(ensemble_.members());
     Memory memory;
-    for (const auto& solver : solvers_) memory.groups.emplace_back(solver->group.places.size());
+    for (const EncoderlessSolver& one : solvers_) memory.groups.emplace_back(one.group.places.size());
     return {
         .state = std::vector<double>(ensemble_.robot().state_size(), 0.0),
         .stamp_ns = 0,
@@ -124,7 +129,7 @@ void EncoderlessEstimator::take(
     // (U5) is in the lasting errors of the members' efforts
     ensemble_.write_stddev(results.estimate, results.stddev);
     for (std::size_t g = 0; g < solvers_.size(); ++g) {
-        const std::vector<std::size_t>& places = solvers_[g]->group.places;
+        const std::vector<std::size_t>& places = solvers_[g].group.places;
         for (std::size_t k = 0; k < places.size(); ++k) {
             const double spread = std::max(history_.variance[places[k]], 0.0);
             const double own = history_.nominal.groups[g].covariance(k, k);
@@ -162,23 +167,26 @@ void EncoderlessEstimator::solve(
     const double dt = memory.started ? static_cast<double>(since) * 1e-9 : 0.0;
     for (std::size_t k = 0; k < measured_.size(); ++k) angle_[measured_[k]] = measured_angle_[k];
     const auto advance = [&](bool anew) {
+        bool solved = true;
         for (std::size_t g = 0; g < solvers_.size(); ++g) {
             EncoderlessMemory& own = memory.groups[g];
             EncoderlessSample sample{
                 robot, state, own, motor_angle_, measured_angle_, effort_, dt};
             if (estimated != nullptr) sample.near = estimated->groups[g].angle;
-            solvers_[g]->solve(sample, anew);
-            const std::vector<std::size_t>& places = solvers_[g]->group.places;
+            solved = solvers_[g].solve(sample, anew) && solved;
+            const std::vector<std::size_t>& places = solvers_[g].group.places;
             for (std::size_t k = 0; k < places.size(); ++k) {
                 angle_[joints_[places[k]].joint] = own.angle[k];
             }
         }
-        robot.advance(state.data(), motor_angle_, angle_, dt, out_.data());
+        Step step(robot, state.data(), out_.data());
+        solved = advance_cables(step, rest_, {motor_angle_, angle_, dt}) && solved;
+        correct_outputs(step, dt, solved);
     };
     if (!memory.started) {
         std::ranges::fill(state, 0.0);
         for (std::size_t g = 0; g < solvers_.size(); ++g) {
-            const std::vector<std::size_t>& places = solvers_[g]->group.places;
+            const std::vector<std::size_t>& places = solvers_[g].group.places;
             for (std::size_t k = 0; k < places.size(); ++k) {
                 memory.groups[g].angle[k] = joints_[places[k]].start;
             }

@@ -6,7 +6,6 @@
 // spread gives the standard deviations.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -48,11 +47,11 @@ struct EncoderlessMemory {
     DenseMatrix covariance;      // of the angles, shape (u, u)
 };
 
-/// Joints without encoder that are solved together, and the cables and motors with which they are connected.
-struct EncoderlessGroup {
+/// Joints without encoder that are solved together, with the cables and motors that connect them; its
+/// axes are these motors and joints.
+struct EncoderlessGroup : CableSet {
     std::vector<std::size_t> places;  // of the joints among all that have no encoder
-    std::vector<Index> cables, motors, frames;
-    std::vector<Index> axes;  // the motors and these joints
+    std::vector<Index> motors;
 };
 
 /// One robot, its history and the readings of a sample.
@@ -71,22 +70,23 @@ struct EncoderlessSample {
 class EncoderlessSolver {
 public:
     /// `joints`: all without encoder. `effort_noise`: standard deviation of the measured effort of every
-    /// motor [N m].
+    /// motor [N m]. `out`: as of `Robot::advance`; it must outlive this object, which writes what
+    /// concerns the cables of the group.
     EncoderlessSolver(
         const Robot& robot, const std::vector<EncoderlessJoint>& joints, EncoderlessGroup group,
-        std::vector<double> effort_noise);
-    EncoderlessSolver(const EncoderlessSolver&) = delete;  // views of its own numbers
-    EncoderlessSolver& operator=(const EncoderlessSolver&) = delete;
+        std::vector<double> effort_noise, std::span<double> out);
 
     /// Find the angles, near those before or, with `anew`, anywhere in the joints' ranges, of a member near
-    /// the estimated ones; the memory becomes that after the sample.
-    void solve(const EncoderlessSample& sample, bool anew);
+    /// the estimated ones; the memory becomes that after the sample. Returns whether all cables were
+    /// solved at these angles, for which `out` is written.
+    bool solve(const EncoderlessSample& sample, bool anew);
 
     const EncoderlessGroup group;
 
 private:
-    /// Begin anew: at the angles that a search finds, of a member at the estimated ones.
-    void find(const EncoderlessSample& sample);
+    /// Begin anew: at the angles that a search finds, of a member at the estimated ones. Returns as
+    /// `evaluate`.
+    bool find(const EncoderlessSample& sample);
 
     // Evaluation at the present angles; whether all cables could be solved.
     bool evaluate(const EncoderlessSample& sample);       // efforts and loads
@@ -99,7 +99,7 @@ private:
     void weigh_prediction(const EncoderlessSample& sample);
     void widen(const EncoderlessSample& sample, bool loads_known);
 
-    // Correction (M2); whether the angles have arrived, so that they have been evaluated.
+    // Correction (M2); whether the angles have arrived at those that were evaluated last.
     bool correct(const EncoderlessSample& sample);
     void weigh_correction(const EncoderlessSample& sample);
     double misfit(const EncoderlessSample& sample) const;
@@ -121,7 +121,7 @@ private:
     std::vector<double> effort_noise_;      // [N m]
     bool any_load_known_;                   // whether anything is known of a load
 
-    std::vector<double> out_;    // as of `Robot::advance`, for the cables of the group
+    std::span<double> out_;
     Estimate estimate_;          // parts of it
     Workspace work_;
     std::vector<double> angle_;  // present angles of all joints [rad] or [m]
@@ -208,8 +208,9 @@ private:
     Ensemble& ensemble_;
     std::vector<EncoderlessJoint> joints_;
     std::vector<Index> measured_;          // indices of the other joints
-    std::vector<std::unique_ptr<EncoderlessSolver>> solvers_;  // of the groups
-    std::vector<double> out_;              // of `Robot::advance`
+    std::vector<double> out_;              // as of `Robot::advance`
+    std::vector<EncoderlessSolver> solvers_;  // of the groups
+    CableSet rest_;                        // the cables of no group; all axes and frames
     std::vector<double> angle_;            // of all joints [rad] or [m]
     History history_;
     std::optional<History> kept_;

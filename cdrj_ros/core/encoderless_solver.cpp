@@ -44,10 +44,10 @@ double squared(double number) { return number * number; }
 
 EncoderlessSolver::EncoderlessSolver(
     const Robot& robot, const std::vector<EncoderlessJoint>& joints, EncoderlessGroup of_group,
-    std::vector<double> effort_noise)
+    std::vector<double> effort_noise, std::span<double> out)
     : group(std::move(of_group)),
       effort_noise_(std::move(effort_noise)),
-      out_(robot.out_size(), 0.0),
+      out_(out),
       estimate_(robot.topology.sizes, out_.data() + robot.state_size()),
       work_(robot.topology.sizes, out_.data() + robot.state_size() + robot.estimate_size()),
       angle_(robot.topology.sizes.joints, 0.0),
@@ -67,29 +67,31 @@ EncoderlessSolver::EncoderlessSolver(
     }
 }
 
-void EncoderlessSolver::solve(const EncoderlessSample& sample, bool anew) {
+bool EncoderlessSolver::solve(const EncoderlessSample& sample, bool anew) {
     EncoderlessMemory& memory = sample.memory;
     for (std::size_t k = 0; k < measured_.size(); ++k) {
         angle_[measured_[k]] = sample.measured_angle[k];
     }
     for (std::size_t a = 0; a < joints_.size(); ++a) angle_of(a) = memory.angle[a];
+    bool solved = true;
     if (anew) {
-        find(sample);
+        solved = find(sample);
     } else {
         if (sample.dt > 0.0) predict(sample);
-        if (!(sample.dt > 0.0 && correct(sample))) evaluate(sample);
+        if (!(sample.dt > 0.0 && correct(sample))) solved = evaluate(sample);
         const double motors = static_cast<double>(group.motors.size());
         const double most = LOST * LOST * motors + REMAINING * memory.left;
         memory.lost = misfit(sample) > most ? memory.lost + sample.dt : 0.0;
-        if (memory.lost > LOST_FOR) find(sample);
+        if (memory.lost > LOST_FOR) solved = find(sample);
     }
     for (std::size_t a = 0; a < joints_.size(); ++a) {
         memory.angle[a] = angle_of(a);
         memory.load[a] = estimate_.joint_effort[joints_[a].joint];
     }
+    return solved;
 }
 
-void EncoderlessSolver::find(const EncoderlessSample& sample) {
+bool EncoderlessSolver::find(const EncoderlessSample& sample) {
     if (sample.near.empty()) {
         search(sample);
     } else {
@@ -101,20 +103,15 @@ void EncoderlessSolver::find(const EncoderlessSample& sample) {
         sample.memory.covariance(a, a) = joints_[a].variance();
     }
     correct(sample);
-    evaluate(sample);
+    const bool solved = evaluate(sample);
     sample.memory.lost = 0.0;
     sample.memory.left = std::max(sample.memory.left, misfit(sample));
+    return solved;
 }
 
 bool EncoderlessSolver::evaluate(const EncoderlessSample& sample) {
-    const auto& [topology, constants] = sample.robot;
-    const SampleAngles angles{sample.motor_angle, angle_, sample.dt};
     Step step(sample.robot, sample.state.data(), out_.data());
-    place_frames(topology, constants, group.frames, angle_, step.work);
-    bool solved = true;
-    for (const Index c : group.cables) solved = advance_cable(step, c, angles) && solved;
-    report_efforts(step, group.axes, angles);
-    return solved;
+    return advance_cables(step, group, {sample.motor_angle, angle_, sample.dt});
 }
 
 bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
@@ -169,7 +166,6 @@ bool EncoderlessSolver::move() {
 // Prediction (M1)
 
 void EncoderlessSolver::predict(const EncoderlessSample& sample) {
-    evaluate(sample);
     turn_with_cables(sample);
     aim();
     bool loads_known = false;
@@ -187,10 +183,13 @@ void EncoderlessSolver::predict(const EncoderlessSample& sample) {
 /// same.
 ///
 /// The change is the least-squares solution over all cables; winches and measured joints have moved
-/// since the state. `work_` is that of the angles before.
+/// since the state.
 void EncoderlessSolver::turn_with_cables(const EncoderlessSample& sample) {
+    const auto& [topology, constants] = sample.robot;
     equations_.clear();
+    place_frames(topology, constants, group.frames, angle_, work_);
     for (const Index c : group.cables) {
+        shape_cable(topology, constants, c, sample.motor_angle, angle_, work_);
         const double longer = elongation(sample, c);
         equations_.weigh(arms_, -longer, 1.0);
     }
@@ -201,7 +200,8 @@ void EncoderlessSolver::turn_with_cables(const EncoderlessSample& sample) {
     move();
 }
 
-/// By how much winches and measured joints have made a cable longer since the state [m].
+/// By how much winches and measured joints have made a cable, whose lever arms are known, longer since the
+/// state [m].
 ///
 /// `arms_` becomes by how much it gets longer per unit of each angle without encoder.
 double EncoderlessSolver::elongation(const EncoderlessSample& sample, Index c) {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <numeric>
 #include <utility>
 
 namespace cdrj {
@@ -38,12 +37,6 @@ void join(std::vector<Index>& list, const std::vector<Index>& more) {
         const auto at = std::ranges::lower_bound(list, one);
         if (at == list.end() || *at != one) list.insert(at, one);
     }
-}
-
-std::vector<Index> up_to(Index count) {
-    std::vector<Index> numbers(count);
-    std::iota(numbers.begin(), numbers.end(), Index{0});
-    return numbers;
 }
 
 /// The quantities of a robot, in the order of `unmodelled`.
@@ -95,11 +88,10 @@ Ensemble::Ensemble(
       draws(std::move(of_draws)),
       population(robot_.topology, draws.slipping.size(), std::move(of_members)),
       lags(robot_.topology.sizes.axes(), gains_of_cables()),
-      everything_{
-          1, false, up_to(cables()), robot_.topology.paths->axes, robot_.topology.paths->frames},
-      parts_{PARTS, false, {}, {}, {}},
-      at_once_{1, false, {}, {}, {}},
-      in_turn_{1, true, {}, {}, {}},
+      everything_{robot_.topology.paths->all, 1, false},
+      parts_{{}, PARTS, false},
+      at_once_{{}, 1, false},
+      in_turn_{{}, 1, true},
       estimate_(robot_.estimate_size()),
       mean_tensions_(cables()),
       walked_(cables()),

@@ -195,10 +195,9 @@ public:
 
 private:
     /// Cables whose members are updated in the same way, with all that their paths lead over.
-    struct Walk {
+    struct Walk : CableSet {
         int parts;   // steps of every member from the sample before to this one
         bool round;  // only the members whose time it is, otherwise all
-        std::vector<Index> cables, axes, frames;
     };
 
     void keep_states();

@@ -1,6 +1,7 @@
 #include "layout.hpp"
 
 #include <array>
+#include <numeric>
 
 namespace cdrj {
 namespace {
@@ -35,11 +36,17 @@ void join(std::vector<Index>& list, std::span<const Index> more) {
     list.erase(std::unique(list.begin(), list.end()), list.end());
 }
 
+std::vector<Index> up_to(Index count) {
+    std::vector<Index> numbers(count);
+    std::iota(numbers.begin(), numbers.end(), Index{0});
+    return numbers;
+}
+
 Paths paths_of(const Topology& topology) {
     const Sizes& sizes = topology.sizes;
     Paths paths;
     paths.cables_of_axis.resize(sizes.axes());
-    for (Index a = 0; a < sizes.axes(); ++a) paths.axes.push_back(a);
+    paths.all = {up_to(sizes.cables), up_to(sizes.axes()), up_to(sizes.frames)};
     std::vector<std::vector<Index>> carriers;  // of every frame, and itself
     for (Index f = 0; f < sizes.frames; ++f) {
         const auto [parent, motion, joint] = topology.frames[f];
@@ -52,7 +59,6 @@ Paths paths_of(const Topology& topology) {
         if (joint >= 0) join(joints, std::array{joint});
         paths.joints_of_frame.push_back(joints);
         carriers.push_back(up);
-        paths.frames.push_back(f);
     }
     for (Index c = 0; c < sizes.cables; ++c) {
         const CableTopology& cable = topology.cables[c];

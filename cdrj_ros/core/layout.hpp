@@ -58,13 +58,17 @@ struct CablePath {
     std::vector<Index> axes;    // its motors, then these joints, among all motors and joints
 };
 
+/// Some cables, and axes and frames that are computed with them; all lists are increasing.
+struct CableSet {
+    std::vector<Index> cables, axes, frames;
+};
+
 /// What follows from the connections of a robot.
 struct Paths {
     std::vector<CablePath> of_cable;
     std::vector<std::vector<Index>> joints_of_frame;  // that move it, increasing
     std::vector<std::vector<Index>> cables_of_axis;   // that depend on it, of motors, then joints
-    std::vector<Index> frames;                        // all of them
-    std::vector<Index> axes;
+    CableSet all;
 };
 
 /// Connections of a robot.

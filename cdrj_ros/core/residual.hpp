@@ -70,9 +70,10 @@ inline double trust_in(std::span<const ResidualInput> inputs) {
     return std::clamp(1.0 - (farthest - 1.0) / FADED, 0.0, 1.0);
 }
 
-/// Add the learned corrections to the estimate `values`; without effect unless the cables are solved.
-inline void correct_outputs(Step& step, double dt, bool solved, double* values) {
+/// Add the learned corrections to the estimate; without effect unless the cables are solved.
+inline void correct_outputs(Step& step, double dt, bool solved) {
     auto& [topology, constants, before, after, estimate, work] = step;
+    double* const values = estimate.tension.data();  // its first part
     const bool started = *before.started != 0.0;
     for (Index k = 0; k < topology.sizes.residual_inputs; ++k) {
         const auto [axis, column] = topology.residual_inputs[k];

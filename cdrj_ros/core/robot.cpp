@@ -71,25 +71,6 @@ void add_arcs(const Topology& topology, const Constants& constants, Index c, Wor
     }
 }
 
-/// Geometry of one cable; false if its path is impossible. Its frames have been placed.
-bool shape_cable(
-    const Topology& topology, const Constants& constants, Index c,
-    std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work) {
-    const CableTopology& cable = topology.cables[c];
-    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
-        work.wrap[p] = constants.pulleys[p].wrap;
-    }
-    bool possible = true;
-    if (cable.routed == Route::tables) {
-        read_tables(topology, constants, c, joint_angle, work);
-        add_arcs(topology, constants, c, work);
-    } else {
-        possible = route_cable(topology, constants, c, motor_angle, joint_angle, work);
-    }
-    divide_arcs(topology, c, work);
-    return possible;
-}
-
 /// Angle through which an end has wound cable in: by its motors, its frame and its tangent (E3).
 double wound_angle(const Step& step, Index end, std::span<const double> motor_angle) {
     return turned_by_motors(step.topology, step.constants, end, motor_angle) +
@@ -262,11 +243,29 @@ Step::Step(const Robot& robot, const double* before_state, double* out)
     before = State(topology.sizes, work.history);
 }
 
+bool shape_cable(
+    const Topology& topology, const Constants& constants, Index c,
+    std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work) {
+    const CableTopology& cable = topology.cables[c];
+    for (Index p = cable.first_pulley; p < cable.first_pulley + cable.pulleys; ++p) {
+        work.wrap[p] = constants.pulleys[p].wrap;
+    }
+    bool possible = true;
+    if (cable.routed == Route::tables) {
+        read_tables(topology, constants, c, joint_angle, work);
+        add_arcs(topology, constants, c, work);
+    } else {
+        possible = route_cable(topology, constants, c, motor_angle, joint_angle, work);
+    }
+    divide_arcs(topology, c, work);
+    return possible;
+}
+
 bool Robot::shape(
     std::span<const double> motor_angle, std::span<const double> joint_angle,
     Workspace& work) const {
     bool possible = true;
-    place_frames(topology, constants, topology.paths->frames, joint_angle, work);
+    place_frames(topology, constants, topology.paths->all.frames, joint_angle, work);
     for (Index c = 0; c < topology.sizes.cables; ++c) {
         possible = shape_cable(topology, constants, c, motor_angle, joint_angle, work) && possible;
     }
@@ -301,19 +300,22 @@ bool advance_cable(Step& step, Index c, const SampleAngles& angles) {
     return solved;
 }
 
+bool advance_cables(Step& step, const CableSet& some, const SampleAngles& angles) {
+    place_frames(step.topology, step.constants, some.frames, angles.joint, step.work);
+    bool solved = true;
+    for (const Index c : some.cables) solved = advance_cable(step, c, angles) && solved;
+    report_efforts(step, some.axes, angles);
+    *step.after.started = 1.0;
+    return solved;
+}
+
 bool Robot::advance(
     const double* before, std::span<const double> motor_angle,
     std::span<const double> joint_angle, double dt, double* out) const {
     Step step(*this, before, out);
     const SampleAngles angles{motor_angle, joint_angle, dt};
-    place_frames(topology, constants, topology.paths->frames, joint_angle, step.work);
-    bool solved = true;
-    for (Index c = 0; c < topology.sizes.cables; ++c) {
-        solved = advance_cable(step, c, angles) && solved;
-    }
-    report_efforts(step, topology.paths->axes, angles);
-    correct_outputs(step, dt, solved, out + state_size());
-    *step.after.started = 1.0;
+    const bool solved = advance_cables(step, topology.paths->all, angles);
+    correct_outputs(step, dt, solved);
     return solved;
 }
 

@@ -89,6 +89,11 @@ struct SampleAngles {
 /// State and estimate of the cable are written. Returns as `Robot::advance`, for this cable.
 bool advance_cable(Step& step, Index cable, const SampleAngles& angles);
 
+/// Advance some cables, and write the efforts of the axes given with them.
+///
+/// Returns as `Robot::advance`, for these cables.
+bool advance_cables(Step& step, const CableSet& some, const SampleAngles& angles);
+
 /// As `Robot::impose_friction` and `Robot::forget_drums`, of one cable.
 void impose_friction(Step& step, Index cable, std::span<const double> share);
 void forget_drums(const Robot& robot, Index cable, State& state);
@@ -109,6 +114,11 @@ void place_frames(
 /// `motor_angle` [rad] may be empty, for drums at rest; only drums with a pitch depend on it. The
 /// wraps of sheaths are given, all others written.
 bool route_cable(
+    const Topology& topology, const Constants& constants, Index cable,
+    std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work);
+
+/// Geometry of one cable, whose frames have been placed; false if its path is impossible.
+bool shape_cable(
     const Topology& topology, const Constants& constants, Index cable,
     std::span<const double> motor_angle, std::span<const double> joint_angle, Workspace& work);
 
