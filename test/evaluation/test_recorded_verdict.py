@@ -26,8 +26,8 @@ HEARD = """
 motor_efforts: {noise: 0.01}
 load_cells: {elements: [upper/8, lower/8], noise: 0.1}
 """
-WHOLE, LOOSE = "36.85,26.26", "29.48,26.26"
-"""Preloads; the upper cable has lost a fifth of its own."""
+LOOSE = "29.48,26.26"
+"""Preloads [N]; the upper cable has lost a fifth of its own."""
 
 
 def simulated(folder: Path, preload: str, heard: str = HEARD) -> str:

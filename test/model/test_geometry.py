@@ -1,8 +1,7 @@
-"""Wraps and lever arms against differences, and geometries that are refused."""
+"""Wraps without a jump, and geometries that are refused."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import pi
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import MovingEnd, Node, Pulley, Robot
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
 HEAD = """
@@ -31,36 +30,6 @@ def routed(nodes: str, joints: str = "", frames: str = "") -> Model:
     """A robot of one cable whose nodes are written one per line."""
     lines = [f"      - {line.strip()}" for line in nodes.strip().splitlines()]
     return prepare(parse_robot(HEAD % (joints, frames) + "\n".join(lines) + "\n"))
-
-
-@pytest.mark.parametrize("end", ["before", "both", "after"])
-def test_tables_lay_cable_on_from_the_element_at_the_end_that_moves(
-    end: MovingEnd, prototype: Robot
-) -> None:
-    def changed(node: Node) -> Node:
-        return replace(node, moving_end=end) if isinstance(node, Pulley) else node
-
-    cables = tuple(
-        replace(cable, nodes=tuple(map(changed, cable.nodes))) for cable in prototype.cables
-    )
-    model = prepare(replace(prototype, cables=cables))
-    share = {"before": 1.0, "both": 0.5, "after": 0.0}[end]
-    small = 1e-7
-    for angle in np.random.default_rng(3).uniform(-0.69, 0.69, 50):
-        one, other = (shape_at(model, np.array([angle + s])) for s in (small, -small))
-        measured = (one.length - other.length) / (2 * small)
-        grown = 0.0045 * (one.wrap[[4, 11]] - other.wrap[[4, 11]]) / (2 * small)
-        arms = shape_at(model, np.array([angle])).lever_arm[:, 0]
-        # pulley 6 of each cable: half of its arc belongs to either element, wherever it grows
-        np.testing.assert_allclose(
-            arms[[4, 12]], measured[[4, 12]] + (share - 0.5) * grown, atol=2e-8
-        )
-        np.testing.assert_allclose(
-            arms[[5, 13]], measured[[5, 13]] + (0.5 - share) * grown, atol=2e-8
-        )
-        others = np.setdiff1d(np.arange(16), [4, 5, 12, 13])
-        np.testing.assert_allclose(arms[others], measured[others], atol=2e-8)
-        assert np.abs(grown).min() > 1e-3
 
 
 def test_a_wrap_grows_through_half_a_turn_without_a_jump() -> None:

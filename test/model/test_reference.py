@@ -259,7 +259,7 @@ def test_every_sample_equals_the_reference(file: str, law: str) -> None:
 
 
 def with_everything(robot: Robot) -> Robot:
-    """The prototype with every term of sections 2, 4 and 6 that the shipped files leave at zero."""
+    """The prototype with every term of sections 2, 4 and 6 that the shipped files leave out."""
 
     def changed(k: int, node: Node) -> Node:
         if not isinstance(node, Pulley):
@@ -268,7 +268,11 @@ def with_everything(robot: Robot) -> Robot:
             node.friction, breakaway=0.6, bristle_damping=300.0, viscous=150.0, mu_s=0.17,
             stribeck="capstan", stribeck_lag=0.03, stribeck_speed=0.1,
         )  # fmt: skip
-        return replace(node, friction=friction, cells=1 + k % 3, bearing_torque=1e-4)
+        more = {"cells": 1 + k % 3, "bearing_torque": 1e-4}
+        return replace(node, friction=friction, moving_end="before", **more)
+
+    def both(node: Node) -> Node:
+        return replace(node, moving_end="both") if isinstance(node, Pulley) else node
 
     def axis(axis: Any, size: float) -> Any:
         passive = PassiveTorque(0.05 * size, 3.0 * size, 0.2 * size, 0.1)
@@ -280,11 +284,14 @@ def with_everything(robot: Robot) -> Robot:
         robot,
         cables=(
             replace(upper, nodes=nodes, creep_share=0.3, creep_time=2.0, flow_time=300.0),
-            replace(lower, bedding_strain=0.004, bedding_tension=12.0, creep_share=0.2),
+            replace(
+                lower, nodes=tuple(map(both, lower.nodes)), bedding_strain=0.004,
+                bedding_tension=12.0, creep_share=0.2,
+            ),
         ),
         motors=tuple(axis(motor, 1.0) for motor in robot.motors),
         joints=tuple(axis(joint, 2.0) for joint in robot.joints),
-    )
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("law", ["none", "lugre", "elastoplastic"])

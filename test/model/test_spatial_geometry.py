@@ -39,9 +39,6 @@ def anchor(x: float, y: float, z: float, frame: str = "base") -> str:
     return f"type: anchor, position: [{float(x)!r}, {float(y)!r}, {float(z)!r}], frame: {frame}"
 
 
-REST = np.zeros(2)
-
-
 def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
     head = HEAD.replace("[-0.5, 0.5]", "[-0.1, 0.1]")
     for body in (
@@ -189,11 +186,3 @@ def test_the_effort_of_a_helical_drum_is_the_moment_of_its_cable_about_the_axis(
     expected = estimate.tension[0] * RADIUS * level / hypot(level, z)
     assert estimate.tension[0] > 40.0
     assert estimate.motor_effort[0] == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_body_may_be_ignored_while_a_neighbouring_point_lies_inside() -> None:
-    body = "type: sphere, radius: 0.05, position: [0.04, 0, 0], ignored_inside: true"
-    found = shape_at(model_of(anchor(0, 0, 0), body, anchor(0.3, 0, 0)), REST)
-    assert found.possible
-    assert found.length.sum() == pytest.approx(0.3, abs=1e-15)
-    assert found.wrap[0] == 0.0

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.model.prepared import load_model, shape_at
 
-RADIUS, DRUM, WINCH = 0.05, 0.0675, 0.5
-"""Radii of pulleys and drums, height of the winches [m]."""
+RADIUS, WINCH = 0.05, 0.5
+"""Radius of pulleys, height of the winches [m]."""
 PULLEYS = np.array(
     [
         [-7.1775, -5.4361, 5.3911], [-7.4594, -5.1504, 5.3999], [-7.3911, 5.1940, 5.3976],

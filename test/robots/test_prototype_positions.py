@@ -13,7 +13,7 @@ TABLE_ONE = [40.9, 105.4, 32.1, 57.7, None, 180.0, 90.0]
 """Wrap angles of pulleys 2 to 8 [deg]; that of pulley 6 varies from 0.6 to 78.5."""
 
 LIMIT = np.radians(38.95)
-W, N = 0.060, 2
+W = 0.060
 PULLEY_SIX = 0.0045
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cdrj_ros.model.prepared import load_model, shape_at
 
-IDLER, JAW, DRUM = 2.12e-3, 2.6e-3, 3.166e-3
+IDLER, JAW = 2.12e-3, 2.6e-3
 """Radii of the robot file [m]."""
 COUPLING = np.array([[IDLER, -JAW, 0], [IDLER, JAW, 0], [-IDLER, 0, -JAW], [-IDLER, 0, JAW]])
 """Length of every cable by pitch, jaw_1 and jaw_2 [m/rad]."""

@@ -20,7 +20,6 @@ from cdrj_ros.simulation.load import Load, make_load
 
 RATE = 1000.0
 LOAD = make_load("rolling", 0.3, 0.05)
-TIME = np.arange(1_501) / RATE
 
 
 def live(robot: Robot, load: Load = LOAD, **settings: Any) -> LiveRig:
