@@ -1,30 +1,28 @@
-"""The source's experiments on the simulated rig: measurements and estimates.
+"""The source's experiments on the simulated rig: readings of its sensors, truth and estimates.
 
 The rig is made with the values of rho that the source identified on its own rig, cable by cable
-and preload by preload.  Figures 12 and 13 are estimated with the one rho = 0.2 that the source
-uses there, figure 14 with the identified values.
+and preload by preload.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.evaluation.channels import FRICTION, Angle, Channel
-from cdrj_ros.evaluation.comparison import Comparing
-from cdrj_ros.evaluation.validation import MAX_GAP_NS
-from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.foundation.arrays import Series, Stamps, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.packing import NODAL_FORCE, TENSION
+from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot, Sensor
+from cdrj_ros.robot.description import Robot, Sensor
+from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.assembly import Truth
+from cdrj_ros.simulation.load import Load, make_load
 from cdrj_ros.simulation.sensors import (
     JOINT_ENCODER,
     MOTOR_ENCODER,
@@ -34,21 +32,16 @@ from cdrj_ros.simulation.sensors import (
     measured,
 )
 from cdrj_ros.simulation.truth import simulate
-from examples.paper.joint import RollingLoad
 
-Vector = NDArray[np.float64]
+Forces = Mapping[str, Vector]
+"""Forces [N], shape (n,), by channel: ``tension/cable/element``, ``nodal_force/cable/node`` or
+``friction/cable/node``."""
 
 CABLES: Final = ("upper", "lower")
 """The source's two cables, in its order."""
 
-COMMON_RHO: Final = (0.2, 0.2)
-"""rho of both cables in figures 12 and 13."""
-
-FREE_PRELOAD: Final = (20.0, 20.0)
-"""Preload of both cables in figure 9 [N]."""
-
-FREE_RHOS: Final = (0.0, 0.2, 1.0)
-"""rho in figure 9: bearings alone, the source's common value, sliding alone."""
+LOAD: Final = make_load("rolling")
+"""The load of the rig."""
 
 EPOCH_NS: Final = 1_000_000_000
 """Stamp of the start of a run [ns]."""
@@ -56,13 +49,18 @@ EPOCH_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True)
 class Experiment:
-    """One set of preloads of the source, and the rho that it identified there."""
+    """One set of preloads of the source, and the rho that it identified there by (44)."""
 
     name: str
     preload: tuple[float, float]
-    """Preloads of the upper and lower cable [N]."""
+    """Of the upper and lower cable [N]."""
     rho: tuple[float, float]
-    """rho of the upper and lower cable, identified by (44) [-]."""
+    """Of the upper and lower cable [-]."""
+
+    @property
+    def label(self) -> str:
+        """The preloads, for headings."""
+        return "{:.2f} / {:.2f} N".format(*self.preload)
 
 
 EXPERIMENTS: Final = (
@@ -113,98 +111,55 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Recording:
-    """Result of an experiment: encoder and load cell readings, and the truth."""
+class Run:
+    """Forces over the evaluated cycles, n samples from the first upper limit on."""
 
-    truth: Truth
-    samples: Samples
-    """Conditioned samples of the encoders."""
-    stamp_ns: NDArray[np.int64]
-    """Stamps of the load cells' readings [ns], shape (n,)."""
-    readings: Mapping[str, Vector]
-    """Readings of the load cells by channel name [N], shape (n,) each."""
-    noiseless: Mapping[str, Vector]
-    """The true values at the same stamps [N], shape (n,) each."""
-    turns: tuple[float, ...]
+    time: Vector
+    """From the first upper limit [s], shape (n,)."""
+    angle: Vector
+    """Of the joint [rad], shape (n,)."""
+    turns: Vector
     """Times at which the joint turns, from an upper limit to an upper limit [s]."""
+    true: Forces
+    """What the rig does."""
 
 
 @dataclass(frozen=True)
-class Free:
-    """The model's tensions for a prescribed joint motion, without measurements."""
+class Recording(Run):
+    """A run at the times of the load cells' readings, with what the sensors read."""
 
-    time: Vector
-    """Time from the first upper limit [s], shape (n,)."""
-    angle: Vector
-    """Joint angle [rad], shape (n,)."""
-    tension: Mapping[str, Vector]
-    """Tensions by ``cable/element`` [N], shape (n,) each."""
+    read: Forces
+    """By the load cells."""
+    begin: float
+    """Time of the first upper limit, from the start [s]."""
+    samples: Samples
+    """Conditioned samples of the encoders, from the rest on."""
 
 
 def with_friction(
     robot: Robot,
-    *,
     preload: Sequence[float] | None = None,
     rho: Sequence[float] | None = None,
-    law: str | None = None,
-    **numbers: float | str,
+    **keys: float | str,
 ) -> Robot:
-    """The robot with other preloads [N] and rho by cable, another law or ``Friction`` fields."""
-
-    def changed(friction: Friction, k: int) -> Friction:
-        fields: dict[str, float | str] = dict(numbers)
-        if rho is not None:
-            fields["rho"] = rho[k]
-        return replace(friction, **fields)  # type: ignore[arg-type]
-
-    def cable_with(cable: Cable, k: int) -> Cable:
-        nodes = tuple(
-            replace(node, friction=changed(node.friction, k)) if isinstance(node, Pulley) else node
-            for node in cable.nodes
-        )
-        return replace(
-            cable,
-            nodes=nodes,
-            law=cable.law if law is None else law,
-            preload=cable.preload if preload is None else preload[k],
-        )
-
-    return replace(
-        robot, cables=tuple(cable_with(cable, k) for k, cable in enumerate(robot.cables))
-    )
+    """The robot with other preloads [N] and rho by cable, and other keys of ``friction``."""
+    document: Any = deepcopy(robot.document)
+    for k, cable in enumerate(document["cables"]):
+        own = keys if rho is None else {**keys, "rho": rho[k]}
+        cable["friction"] = {**cable.get("friction", {}), **own}
+        if preload is not None:
+            cable["preload"] = preload[k]
+    return build_robot(document, robot.source)
 
 
 def with_constant_wraps(robot: Robot) -> Robot:
     """The robot with every wrap held at the middle of its range, as (3) of the source assumes."""
-
-    def held(node: Pulley) -> Pulley:
-        wrap = tuple(
-            profile
-            if profile.joint is None
-            else replace(
-                profile,
-                value=np.full_like(profile.value, 0.5 * (profile.value[0] + profile.value[-1])),
-                slope=np.zeros_like(profile.slope),
-            )
-            for profile in node.wrap
-        )
-        return replace(node, wrap=wrap)
-
-    return replace(
-        robot,
-        cables=tuple(
-            replace(
-                cable,
-                nodes=tuple(held(n) if isinstance(n, Pulley) else n for n in cable.nodes),
-            )
-            for cable in robot.cables
-        ),
-    )
-
-
-def _times(end: float, rate: float, phase_s: float = 0.0) -> NDArray[np.float64]:
-    """Times [s] at which a sensor of this rate reads within [0, end]."""
-    return phase_s + np.arange(int((end - phase_s) * rate + 1e-9) + 1) / rate
+    document: Any = deepcopy(robot.document)
+    for node in (node for cable in document["cables"] for node in cable["nodes"]):
+        if isinstance(node.get("wrap_angle"), dict):
+            node["wrap_angle"] = float(np.mean(node["wrap_angle"]["value"]))
+            node.pop("moving_end")
+    return build_robot(document, robot.source)
 
 
 def record(robot: Robot, motion: Motion, *, cells: int = 8, seed: int = 0) -> Recording:
@@ -216,143 +171,119 @@ def record(robot: Robot, motion: Motion, *, cells: int = 8, seed: int = 0) -> Re
         cells: contact cells per pulley.
         seed: seed of the load cells' noise.
     """
-    truth = _moved(robot, motion, RollingLoad(), cells)
-    layout = prepare(robot).layout
-    end = float(truth.time[-1])
+    truth, turns = _moved(robot, motion, LOAD, cells)
+    layout, end = prepare(robot).layout, float(truth.time[-1])
 
-    def angles(encoder: Encoder, values: NDArray[np.float64]) -> Series:
+    def angles(encoder: Encoder, angle: Table) -> Series:
         times = _times(end, min(encoder.rate, motion.rate), encoder.phase)
+        ideal = np.interp(times, truth.time, angle[:, 0])
         stamps = _stamps(times)
-        angle = np.interp(times, truth.time, _column(values))
-        return Series(stamps, stamps, counted(encoder, angle, 0.0, Sensor()))
+        return Series(stamps, stamps, counted(encoder, ideal, 0.0, Sensor()))
 
     conditioned = condition(
         robot,
         {layout.motors[0]: angles(MOTOR_ENCODER, truth.motor_angle)},
         {layout.joints[0]: angles(JOINT_ENCODER, truth.joint_angle)},
     )
-    cell = LoadCells()
+    cell, generator = LoadCells(), np.random.default_rng(seed)
     times = _times(end, cell.rate)
-    generator = np.random.default_rng(seed)
-    readings, noiseless = {}, {}
-    for prefix, names, values in (
-        (TENSION, layout.elements, truth.tension),
-        (NODAL_FORCE, layout.pulleys, truth.nodal_force),
-    ):
-        ideal = np.stack([np.interp(times, truth.time, column) for column in values.T], axis=1)
-        read = measured(ideal, cell.noise, cell.step, generator)
-        for k, name in enumerate(names):
-            readings[f"{prefix}/{name}"], noiseless[f"{prefix}/{name}"] = read[:, k], ideal[:, k]
-    for name in layout.pulleys:
-        cable, node = name.split("/")
-        for forces in (readings, noiseless):
-            before, after = (forces[f"{TENSION}/{cable}/{int(node) - k}"] for k in (1, 0))
-            forces[f"friction/{name}"] = after - before
-    turns = _turns(truth.time, _column(truth.joint_angle), motion)
-    return Recording(truth, conditioned.segments[0], _stamps(times), readings, noiseless, turns)
+    kept = (times >= turns[0]) & (times <= turns[-1])
+    tables = [_at(times, truth.time, table) for table in (truth.tension, truth.nodal_force)]
+    noisy = [measured(table, cell.noise, cell.step, generator) for table in tables]
+    return Recording(
+        times[kept] - turns[0],
+        np.interp(times[kept], truth.time, truth.joint_angle[:, 0]),
+        turns - turns[0],
+        _forces(layout, *(table[kept] for table in tables)),
+        _forces(layout, *(table[kept] for table in noisy)),
+        float(turns[0]),
+        conditioned.segments[0],
+    )
 
 
-def estimate(recording: Recording, robot: Robot) -> dict[str, Channel]:
-    """The estimator over a recording's encoders, beside its load cells, within the cycles.
-
-    Args:
-        recording: from ``record``.
-        robot: the estimator's preloads, rho and law.
-
-    Returns:
-        Channels ``tension/cable/element``, ``nodal_force/cable/node`` and ``friction/cable/node``.
-    """
+def estimate(recording: Recording, robot: Robot) -> Forces:
+    """Estimates at the times of a recording, with the preloads, rho and law of a robot."""
     model = prepare(robot)
     samples, layout = recording.samples, model.layout
     values = run(model, initial_state(model), samples)[1].values
-    named = {
-        f"{prefix}/{name}": values[:, part.start + k]
-        for prefix, names, part in (
-            (TENSION, layout.elements, layout.tension),
-            (NODAL_FORCE, layout.pulleys, layout.magnitude),
-            (FRICTION, layout.pulleys, layout.friction),
-        )
-        for k, name in enumerate(names)
-    }
-    ends = _stamps(np.array([recording.turns[0], recording.turns[-1]]))
-    kept = (recording.stamp_ns >= ends[0]) & (recording.stamp_ns <= ends[1])
-    stamps = recording.stamp_ns[kept]
-    references = {
-        name: Series(stamps, stamps, reading[kept]) for name, reading in recording.readings.items()
-    }
-    angle = Angle(layout.joints[0], samples.stamp_ns, samples.joint_angle[:, 0])
-    comparing = Comparing(list(named), samples.stamp_ns, references, MAX_GAP_NS)
-    comparing.add(named, {}, len(samples.stamp_ns))
-    return {channel.name: channel for channel in comparing.channels(angle, None)}
+    since = (samples.stamp_ns - EPOCH_NS).astype(np.float64) * 1e-9
+    tables = [
+        _at(recording.begin + recording.time, since, values[:, part])
+        for part in (layout.tension, layout.magnitude)
+    ]
+    return _forces(layout, *tables)
 
 
-def move_freely(
-    robot: Robot,
-    motion: Motion,
-    load: RollingLoad | None = None,
-    *,
-    lever: float = 1.0,
-) -> Free:
-    """Tensions of the lumped model for a prescribed joint motion: the source's simulation.
+def move_freely(robot: Robot, motion: Motion, load: Load = LOAD, lever: float = 1.0) -> Run:
+    """The lumped model along a prescribed joint motion: the source's simulation.
 
     Args:
         robot: robot with its preloads and friction.
         motion: motion of the joint.
-        load: masses; the prototype's by default.
+        load: its load.
         lever: share of the true lever arm at which the strands pull, 0.5 for (10) as printed.
 
     Raises:
         UsageError: a cable would have to push.
     """
-    truth = _moved(robot, motion, load or RollingLoad(), 1, lever)
-    angle = _column(truth.joint_angle)
-    turns = _turns(truth.time, angle, motion)
+    truth, turns = _moved(robot, motion, load, 1, lever)
     kept = (truth.time >= turns[0]) & (truth.time <= turns[-1])
-    names = prepare(robot).layout.elements
-    return Free(
+    return Run(
         truth.time[kept] - turns[0],
-        angle[kept],
-        {name: truth.tension[kept, k] for k, name in enumerate(names)},
+        truth.joint_angle[kept, 0],
+        turns - turns[0],
+        _forces(prepare(robot).layout, truth.tension[kept], truth.nodal_force[kept]),
     )
 
 
 def _moved(
-    robot: Robot,
-    motion: Motion,
-    load: RollingLoad,
-    cells: int,
-    lever: float = 1.0,
-) -> Truth:
-    time, angle, speed, acceleration = motion.path()
-    torque = load.torque(angle, speed, acceleration) / lever
-    return simulate(robot, time, angle, torque, cells=cells)
+    robot: Robot, motion: Motion, load: Load, cells: int, lever: float = 1.0
+) -> tuple[Truth, Vector]:
+    """The rig along a motion, and the times at which its joint turned [s].
 
-
-def _column(values: NDArray[np.float64]) -> Vector:
-    """Angle of the only motor or joint."""
-    return np.ascontiguousarray(np.reshape(values, (len(values), -1))[:, 0])
-
-
-def _stamps(times: Vector) -> NDArray[np.int64]:
-    return EPOCH_NS + np.round(times * 1e9).astype(np.int64)
-
-
-def _turns(time: Vector, angle: Vector, motion: Motion) -> tuple[float, ...]:
-    """Times at which the joint turned, a little later than prescribed since it waits at reversals.
+    It turns a little later than prescribed, since it waits at reversals.
 
     Raises:
         UsageError: it did not reach a limit.
     """
+    time, angle, speed, acceleration = motion.path()
+    torque = load.torque(angle, speed, acceleration) / lever
+    truth = simulate(robot, time, angle, torque, cells=cells)
     turns = []
     for k in range(2 * motion.cycles + 1):
         nominal = motion.begin + 0.5 * k * motion.period
-        near = np.abs(time - nominal) < 0.2 * motion.period
-        sign = 1.0 if k % 2 == 0 else -1.0
-        turn = int(np.argmax(sign * angle[near]))
-        if sign * angle[near][turn] < 0.999 * motion.amplitude:
+        near = np.abs(truth.time - nominal) < 0.2 * motion.period
+        towards = truth.joint_angle[near, 0] * (-1.0) ** k
+        turns.append(float(truth.time[near][np.argmax(towards)]))
+        if towards.max() < 0.999 * motion.amplitude:
             raise UsageError(
                 f"a sine of {motion.frequency:g} Hz is too fast for the rig's motor: the joint "
-                f"has not reached its limit by {time[near][-1]:.4g} s"
+                f"has not reached its limit by {truth.time[near][-1]:.4g} s"
             )
-        turns.append(float(time[near][turn]))
-    return tuple(turns)
+    return truth, np.array(turns)
+
+
+def _forces(layout: Layout, tension: Table, nodal_force: Table) -> Forces:
+    """Columns by channel; friction at a pulley is the tension after it less that before it."""
+    forces = {
+        f"tension/{name}": column for name, column in zip(layout.elements, tension.T, strict=True)
+    }
+    for name, column in zip(layout.pulleys, nodal_force.T, strict=True):
+        cable, node = name.split("/")
+        before, after = (forces[f"tension/{cable}/{int(node) - k}"] for k in (1, 0))
+        forces |= {f"nodal_force/{name}": column, f"friction/{name}": after - before}
+    return forces
+
+
+def _at(times: Vector, known: Vector, table: Table) -> Table:
+    """Columns interpolated at other times."""
+    return np.stack([np.interp(times, known, column) for column in table.T], axis=1)
+
+
+def _times(end: float, rate: float, phase_s: float = 0.0) -> Vector:
+    """Times [s] at which a sensor of this rate reads within [0, end]."""
+    return phase_s + np.arange(int((end - phase_s) * rate + 1e-9) + 1) / rate
+
+
+def _stamps(times: Vector) -> Stamps:
+    return EPOCH_NS + np.round(times * 1e9).astype(np.int64)

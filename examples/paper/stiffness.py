@@ -18,77 +18,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.laws import Elasticity, modulus_at, strain_at
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """K of (28) and its blocks; n nodes in d dimensions, displacements ordered node by node."""
+    """K of (28) and its blocks, displacements ordered node by node."""
 
-    matrix: Table
-    """K, shape (d n + n - 2, d n + n - 2)."""
-    nodes: int
-    """n."""
-    dimensions: int
-    """d, 2 or 3."""
+    matrix: Matrix
+    """K, shape (d n + n - 2, d n + n - 2), for n nodes in d dimensions."""
+    split: int
+    """d n."""
 
     @property
-    def node_by_node(self) -> Table:
+    def node_by_node(self) -> Matrix:
         """K_DD of (20) [N/m], shape (d n, d n)."""
-        return self.matrix[: self._split, : self._split]
+        return self.matrix[: self.split, : self.split]
 
     @property
-    def node_by_slip(self) -> Table:
-        """K_Ds of (20) [N/m], shape (d n, n - 2)."""
-        return self.matrix[: self._split, self._split :]
-
-    @property
-    def slip_by_node(self) -> Table:
+    def slip_by_node(self) -> Matrix:
         """K_sD of (26) [N/m], shape (n - 2, d n)."""
-        return self.matrix[self._split :, : self._split]
+        return self.matrix[self.split :, : self.split]
 
     @property
-    def slip_by_slip(self) -> Table:
+    def slip_by_slip(self) -> Matrix:
         """K_ss of (26) [N/m], tridiagonal, shape (n - 2, n - 2)."""
-        return self.matrix[self._split :, self._split :]
-
-    @property
-    def _split(self) -> int:
-        return self.nodes * self.dimensions
-
-    def slips(self, displacement: Table) -> Vector:
-        """(26) solved for S [m]: the slips that keep every pulley in balance.
-
-        Args:
-            displacement: of the nodes from a balanced state [m], shape (n, d).
-
-        Raises:
-            UsageError: with slack elements the slips are undetermined.
-        """
-        try:
-            return np.linalg.solve(
-                self.slip_by_slip, -self.slip_by_node @ np.ravel(displacement)
-            ).astype(np.float64)
-        except np.linalg.LinAlgError:
-            raise UsageError("slack elements leave the slips undetermined") from None
-
-    def condensed(self) -> Table:
-        """K_DD - K_Ds K_ss^-1 K_sD [N/m]: the nodes' stiffness with the pulleys in balance.
-
-        Raises:
-            UsageError: with slack elements the slips are undetermined.
-        """
-        try:
-            following = np.linalg.solve(self.slip_by_slip, self.slip_by_node)
-        except np.linalg.LinAlgError:
-            raise UsageError("slack elements leave the slips undetermined") from None
-        return self.node_by_node - self.node_by_slip @ following
+        return self.matrix[self.split :, self.split :]
 
 
 def nominal_stiffness(axial_stiffness: float, length: Vector) -> Vector:
@@ -124,12 +82,12 @@ def linear_tension(preload: Vector, stiffness: Vector, elongation: Vector, slip:
 
 
 def stiffness_matrix(
-    position: Table,
+    position: Matrix,
     tension: Vector,
     by_length: Vector,
-    by_material: Vector | None = None,
-    transmission: Vector | None = None,
-    direction: Vector | None = None,
+    by_material: Vector,
+    transmission: Vector,
+    direction: Vector,
     geometric: bool = True,
 ) -> Stiffness:
     """(12), (15)-(28), (E15): K of one cable, assembled element by element.
@@ -139,105 +97,57 @@ def stiffness_matrix(
         tension: of the elements [N], shape (n - 1,).  An element without tension is slack and
             has no stiffness: Gamma+ of (11).
         by_length: dt/dL of the elements [N/m], shape (n - 1,); k of (14), or ``exact_stiffness``.
-        by_material: -dt/dl of the elements [N/m]; ``by_length`` where not given.
-        transmission: eta of the pulleys in (0, 1], shape (n - 2,); 1 where not given.
+        by_material: -dt/dl of the elements [N/m], as well.
+        transmission: eta of the pulleys in (0, 1], shape (n - 2,).
         direction: of the pulleys' slip, +1 towards the last node, -1 towards the first (the
-            source's case (24)), shape (n - 2,); -1 where not given.
+            source's case (24)), shape (n - 2,).
         geometric: include the rotation of the elements, t / L (I - u u^T), which makes K the
             negative derivative of the forces; without it K is (19) as in the source.
 
     Raises:
-        UsageError: a wrong shape, coincident nodes, or a value out of its range.
+        UsageError: coincident nodes, or a transmission out of its range.
     """
-    x = _positions(position)
-    n, d = x.shape
-    t = _sized("tension", tension, n - 1)
-    if not np.all(t >= 0.0):
-        raise UsageError("tension must not be negative")
-    k_length, k_material = _slopes(t, by_length, by_material)
-    ahead, behind = _weights(*_pulleys(n - 2, transmission, direction))
-    chord = np.diff(x, axis=0)
+    if not np.all((transmission > 0.0) & (transmission <= 1.0)):
+        raise UsageError("transmission must be in (0, 1]")
+    n, d = position.shape
+    ahead, behind = _weights(transmission, direction)
+    taut = tension > 0.0
+    chord = np.diff(position, axis=0)
     length = np.linalg.norm(chord, axis=1)
     if not np.all(length > 0.0):
         raise UsageError("neighbouring nodes coincide")
-
     matrix = np.zeros((d * n + n - 2, d * n + n - 2))
     for i in range(n - 1):
         u = chord[i] / length[i]  # lambda of (17)
-        by_node = np.concatenate([-u, u]) * k_length[i]  # dt_i by both ends
+        by_node = np.concatenate([-u, u]) * taut[i] * by_length[i]  # dt_i by both ends
         pull = np.concatenate([u, -u])  # of the element on its ends, per newton
         ends = slice(d * i, d * (i + 2))
         matrix[ends, ends] -= np.outer(pull, by_node)  # k_DD of (19)
-        if geometric:
-            matrix[ends, ends] += _turning(u, t[i] / length[i])
+        if geometric:  # g of (E15)
+            turning = tension[i] / length[i] * (np.eye(d) - np.outer(u, u))
+            matrix[ends, ends] += np.kron([[1.0, -1.0], [-1.0, 1.0]], turning)
         # the slip of the pulley at the first node adds material, that at the last node removes it
         pulleys = [
-            (d * n + p, sign, weight[p])
+            (d * n + p, sign * taut[i] * by_material[i], weight[p])
             for p, sign, weight in ((i - 1, -1.0, ahead), (i, 1.0, -behind))
             if 0 <= p < n - 2
         ]
-        for column, sign, _ in pulleys:
-            matrix[ends, column] -= pull * sign * k_material[i]  # k_Ds of (19)
+        for column, by_slip, _ in pulleys:
+            matrix[ends, column] -= pull * by_slip  # k_Ds of (19)
         for row, _, weight in pulleys:
             matrix[row, ends] -= weight * by_node  # (25)
-            for column, sign, _ in pulleys:
-                matrix[row, column] -= weight * sign * k_material[i]
-    return Stiffness(matrix, n, d)
+            for column, by_slip, _ in pulleys:
+                matrix[row, column] -= weight * by_slip
+    return Stiffness(matrix, d * n)
 
 
 def imbalance(tension: Vector, transmission: Vector, direction: Vector) -> Vector:
     """r of (24), (E14) at every pulley [N], shape (n - 2,): 0 where slipping and in balance."""
-    t = np.asarray(tension)
-    ahead, behind = _weights(np.asarray(transmission), np.asarray(direction))
-    return ahead * t[1:] - behind * t[:-1]
+    ahead, behind = _weights(transmission, direction)
+    return ahead * tension[1:] - behind * tension[:-1]
 
 
 def _weights(transmission: Vector, direction: Vector) -> tuple[Vector, Vector]:
     """Factors in (24), (E14) of the tensions after and before a pulley; eta is at the pull."""
     forward = direction > 0.0
     return np.where(forward, transmission, 1.0), np.where(forward, 1.0, transmission)
-
-
-def _positions(position: Table) -> Table:
-    """Node positions [m], shape (n, d), checked."""
-    x = np.asarray(position, dtype=np.float64)
-    if x.ndim != 2 or x.shape[0] < 2 or x.shape[1] not in (2, 3):
-        raise UsageError(f"position must have the shape (n, 2) or (n, 3), got {x.shape}")
-    return x
-
-
-def _slopes(
-    tension: Vector, by_length: Vector, by_material: Vector | None
-) -> tuple[Vector, Vector]:
-    """dt/dL and -dt/dl of the elements [N/m], 0 where an element is slack: Gamma+ of (11)."""
-    count, taut = tension.size, tension > 0.0
-    length = np.where(taut, _sized("by_length", by_length, count), 0.0)
-    if by_material is None:
-        return length, length
-    return length, np.where(taut, _sized("by_material", by_material, count), 0.0)
-
-
-def _pulleys(
-    count: int, transmission: Vector | None, direction: Vector | None
-) -> tuple[Vector, Vector]:
-    """Transmission and direction of the pulleys, checked, with their defaults."""
-    eta = np.ones(count) if transmission is None else _sized("transmission", transmission, count)
-    way = np.full(count, -1.0) if direction is None else _sized("direction", direction, count)
-    if not (np.all(eta > 0.0) and np.all(eta <= 1.0)):
-        raise UsageError("transmission must be in (0, 1]")
-    if not np.all(np.abs(way) == 1.0):
-        raise UsageError("direction must be +1 or -1")
-    return eta, way
-
-
-def _turning(u: Vector, tension_by_length: float) -> Table:
-    """g of (E15) for both ends [N/m]: stiffness against rotation, t / L (I - u u^T)."""
-    across = tension_by_length * (np.eye(u.size) - np.outer(u, u))
-    return np.kron([[1.0, -1.0], [-1.0, 1.0]], across).astype(np.float64)
-
-
-def _sized(name: str, values: Vector, size: int) -> Vector:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (size,):
-        raise UsageError(f"{name} must have the shape ({size},), got {array.shape}")
-    return array

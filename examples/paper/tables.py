@@ -1,4 +1,4 @@
-"""Tables and errors of the source and of this package, for the terminal and ``tables.md``."""
+"""Tables of the source and of this package, for the terminal and ``tables.md``."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, radians
 from typing import Final
+
+import numpy as np
 
 from cdrj_ros._core import (
     Stribeck,
@@ -15,14 +17,24 @@ from cdrj_ros._core import (
 )
 from cdrj_ros.evaluation.metrics import ChannelError
 from cdrj_ros.robot.description import Pulley, Robot
+from examples.paper.runs import CABLES, Run
 from examples.paper.study import (
     CHOICES,
-    FORWARD,
+    COMMON,
+    OURS,
+    PRINTED_DYNAMICS,
+    PRINTED_LEVER,
     TOLD,
+    Result,
     Study,
+    arch,
+    at_mid_range,
     change_of,
     errors_of,
     forward_change,
+    from_turn,
+    loop_width,
+    strokes,
 )
 
 TABLE_I: Final = (
@@ -37,49 +49,25 @@ TABLE_I: Final = (
 """As printed, pulleys 2 to 8: diameter [mm], bearing diameter [mm], wrap angle [degrees]."""
 
 TABLE_II: Final = (
-    ("sigma0 [N/m]", 1e6, "bristle_stiffness"),
-    ("sigma1 [N s/m]", 1000.0, "bristle_damping"),
-    ("sigma2 [N s/m]", 500.0, "viscous"),
-    ("mu_c [-]", 0.15, "mu_c"),
-    ("mu_s [-]", 0.20, "mu_s"),
-    ("v_s [m/s]", 0.05, "stribeck_speed"),
-    ("f_d [-]", 0.01, "bearing_friction"),
+    ("sigma0 [N/m]", 1e6, "bristle_stiffness", ""),
+    ("sigma1 [N s/m]", 1000.0, "bristle_damping", "a constant sigma1 chatters where mu_s > mu_c"),
+    ("sigma2 [N s/m]", 500.0, "viscous", "the source leaves it out of (36)"),
+    ("mu_c [-]", 0.15, "mu_c", ""),
+    ("mu_s [-]", 0.20, "mu_s", ""),
+    ("v_s [m/s]", 0.05, "stribeck_speed", ""),
+    ("f_d [-]", 0.01, "bearing_friction", ""),
 )
-"""As printed: symbol, value, and the field of ``Friction`` that holds it here."""
-
-WHY_NOT: Final = {
-    "bristle_damping": "a constant sigma1 chatters where mu_s > mu_c; key bristle_damping",
-    "viscous": "the source leaves it out of (36); 5 N per pulley at 10 mm/s; key viscous",
-}
-"""Why the prototype file differs from a value of Table II, by field."""
+"""As printed: symbol, value, the field of ``Friction`` that holds it here, and why it differs."""
 
 PUBLISHED: Final = (
-    ("tension of element 8", (1.34, 13.65), (1.10, 4.44)),
-    ("force on node 3", (2.58, 11.86), (2.68, 6.74)),
-    ("friction at node 3", (0.048, 15.78), (0.039, 13.19)),
+    ("tension of element 8", "1.34 N, 13.65 %", "1.10 N, 4.44 %"),
+    ("force on node 3", "2.58 N, 11.86 %", "2.68 N, 6.74 %"),
+    ("friction at node 3", "0.048 N, 15.78 %", "0.039 N, 13.19 %"),
 )
-"""Errors that the source reports for its rig, in the order of ``TOLD``: mean [N], relative [%]."""
+"""Errors that the source reports for its rig, in the order of ``TOLD``: mean, mean relative."""
 
-REASONS: Final = (
-    (
-        "As in the source, one rho = 0.2 is assumed where the rig has others; this alone causes "
-        "about the error that the source reports. The source's rig also has real friction, "
-        "geometry and preload, and its readings are smoothed; our rig shares its parameters with "
-        "the estimator. With rho known, the remaining causes are the contact cells of the rig and "
-        "the quantisation of the encoders."
-    ),
-    (
-        "Only two pulleys lie between winch and node 3, so the wrong rho has little effect here. "
-        "The rest of the source's error comes from its own rig: it reports jamming at reversals, "
-        "and keeps arcs and friction parameters constant. Our rig has none of these."
-    ),
-    (
-        "Both with rho identified. Ours is compared with the difference of two load cells with "
-        "0.02 N noise each; their noise, 0.023 N on average, is nearly the whole error. The "
-        "source's friction is about 0.3 N on average, ours 1 to 2 N with the same tables and rho."
-    ),
-)
-"""Why the source's errors and ours differ, in the order of ``TOLD``."""
+NEAR_S: Final = 0.5
+"""Time around a turn of the joint within which an error is attributed to the reversal [s]."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +75,8 @@ class Table:
     """Text in rows and columns."""
 
     title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
-    """A sentence below it."""
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 def tables(study: Study) -> tuple[Table, ...]:
@@ -98,162 +84,144 @@ def tables(study: Study) -> tuple[Table, ...]:
     return (
         pulleys(study.robot),
         friction_parameters(study.robot),
+        effect_of_rho(study),
+        effects(study),
         errors(study),
         choices(study),
         equations(study),
     )
 
 
+def markdown(all_tables: Sequence[Table]) -> str:
+    """The tables as Markdown."""
+    lines = ["# The source's tables and figures beside ours", ""]
+    for table in all_tables:
+        lines += [f"## {table.title}", "", f"| {' | '.join(table.headings)} |"]
+        lines.append(f"|{'---|' * len(table.headings)}")
+        lines += [*(f"| {' | '.join(row)} |" for row in table.rows), ""]
+    return "\n".join(lines)
+
+
 def pulleys(robot: Robot) -> Table:
-    """Table I, and the transmissions that follow from both tables."""
+    """Table I, and the transmissions at the larger end of the wrap that follow from both tables."""
     rows = []
-    for node, (printed, pulley) in enumerate(
-        zip(TABLE_I, robot.cables[0].pulleys, strict=True), start=2
-    ):
-        low, high = wrap_range(pulley)
-        ours = f"{low:.4g}" if low == high else f"{low:.4g}-{high:.4g}"
-        eta_r, at_rest, fast, blend = transmissions(pulley)
-        rows.append(
-            (
-                str(node),
-                f"{printed[0]:g}, {printed[1]:g}, {printed[2]}",
-                f"{2e3 * pulley.radius:g}, {1e3 * pulley.bearing_diameter:g}, {ours}",
-                f"{eta_r:.5f}",
-                f"{at_rest:.4f}",
-                f"{fast:.4f}",
-                f"{blend:.4f}",
-            )
-        )
+    for k, (printed, pulley) in enumerate(zip(TABLE_I, robot.cables[0].pulleys, strict=True)):
+        low, high = _wrap_range(pulley)
+        wrap = f"{low:.4g}" if low == high else f"{low:.4g}-{high:.4g}"
+        sizes = f"{2e3 * pulley.radius:g}, {1e3 * pulley.bearing_diameter:g}, {wrap}"
+        source = f"{printed[0]:g}, {printed[1]:g}, {printed[2]}"
+        rows.append([f"{k + 2}", source, sizes, *_transmissions(pulley)])
     rho = robot.cables[0].pulleys[0].friction.rho
     return Table(
         "Table I: pulleys (diameter [mm], bearing [mm], wrap [°]) and their transmissions",
         ("node", "source", "prototype.yaml", "eta_r (41)", "eta_d (37), v = 0", "eta_d, v >> v_s",
          f"eta, rho = {rho:g}, v = 0"),
-        tuple(rows),
-        "Transmissions at the larger end of the wrap. The source prints eta_r <= eta < eta_d (43) "
-        "and eta_d above 0.8; on every pulley eta_d < eta < eta_r, and at rest below 0.8 on four.",
+        rows,
     )  # fmt: skip
 
 
-def wrap_range(pulley: Pulley) -> tuple[float, float]:
+def _wrap_range(pulley: Pulley) -> tuple[float, float]:
     """Smallest and largest wrap angle over the joint range [degrees]."""
     ends = [sum(float(profile.value[end]) for profile in pulley.wrap) for end in (0, -1)]
     return degrees(min(ends)), degrees(max(ends))
 
 
-def transmissions(pulley: Pulley) -> tuple[float, float, float, float]:
-    """eta_r, eta_d at rest, eta_d far above v_s, and the blend at rest, at the larger wrap."""
-    friction = pulley.friction
-    wrap = radians(wrap_range(pulley)[1])
-    stribeck = friction.stribeck_speed or 1.0
+def _transmissions(pulley: Pulley) -> list[str]:
+    """eta_r, eta_d at rest, eta_d far above v_s, and the blend at rest."""
+    friction, wrap = pulley.friction, radians(_wrap_range(pulley)[1])
+    mu = friction.mu_c, friction.mu_s
     ratio = friction.bearing_friction * pulley.bearing_diameter / pulley.radius
-
-    def sliding(speed: float) -> float:
-        return sliding_transmission(
-            speed, friction.mu_c, friction.mu_s, stribeck, wrap, Stribeck.printed
-        )
-
-    kinetic, static = blended_loss(
-        friction.rho, friction.mu_c, friction.mu_s, wrap, ratio, Stribeck.printed
+    at_rest, fast = (
+        sliding_transmission(speed, *mu, 1.0, wrap, Stribeck.printed) for speed in (0.0, 100.0)
     )
-    return (
-        bearing_transmission(wrap, ratio),
-        sliding(0.0),
-        sliding(100.0 * stribeck),
-        1.0 - kinetic - static,
-    )
+    kinetic, static = blended_loss(friction.rho, *mu, wrap, ratio, Stribeck.printed)
+    return [
+        f"{bearing_transmission(wrap, ratio):.5f}", f"{at_rest:.4f}", f"{fast:.4f}",
+        f"{1.0 - kinetic - static:.4f}",
+    ]  # fmt: skip
 
 
 def friction_parameters(robot: Robot) -> Table:
     """Table II beside the robot file."""
     friction = robot.cables[0].pulleys[0].friction
     rows = []
-    for symbol, printed, field in TABLE_II:
-        ours = float(getattr(friction, field) or 0.0)
-        rows.append(
-            (symbol, f"{printed:g}", f"{ours:g}", "" if ours == printed else WHY_NOT[field])
-        )
+    for symbol, printed, field, why in TABLE_II:
+        rows.append((symbol, f"{printed:g}", f"{getattr(friction, field):g}", why))
+    heads = ("", "source", "prototype.yaml", "why")
+    return Table("Table II: friction of cable and pulley", heads, rows)
+
+
+def effect_of_rho(study: Study) -> Table:
+    """Differences of both cables in figure 9 [N]."""
+    rows = [
+        [f"{rho:g}", *("{:.1f}, {:.1f}".format(*difference(run, k)) for k in (1, 8))]
+        for rho, run in study.free.items()
+    ]
     return Table(
-        "Table II: friction of cable and pulley",
-        ("", "source", "prototype.yaml", "why"),
-        tuple(rows),
+        "Upper less lower tension at mid-range, moving up and down [N]",
+        ("rho", "winch", "element 8"),
+        rows,
     )
+
+
+def difference(run: Run, element: int) -> tuple[float, float]:
+    """Upper less lower tension at mid-range [N], moving up and moving down."""
+    upper, lower = (run.true[f"tension/{cable}/{element}"] for cable in CABLES)
+    return at_mid_range(run.angle, upper - lower)
+
+
+def effects(study: Study) -> Table:
+    """What the source describes in words, in the first cycle of the rig's readings."""
+    rows = []
+    for result in study.results:
+        for name, pattern in (
+            ("winch", "tension/{}/1"),
+            ("node 3", TOLD[1]),
+            ("element 8", TOLD[0]),
+        ):
+            rows += [
+                [
+                    result.experiment.name,
+                    f"{cable}, {name}",
+                    *_effects(result, pattern.format(cable)),
+                ]
+                for cable in CABLES
+            ]
+    return Table(
+        "Shapes of the rig's readings, and errors against its truth with rho identified",
+        ("preloads", "force", "arches down, up [N]", "width of loop / mean",
+         f"mean error within {NEAR_S:g} s of a turn, elsewhere [N]",
+         "largest error [N], time from a turn [s]"),
+        rows,
+    )  # fmt: skip
+
+
+def _effects(result: Result, channel: str) -> list[str]:
+    rig, read = result.rig, result.rig.read[channel]
+    down, up = strokes(rig)
+    cycle = slice(down.start, up.stop)
+    size = np.abs(result.estimates[OURS][channel] - rig.true[channel])
+    away = from_turn(rig.time, rig)
+    return [
+        ", ".join(f"{arch(rig.angle[part], read[part]):.1f}" for part in (down, up)),
+        f"{loop_width(rig.angle[cycle], read[cycle]):.0%}",
+        ", ".join(f"{size[part].mean():.3f}" for part in (away <= NEAR_S, away > NEAR_S)),
+        f"{size.max():.2f}, {away[np.argmax(size)]:.2f}",
+    ]
 
 
 def errors(study: Study) -> Table:
     """The source's errors beside ours, by its own procedure and with rho known."""
     rows = []
-    for (name, *published), pattern, reason in zip(PUBLISHED, TOLD, REASONS, strict=True):
-        decimals = 3 if published[0][0] < 0.1 else 2
-        for result, (mean, relative) in zip(study.results, published, strict=True):
-            first = result is study.results[0]
-            rows.append(
-                (
-                    name if first else "",
-                    result.label,
-                    f"{mean:.{decimals}f} N, {relative:.2f} %",
-                    _figure(errors_of(result.common, pattern)),
-                    _figure(errors_of(result.identified, pattern)),
-                    reason if first else "",
-                )
-            )
+    for (name, *published), pattern in zip(PUBLISHED, TOLD, strict=True):
+        for result, theirs in zip(study.results, published, strict=True):
+            ours = [_figure(errors_of(result, choice, pattern)) for choice in (COMMON, OURS)]
+            rows.append([name, result.experiment.label, theirs, *ours])
     return Table(
         "Errors: mean, and mean relative; both cables together",
-        ("", "preloads", "source, own rig", "ours, rho = 0.2", "ours, rho identified", "why"),
-        tuple(rows),
-        "The source uses rho = 0.2 for element 8 and node 3 and the identified rho for friction.",
+        ("", "preloads", "source, own rig", "ours, rho = 0.2", "ours, rho identified"),
+        rows,
     )
-
-
-def choices(study: Study) -> Table:
-    """Changes of the estimate by single choices [N]."""
-    rows = []
-    for choice in CHOICES:
-        cells = [choice]
-        for pattern in TOLD[:2]:
-            for result in study.results:
-                mean, largest = change_of(result, choice, pattern)
-                cells.append(f"{mean:.2f}, {largest:.2f}")
-        cells += [
-            f"{errors_of(result.choices[choice], TOLD[0]).mean_abs_error:.2f}"
-            for result in study.results
-        ]
-        rows.append(tuple(cells))
-    ours = [f"{errors_of(r.identified, TOLD[0]).mean_abs_error:.2f}" for r in study.results]
-    rows.insert(0, ("ours", "", "", "", "", *ours))
-    names = [result.experiment.name for result in study.results]
-    return Table(
-        "One choice other than ours, same encoder readings: change of the estimate [N]",
-        ("choice", *(f"element 8, {n}: mean, largest" for n in names),
-         *(f"node 3, {n}: mean, largest" for n in names),
-         *(f"error of element 8, {n}" for n in names)),
-        tuple(rows),
-        "The rig uses our friction model with its contacts divided into cells: the errors show "
-        "the effect of a choice if our model is right, not which choice is right.",
-    )  # fmt: skip
-
-
-def equations(study: Study) -> Table:
-    """Changes of the tensions of a prescribed motion by the joint's printed equations [N]."""
-    rows = []
-    for name in list(FORWARD)[1:]:
-        cells = [name]
-        for element in (1, 8):
-            for result in study.results:
-                change = forward_change(result, name, element)
-                cells.append(
-                    "a cable would have to push"
-                    if change is None
-                    else f"{change[0]:.3f}, {change[1]:.3f}"
-                )
-        rows.append(tuple(cells))
-    names = [result.experiment.name for result in study.results]
-    return Table(
-        "The joint's equations as printed, same motion: change of the tensions [N]",
-        ("as printed",
-         *(f"element {e}, {n}: mean, largest" for e in (1, 8) for n in names)),
-        tuple(rows),
-    )  # fmt: skip
 
 
 def _figure(error: ChannelError) -> str:
@@ -262,15 +230,42 @@ def _figure(error: ChannelError) -> str:
     return f"{error.mean_abs_error:.3f} N, {100.0 * error.mean_relative_error:.2f} %"
 
 
-def markdown(all_tables: Sequence[Table]) -> str:
-    """The tables as Markdown."""
-    lines = ["# The source's tables and figures beside ours", ""]
-    for table in all_tables:
-        lines += [f"## {table.title}", ""]
-        lines.append(f"| {' | '.join(table.headings)} |")
-        lines.append(f"|{'---|' * len(table.headings)}")
-        lines += [f"| {' | '.join(row)} |" for row in table.rows]
-        lines.append("")
-        if table.note:
-            lines += [table.note, ""]
-    return "\n".join(lines)
+def choices(study: Study) -> Table:
+    """Changes of the estimate by single choices [N]."""
+    rows = []
+    for choice in CHOICES:
+        cells = [
+            _pair(change_of(result, choice, pattern), 2)
+            for pattern in TOLD[:2]
+            for result in study.results
+        ]
+        left = (errors_of(result, choice, TOLD[0]).mean_abs_error for result in study.results)
+        rows.append([choice, *cells, *(f"{error:.2f}" for error in left)])
+    names = [result.experiment.name for result in study.results]
+    return Table(
+        "One choice other than ours, same encoder readings: change of the estimate [N]",
+        ("choice", *(f"element 8, {n}: mean, largest" for n in names),
+         *(f"node 3, {n}: mean, largest" for n in names),
+         *(f"error of element 8, {n}" for n in names)),
+        rows,
+    )  # fmt: skip
+
+
+def equations(study: Study) -> Table:
+    """Changes of the tensions of a prescribed motion by the joint's printed equations [N]."""
+    shown = [(element, result) for element in (1, 8) for result in study.results]
+    rows = [
+        [name, *(_pair(forward_change(result, name, element), 3) for element, result in shown)]
+        for name in (PRINTED_DYNAMICS, PRINTED_LEVER)
+    ]
+    return Table(
+        "The joint's equations as printed, same motion: change of the tensions [N]",
+        ("as printed", *(f"element {e}, {r.experiment.name}: mean, largest" for e, r in shown)),
+        rows,
+    )
+
+
+def _pair(change: tuple[float, float] | None, decimals: int) -> str:
+    if change is None:
+        return "a cable would have to push"
+    return ", ".join(f"{value:.{decimals}f}" for value in change)

@@ -76,8 +76,7 @@ def test_the_rho_of_the_source_are_recovered(cable: str) -> None:
     assert found.rho == pytest.approx(RHO[cable], abs=0.01)
     assert 0.0 < found.stddev < 0.001, "due to the load cells' noise alone"
     assert found.rms < 0.2, "the rest is the propagated noise of the load cells"
-    assert found.residual == pytest.approx(found.samples * found.rms**2)
-    made = propagate(prepare(with_rho(rig.model.robot, cable, 0.234)), rig.path, [known])
+    made = propagate(prepare(with_rho(rig.model.robot, cable, 0.234)), rig.path, known)
     force = made.nodal_force[:, made.pulleys.index(f"{cable}/3")]
     again = identify_rho(rig.model, rig.path, known, f"{cable}/3", force)
     assert again.rho == pytest.approx(0.234, abs=1e-4), "exactly, from forces made with it"

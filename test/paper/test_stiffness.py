@@ -55,9 +55,7 @@ class Chain:
         force[1:] -= pull
         return np.concatenate([force.ravel(), imbalance(tension, eta, self.direction)])
 
-    def matrix(
-        self, eta: np.ndarray | None = None, exact: bool = True, geometric: bool = True
-    ) -> Stiffness:
+    def matrix(self, eta: np.ndarray, exact: bool = True, geometric: bool = True) -> Stiffness:
         by_length, by_material = exact_stiffness(LINEAR, self.length, self.tension)
         if not exact:
             by_length = by_material = nominal_stiffness(EA, self.length)
