@@ -14,7 +14,8 @@ from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import counted, printable
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.model.untouched import untouched_bodies
-from cdrj_ros.robot.imported import import_mjcf, import_urdf
+from cdrj_ros.robot.from_urdf import import_urdf
+from cdrj_ros.robot.imported import import_mjcf
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.robot.urdf import expanding
 

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import is_dataclass
 from time import monotonic
 from typing import Any, Final, TextIO, TypeAlias, cast
@@ -113,6 +113,20 @@ def printable(text: object) -> str:
         character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
         for character in text
     )
+
+
+def said_once(remarks: Iterable[str]) -> list[str]:
+    """Remarks that differ in the name at their beginning alone, joined to one with all names."""
+    names: dict[str, list[str]] = {}
+    for remark in remarks:
+        name, _, rest = remark.partition(" ")
+        own = names.setdefault(rest if name.endswith(":") else f" {rest}", [])
+        own += [name.rstrip(":")]
+    return [
+        f"{', '.join(own)}: {rest}" if not rest.startswith(" ")
+        else f"{'each of ' if len(own) > 1 else ''}{', '.join(own)}{rest}"
+        for rest, own in names.items()
+    ]  # fmt: skip
 
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"

@@ -11,9 +11,9 @@ import pytest
 
 from cdrj_ros.commands import import_robot
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.output import said_once
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.imported import said_once
 from cdrj_ros.robot.mjcf import load_mujoco
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -201,17 +201,6 @@ def imported_document(text: str, folder: Path) -> Any:
     return load_yaml(out.read_text(), str(out))
 
 
-def test_a_differential_gives_no_motor_a_gear_and_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    document = imported_document(LINKED, tmp_path)
-    assert document["motors"] == [{"name": "left"}, {"name": "right"}]
-    assert [joint["name"] for joint in document["joints"]] == ["pitch", "roll"]
-    said = capsys.readouterr().out
-    assert "transmission d (DifferentialTransmission) couples pitch, roll to left, right" in said
-    assert "motors are published before it, at the actuators" in said
-
-
 def test_joints_of_a_transmission_of_another_kind_are_published_behind_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -225,8 +214,8 @@ def test_joints_of_a_transmission_of_another_kind_are_published_behind_it(
     assert [sorted(motor) for motor in document["motors"]] == [["max_speed", "name"]] * 2
     assert [motor["name"] for motor in document["motors"]] == ["pitch", "roll"]
     said = capsys.readouterr().out
-    assert "transmission w (WristTransmission) couples pitch, roll to r, l: it has no" in said
-    assert "motors are published behind it, at the joints" in said
+    assert "transmission w (WristTransmission) couples pitch, roll to r, l: Wrist" in said
+    assert "Transmission of some_robot is not known: none of its reductions is in the file" in said
 
 
 def test_floating_and_planar_joints_are_held_and_named(

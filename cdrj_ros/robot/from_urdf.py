@@ -1,0 +1,300 @@
+"""The beginning of a robot file from a URDF: motors, joints and frames; it has no cables.
+
+The format of ``<ros2_control>`` is that of control.ros.org: a joint with a command interface is
+driven, one with state interfaces alone is measured.  Behind a simple transmission of the reduction
+N, position of the joint = position of the actuator / N + offset, and the effort of the joint is N
+times that of the actuator.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite, pi
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree as Xml
+
+from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.files import write_text
+from cdrj_ros.foundation.output import printable, said_once
+from cdrj_ros.foundation.yaml import Document, yaml_flow
+from cdrj_ros.robot.couplings import Coupling
+from cdrj_ros.robot.imported import beginning, prefix_offered
+from cdrj_ros.robot.space import UrdfJoint
+from cdrj_ros.robot.transmissions import Transmission, transmissions_of
+from cdrj_ros.robot.urdf import ROOT, held_joints, joints_of, urdf_element
+
+FASTER: Final = 2.0
+"""Largest speed that a reading may have, in units of the limit of commands."""
+
+MOST_LINKS: Final = 8
+"""Number of links that the file, or a remark, names."""
+
+TURN: Final = (-pi, pi)
+"""Assumed range of a joint without limits [rad]."""
+
+FRICTION: Final = 0.15
+"""Assumed coefficient of cables on what they touch."""
+
+
+def import_urdf(path: Path, out: str) -> tuple[str, ...]:
+    """Begin a robot file whose motors, joints and frames are those of a URDF.
+
+    Args:
+        path: URDF.
+        out: robot file to write; its cables are left to be added.
+
+    Returns:
+        Remarks on what has to be checked or added.
+
+    Raises:
+        RobotFileError: the URDF cannot be read, or cannot be represented.
+    """
+    root = urdf_element(path, out)
+    begun = _Begun(root, joints_of(root, path), path)
+    place = os.path.relpath(path.resolve(), Path(out).resolve().parent)
+    document = begun.document(place)
+    head = (
+        f"Begun from {printable(path.name)} by import_robot: names, gears, limits.",
+        "max_speed is twice the limit of the URDF; ranges are its limits of position.  What is",
+        "assumed is listed under assumed; take what you replace off the list.",
+    )
+    remarks = [*said_once(begun.remarks()), *prefix_offered(document)]
+    lines = [*beginning(document, remarks, head), *_no_cables(begun.links())]
+    write_text(out, "\n".join(lines) + "\n")
+    return tuple(remarks)
+
+
+def _no_cables(links: Sequence[str]) -> tuple[str, ...]:
+    """The lines of a robot file whose cables are to be added, with nodes on these links."""
+    return (
+        "cables: []",
+        "# One entry for each, in place of [], as in docs/tutorial.md, with nodes on the links",
+        f"# {printable(_some(links))}",
+    )
+
+
+def _some(links: Sequence[str]) -> str:
+    left = len(links) - MOST_LINKS
+    return ", ".join(links[:MOST_LINKS]) + (f", and {left} more" if left > 0 else "")
+
+
+@dataclass
+class Control:
+    """What the tags of ros2_control say."""
+
+    driven: list[str] = field(default_factory=list)
+    """Names with a command interface."""
+    measured: list[str] = field(default_factory=list)
+    """Names with a state interface ``position`` alone."""
+
+
+def control_of(root: Xml.Element) -> Control:
+    """The joints of the tags of ros2_control."""
+    found = Control()
+    for system in root.iter("ros2_control"):
+        for joint in system.findall("joint"):
+            name = joint.get("name", "")
+            states = {state.get("name") for state in joint.findall("state_interface")}
+            if joint.find("command_interface") is not None:
+                found.driven.append(name)
+            elif "position" in states:
+                found.measured.append(name)
+    return found
+
+
+class _Begun:
+    """A robot file being begun."""
+
+    def __init__(self, root: Xml.Element, joints: Sequence[UrdfJoint], path: Path) -> None:
+        self._title, self._held = root.get("name", ""), held_joints(root)
+        self._joints = {one.name: one for one in joints}
+        self._moving = [one.name for one in joints if one.motion != "fixed" and not one.mimic]
+        self._speeds = _speeds(root, path)
+        self._control = control_of(root)
+        self._transmissions = [*transmissions_of(root, path)]
+        followed = [one for one in self._transmissions if self._follows(one)]
+        self._following = {name: one for by in followed for name, one in by.joints.items()}
+        """Joints that are not published, as functions of the actuators."""
+        self._leading = {name: one for by in followed for name, one in by.actuators.items()}
+        """These actuators, as functions of those joints."""
+        behind = [one for by in self._transmissions for one in by.joints]
+        driven = self._control.driven or behind
+        self.motors = [one for one in driven if one not in self._leading]
+        taken = {*self._following, *self._leading, *self.motors}
+        for one in self._transmissions:  # to drums, whose angles are not read
+            taken |= set() if one.refused else one.joints.keys() - {*self._control.measured}
+        own = [one for one in self._moving if one not in taken]
+        self._measured = [one for one in self._control.measured or own if one in own]
+        self._still = [one for one in own if one not in self._measured]
+
+    def _follows(self, one: Transmission) -> bool:
+        """Whether joints are not published, move links of the robot, and follow the actuators.
+
+        The joint of a drum carries no other joint.
+        """
+        published = {*self._control.driven, *self._control.measured}
+        return (
+            not one.refused
+            and {*one.actuators} <= {*self._control.driven}
+            and not published.intersection(one.joints)
+            and {*one.joints} <= {*self._moving}
+            and any(map(self._carried, one.joints))
+        )
+
+    def _carried(self, name: str) -> list[str]:
+        """Links of moving joints that the link of a joint carries."""
+        links, found = {self._joints[name].child}, []
+        for one in self._joints.values():  # parents first
+            if one.parent in links:
+                links.add(one.child)
+                found += [one.child] if one.name in self._moving else []
+        return found
+
+    def links(self) -> list[str]:
+        """Links that nodes of cables may be on: not those of drums."""
+        named = [one.child for one in self._joints.values() if one.name not in self.motors]
+        return named if "" in self._joints else [ROOT, *named]
+
+    def document(self, urdf: str) -> Document:
+        """The content of the file; ``urdf`` leads from it to the URDF."""
+        name = re.sub(r"\W", "_", self._title, flags=re.ASCII)
+        read = {*self._measured, *self._leading}
+        unlimited = [one for one in self._measured if self._joints[one].limits is None]
+        if any(self._joints[one].limits is None for one in self._following):
+            unlimited += self._leading
+        return {
+            "name": name if name[:1].isalpha() else f"robot_{name}",
+            "motors": [self._motor(one) for one in self.motors],
+            "joints": [*map(self._joint, self._measured), *map(self._leader, self._leading),
+                       *map(self._follower, self._following)],
+            "frames": {"urdf": urdf, "joints": [one for one in self._moving if one in read]},
+            "friction": {"mu_c": FRICTION},
+            "assumed": ["friction.mu_c", *(f"joints.{one}.range" for one in unlimited)],
+        }  # fmt: skip
+
+    def _motor(self, name: str) -> Document:
+        """A motor; one that is published before its gear has the gear in its scales."""
+        motor: Document = {"name": name}
+        joint, reduction, offset = self._gear(name)
+        if joint not in ("", name):
+            motor |= {"scale": 1.0 / reduction, "effort_scale": reduction}
+            motor |= {"offset": offset} if offset else {}
+        return motor | _fastest(self._speeds.get(joint or name, 0.0))
+
+    def _gear(self, actuator: str) -> tuple[str, float, float]:
+        """Joint, reduction and offset of the simple transmission of an actuator."""
+        for one in self._transmissions:
+            if not one.refused and [*one.actuators] == [actuator]:
+                ((joint, behind),) = one.joints.items()
+                return joint, one.actuators[actuator].shares[0][1], behind.offset
+        return "", 1.0, 0.0
+
+    def _joint(self, name: str) -> Document:
+        entry: Document = {"name": name}
+        if self._joints[name].limits is None:
+            entry["range"] = [*TURN]
+        return entry | _fastest(self._speeds.get(name, 0.0))
+
+    def _leader(self, name: str) -> Document:
+        """An actuator that joints follow: a measured joint, with what their limits allow it."""
+        coupling, ends, speed = self._leading[name], [0.0, 0.0], 0.0
+        for joint, share in coupling.shares:
+            limits = self._joints[joint].limits or TURN
+            ends = [sum(pair) for pair in zip(ends, sorted(share * x for x in limits), strict=True)]
+            speed += abs(share) * self._speeds.get(joint, 0.0)
+        return {"name": name, "range": [coupling.offset + end for end in ends]} | _fastest(speed)
+
+    def _follower(self, name: str) -> Document:
+        one = self._following[name]
+        return {"name": name, "coupled": dict(one.shares), "offset": one.offset}
+
+    def remarks(self) -> Iterator[str]:
+        """What has to be checked or added."""
+        for name in self._still:
+            yield f"{name} is not in ros2_control: it stands at 0"
+        for name in self._measured:
+            if self._joints[name].limits is None:
+                yield f"{name} has no limits: a range of one turn is assumed"
+        for name in self.motors:
+            if name in self._joints and (carried := self._carried(name)):
+                yield (
+                    f"{name} is a motor here: what it carries ({_some(carried)}) stands still with "
+                    "it; if it moves a link without a cable, list it under joints instead"
+                )
+        for one in self._transmissions:
+            yield from self._of_transmission(one)
+        for name in self._held:
+            yield (
+                f"{printable(name)} is a floating or planar joint: it is held at its place in the "
+                "model"
+            )
+        if not self.motors:
+            yield "no joint has a command interface: add the motors under their names"
+        if not self._measured and not self._leading:
+            yield "all moving joints are driven: list those that cables move under joints"
+        yield "the cables are not in a URDF: add them"
+
+    def _of_transmission(self, one: Transmission) -> Iterator[str]:
+        """How a transmission is carried over, or why it is not."""
+        joints, actuators = {*one.joints}, {*one.actuators}
+        couples = (
+            f"transmission {one.name} ({one.kind}) couples {', '.join(one.joints) or 'no joint'} "
+            f"to {', '.join(one.actuators) or 'no actuator'}"
+        )
+        left_out = "none of its reductions is in the file"
+        if one.refused:
+            yield f"{couples}: {one.refused}: {left_out}"
+        elif joints <= {*self._following}:
+            yield (
+                f"{couples}: the joints follow the actuators, which are measured joints here and "
+                "no motors; if cables move the joints, list the actuators under motors, and the "
+                "joints with measured: false"
+            )
+        elif len(joints) == 1:
+            yield from self._of_gear(*one.joints, *one.actuators)
+        elif actuators <= {*self.motors}:
+            yield f"{couples}: {_drums(one.joints)}"
+        elif joints <= {*self.motors}:
+            yield f"{couples}: {_drums(one.actuators)}"
+        else:
+            missing = sorted((actuators or joints) - {*self.motors})
+            yield f"{couples}: {', '.join(missing)} is not published: {left_out}"
+
+    def _of_gear(self, joint: str, actuator: str) -> Iterator[str]:
+        reduction = self._gear(actuator)[1]
+        if joint in self.motors and reduction != 1.0:
+            yield (
+                f"{joint} is published behind its transmission of {reduction:g}, as ros2_control "
+                f"does; if the hardware publishes {actuator} itself, scale: {1.0 / reduction:.6g} "
+                f"and effort_scale: {reduction:g}"
+            )
+
+
+def _drums(shafts: Mapping[str, Coupling]) -> str:
+    """How the motors turn a drum on each of some shafts."""
+    return "; ".join(
+        f"a drum that turns with {name} has motor: {yaml_flow(dict(one.shares))}"
+        for name, one in shafts.items()
+    )
+
+
+def _fastest(speed: float) -> Document:
+    return {"max_speed": FASTER * speed} if speed > 0.0 else {}
+
+
+def _speeds(root: Xml.Element, path: Path) -> dict[str, float]:
+    """Greatest speeds of the joints of a URDF that states them, by name [rad/s] or [m/s]."""
+    found = {}
+    for joint in root.findall("joint"):
+        limit = joint.find("limit")
+        text = "" if limit is None else limit.get("velocity", "")
+        try:
+            found[joint.get("name", "")] = float(text or 0.0)
+        except ValueError:
+            given = printable(text)[:60]
+            raise RobotFileError(f"{path}: must be a number, got {given!r}") from None
+    return {name: speed for name, speed in found.items() if isfinite(speed)}
