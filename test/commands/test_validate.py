@@ -26,7 +26,6 @@ from cdrj_ros.recordings.writer import BagWriter
 
 SECONDS = 1_000_000_000
 LOW = ROOT / "bags" / "prototype_preload_23_6"
-ODD = ROOT.parent / "shared" / "data" / "odd_bags"
 
 
 def refuse(text: str) -> float:
@@ -195,26 +194,6 @@ def test_references_on_other_topics_are_found_by_their_type_and_named(
     assert note in capsys.readouterr().out
 
 
-def test_names_in_a_bag_do_not_control_the_terminal(
-    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.copy(second)
-        bag.write_tensions("/truth", [1, 2], ["\x1b[31mupper/9"], np.ones((2, 1)), log_ns=[1, 2])
-    out = (tmp_path / "bag").rename(tmp_path / "\x1b[2Jbag")
-    topics = ["--reference", "/truth", "--reference", "/reference/tensions"]
-    assert run(tmp_path, out, *topics)[0] == 0
-    printed = capsys.readouterr()
-    assert "\\x1b[31mupper/9" in printed.out
-    assert "\x1b" not in printed.out + printed.err
-    limits = tmp_path / "limits.yaml"
-    limits.write_text('channels: {"tension/\\e[31m*": {rmse: {max: 1.0e-6}}}')
-    assert run(tmp_path, second, "--limits", limits)[0] == 1
-    printed = capsys.readouterr()
-    assert "tension/\\x1b[31m*" in printed.out
-    assert "\x1b" not in printed.out + printed.err
-
-
 def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
     recording: Recording, tmp_path: Path
 ) -> None:
@@ -298,17 +277,6 @@ def test_invalid_arguments_are_refused_in_one_line(
     bags = [] if arguments[0].startswith("/") else [second]
     assert run(tmp_path, *bags, *arguments)[0] == 2
     one_line(capsys, words)
-
-
-@pytest.mark.skipif(not ODD.exists(), reason=f"{ODD} is absent")
-def test_a_motor_that_is_missing_on_a_shared_topic_is_named(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    arguments = [
-        f"{option}=/joint_states" for option in ("--motor-topic", "--joint-topic", "--reference")
-    ]
-    assert validate.main([str(ODD / "plain"), *arguments, "--robot", ROBOT]) == 2
-    one_line(capsys, ["no motor named winch"])
 
 
 def test_a_bag_whose_readings_are_all_refused_is_an_error(

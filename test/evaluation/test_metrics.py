@@ -61,19 +61,6 @@ def test_digits_do_not_depend_on_the_number_of_processors() -> None:
     assert figures("1") == figures("2") != b""
 
 
-@pytest.mark.parametrize("scale", [1e-6, -3.0, 1e9])
-def test_figures_scale_with_the_unit_or_do_not_depend_on_it(scale: float) -> None:
-    random = np.random.default_rng(4)
-    reference = random.normal(2.0, 3.0, 200)
-    estimate = reference + random.normal(0.0, 0.3, 200)
-    plain, scaled = (vars(channel_error(k * estimate, k * reference)) for k in (1.0, scale))
-    assert plain["mean_abs_error"] <= plain["rmse"] <= plain["max_abs_error"]
-    for figure in ("r2", "mean_relative_error"):
-        assert scaled[figure] == pytest.approx(plain[figure])
-    for figure in ("mean_abs_error", "rmse", "max_abs_error"):
-        assert scaled[figure] == pytest.approx(abs(scale) * plain[figure])
-
-
 def test_relative_error_leaves_out_references_close_to_zero() -> None:
     reference = np.array([100.0, 100.0 * MINIMUM_SHARE, 0.9 * 100.0 * MINIMUM_SHARE, 0.0])
     error = channel_error(reference + np.array([1.0, 0.5, 50.0, 50.0]), reference)

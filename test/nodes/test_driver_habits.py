@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from math import degrees
 from typing import Any
 
 import numpy as np
@@ -122,33 +121,3 @@ def test_efforts_without_positions_are_used_beside_positions_without_efforts(ben
     assert sum(estimator.live.conditioner.refused.values()) == 0
     assert estimator.live.corrections is not None
     diagnosed(estimator)  # the last message has no positions to look at
-
-
-def test_degrees_are_suspected_on_diagnostics_and_refused_inputs_are_inputs(bench: Bench) -> None:
-    estimator = bench.estimator(timeout=0.05)
-    feed(estimator, 0, 50)
-    for k in range(50, 700):
-        sample = sample_at(k)
-        angle = [degrees(float(sample.joint_angle[0]))]
-        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
-        estimator.joint(JOINT.encode(sample.stamp_ns, position=angle))
-    assert bench.until(estimator.watch.lost)
-    estimator.inputs[1].heard_s = float("inf")  # messages go on
-    status = diagnosed(estimator)[0]
-    assert status.level == status.ERROR
-    assert "no input" not in status.message
-    assert "joint elbow at 17.1" in status.message
-    assert "in degrees? scale_deg: 1" in status.message
-
-
-def test_what_is_refused_is_named_with_its_axis_and_size(bench: Bench) -> None:
-    estimator = bench.estimator()
-    feed(estimator, 0, 200)
-    last = sample_at(199)
-    for k in range(20):
-        early = last.stamp_ns - (k + 1) * 10 * MILLISECOND
-        estimator.motor(MOTOR.encode(early, position=last.motor_angle))
-    estimator.watch.looked_s -= 1.0
-    message = estimator.watch.health(estimator.latest, 0.0, 0).refusing
-    assert "11 late (stamp before the last one accepted" in message
-    assert "winch by 0.2 s, let one node publish the axis, with one clock" in message

@@ -322,14 +322,6 @@ def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
     assert values_of(diagnosed(estimator)[0])["impossible times on /clock"] == "3"
 
 
-def test_an_input_has_no_event_that_may_wait_while_its_subscription_is_replaced(
-    bench: Bench,
-) -> None:
-    """rclpy raises for an event of a destroyed subscription: every second start ended so."""
-    for topic in bench.estimator().inputs:
-        assert list(topic.subscription.event_handlers) == []
-
-
 def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
     bench: Bench, log: list[tuple[int, str]]
 ) -> None:

@@ -194,19 +194,6 @@ def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
     assert "Traceback" not in out
 
 
-@pytest.mark.usefixtures("estimator", "few_pictures")
-def test_a_bag_without_stamps_is_replayed_with_its_log_times(
-    short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    figures, inputs = tmp_path / "f.json", ("/cdrj/motor_states", "/cdrj/joint_states")
-    unstamped = restamped(short_bag, tmp_path / "zero", dict.fromkeys(inputs))
-    arguments = ("--robot", ROBOT, "--playback-duration", "1", "--json", str(figures))
-    assert main([unstamped, *arguments]) == 0
-    (bag,) = json.loads(figures.read_text())["bags"]
-    assert bag["channels"]["tension/upper/8"]["n"] > 50
-    assert "header stamps are zero, so the log times are used" in capfd.readouterr().out
-
-
 @pytest.mark.usefixtures("estimator")
 def test_a_replay_that_compares_nothing_says_why_and_exits_with_1(
     short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from support.places import ROOT
 
-from cdrj_ros.model.prepared import load_model, robot_path
+from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.robot.writer import exact_copy
 
 LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))
@@ -52,20 +52,3 @@ def test_no_program_is_left_behind(by: signal.Signals) -> None:
         assert live.wait(30.0) == 130
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
-
-
-def test_an_exact_copy_keeps_the_robot_and_its_urdf(tmp_path: Path) -> None:
-    model, copy = (
-        load_model("finger3d"),
-        load_model(str(exact_copy(robot_path("finger3d"), tmp_path))),
-    )
-    assert copy.layout == model.layout
-    assert [one.name for one in copy.robot.frames] == [one.name for one in model.robot.frames]
-    assert copy.robot.document["uncertainty"] == {"others": "exact"}
-
-
-@pytest.mark.parametrize("controller", ["keep_taut", ""])
-def test_no_node_is_given_a_parameter_without_a_value(controller: str) -> None:
-    """Which ROS refuses at the start."""
-    words = [word for line in LIVE["commands"]("finger", controller).values() for word in line]
-    assert not [word for word in words if word.endswith(":=")]

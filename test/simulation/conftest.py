@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
-from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.truth import simulate
 
 
 def prototype(law: str | None = None) -> Robot:
@@ -83,13 +79,3 @@ def hoist() -> Robot:
 def robots() -> SimpleNamespace:
     """The robots above, by name."""
     return SimpleNamespace(prototype=prototype, finger=finger, parallel=parallel, hoist=hoist)
-
-
-@pytest.fixture(scope="session")
-def truth() -> Truth:
-    """The prototype, eight contact cells per pulley, for a cycle and a half at 0.1 Hz."""
-    time = np.arange(15_001) / 1000.0
-    angle = np.radians(38.0) * np.sin(2.0 * np.pi * 0.1 * time)
-    speed = np.gradient(angle, time)
-    torque = make_load("rolling").torque(angle, speed, np.gradient(speed, time))
-    return simulate(prototype(), time, angle, torque)

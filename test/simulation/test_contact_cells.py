@@ -6,16 +6,13 @@ from math import degrees, exp, log, pi
 
 import numpy as np
 import pytest
-from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import state_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import load_robot, parse_robot
+from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.assembly import divide_contacts
-from cdrj_ros.simulation.truth import simulate
 
 EPOCH_NS = 1_700_000_000_000_000_000
 CELLS, MU, PRELOAD = 90, 0.15, 30.0
@@ -76,12 +73,3 @@ def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
     assert np.all(sliding[: np.count_nonzero(sliding)]), "one arc, at the pulling side"
     # the adhesion arc still has its initial tension
     np.testing.assert_allclose(hold[np.count_nonzero(sliding) + 10 :], PRELOAD, rtol=2e-3)
-
-
-def test_a_motion_that_would_need_a_cable_to_push_is_refused() -> None:
-    robot = load_robot(PROTOTYPE)
-    time = np.arange(300) * 1e-3
-    # balanced at first, then the load grows beyond what any winch angle can hold
-    torque = np.where(time < 0.1, 0.0, 1e5)
-    with pytest.raises(UsageError, match="a cable would have to push"):
-        simulate(robot, time, np.zeros(time.size), torque, cells=2)

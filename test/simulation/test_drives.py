@@ -8,7 +8,6 @@ from types import SimpleNamespace as Robots
 import numpy as np
 import pytest
 
-from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
@@ -110,8 +109,3 @@ def test_a_motor_keeps_to_its_limits_and_the_motion_waits_for_it(robots: Robots)
     assert np.abs(slow.imbalance).max() < 0.05, "the cables still balance the load"
     ways = [np.abs(np.diff(truth.joint_angle[:, 0])).sum() for truth in (slow, fast)]
     assert 0.2 < ways[0] < 0.5 * ways[1]
-
-
-def test_arrays_of_another_shape_are_refused(robots: Robots) -> None:
-    with pytest.raises(UsageError, match=r"joint_angle must have the shape \(10, 2\)"):
-        simulate(robots.finger(), TIME[:10], np.zeros(10))

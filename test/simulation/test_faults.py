@@ -90,14 +90,3 @@ def test_an_impossible_fault_is_refused(robots: Robots, fault: CableFault, words
 def test_an_impossible_amount_is_refused(kind: type[CableFault], amount: float) -> None:
     with pytest.raises(UsageError, match=rf"amount of {kind.kind} must be in \(0, 1(00)?\]"):
         kind(1.0, amount)
-
-
-def test_faults_work_on_cables_given_by_positions(robots: Robots) -> None:
-    joints = np.zeros((TIME.size, 2))
-    joints[:, 1] = 0.3 * ANGLE
-    sound = simulate(robots.finger(), TIME, joints, cells=4)
-    for fault in (Snap(AT, 1e-4, "flexor"), Slip(AT, 0.0125, "flexor")):
-        broken = simulate(robots.finger(), TIME, joints, cells=4, faults=(fault,))
-        np.testing.assert_allclose(broken.tension[BEFORE], sound.tension[BEFORE], atol=1e-9)
-        assert (sound.tension[AFTER, :3] - broken.tension[AFTER, :3]).min() > 1.0
-        np.testing.assert_allclose(broken.tension[:, 3:], sound.tension[:, 3:], atol=1e-9)

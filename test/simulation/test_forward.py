@@ -85,13 +85,6 @@ def test_forward_dynamics_return_the_motion_that_was_balanced(
     assert np.abs(forward.tension - inverse.tension).mean() < 0.2
 
 
-def test_a_load_that_no_preload_holds_is_refused(robots: Robots) -> None:
-    with pytest.raises(UsageError, match="hold the load in any pose of elbow"):
-        simulate(
-            robots.prototype(), TIME, motor_angle=STILL, load=make_load("rolling", 300.0), cells=1
-        )
-
-
 def test_a_joint_that_runs_out_of_its_range_is_refused_with_the_time(
     robots: Robots,
 ) -> None:

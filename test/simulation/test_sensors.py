@@ -23,7 +23,6 @@ from cdrj_ros.simulation.sensors import (
     Sampling,
     Schedule,
     SensorSettings,
-    angle_of,
     counted,
     encoder_groups,
     truth_table,
@@ -92,14 +91,6 @@ def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
     assert np.abs(read).max() <= 0.5 + STEP
     assert np.count_nonzero(np.abs(np.diff(read)) > 0.5) == 2
     assert np.abs(np.unwrap(read, period=1.0) - angle).max() <= 0.5 * STEP + 1e-12
-
-
-def test_the_robot_file_converts_a_reading_back_into_the_angle() -> None:
-    bent = Sensor(-0.5, 0.3, corrected_at=(-0.4, 0.0, 0.3), correction=(0.1, -0.1, 0.02))
-    for sensor in (Sensor(scale=-0.5, offset=0.3), bent):
-        read = counted(ENCODER, SWING, 0.0, sensor)
-        steepest = 1.4 if sensor is bent else 1.0
-        assert np.abs(angle_of(sensor, read) - SWING).max() <= steepest * 0.5 * STEP + 1e-12
 
 
 TIME = np.arange(4_001) / 1000.0

@@ -14,9 +14,8 @@ from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
-from cdrj_ros.simulation.assembly import Truth, divide_contacts
+from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.drives import follow_joints
-from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.truth import simulate
 
 ROBOT = load_robot(PROTOTYPE)
@@ -76,11 +75,3 @@ def test_a_sample_takes_the_memory_of_its_truth_and_not_of_all_contact_cells() -
     kept = sum(one.nbytes for one in vars(truth).values() if isinstance(one, np.ndarray))
     states = 8 * prepare(divide_contacts(ROBOT, 8)).state_size * samples
     assert kept < peak < kept + 0.25 * states
-
-
-def test_the_joint_is_balanced_at_every_sample(truth: Truth) -> None:
-    angle = truth.joint_angle[:, 0]
-    # where the joint waits for the motor its torque is that of the phase at which it waits
-    moving = np.diff(angle, prepend=angle[0] - 1.0) != 0.0
-    slow = make_load("rolling").torque(angle, np.zeros_like(angle), np.zeros_like(angle))
-    assert np.abs(truth.joint_effort[:, 0] - slow)[moving].max() < 0.05

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from support.places import SAMPLE
 
-from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.view import recorded
@@ -51,15 +47,3 @@ def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
     wanted = np.array([-1, 25_000_000, second, 2 * second, 3 * second])
     found = recorded.at_stamps(series, wanted)
     np.testing.assert_allclose(found, [np.nan, 1.5, np.nan, 3.0, np.nan])
-
-
-def test_a_recording_without_a_sample_is_refused() -> None:
-    class Bag:
-        path = "bag"
-
-    bag: Any = Bag()
-    hour_ns = 3_600_000_000_000
-    apart = Conditioned((), {}, 2, 0, 0, ahead={"winch": 0, "elbow": 3 * hour_ns})
-    words = r"the stamps of elbow are 10800.0 s ahead of those of winch: synchronise the clocks"
-    with pytest.raises(BagError, match=words):
-        recorded.recorded_estimates(load_model("prototype"), bag, apart)
