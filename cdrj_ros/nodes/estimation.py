@@ -135,10 +135,10 @@ class Estimation:
         self.watch = InputWatch(
             self.node, self.live, self.inputs, self.silence, self.stamps, self.now_ns
         )
-        period_s = self.timeout_s / WATCHES
+        period_s = min(self.timeout_s / WATCHES, WATCH_S)
+        clocks = [self._steady, *([self.node.get_clock()] if self._simulated else [])]
         self._checks = [
-            self.node.create_timer(min(period_s, WATCH_S), self._on_watch, clock=self._steady),
-            self.node.create_timer(period_s, self._on_watch),
+            self.node.create_timer(period_s, self._on_watch, clock=one) for one in clocks
         ]
         self.state = "active"
 
