@@ -144,10 +144,8 @@ def _at_rest(robot: Robot) -> tuple[Model, Shape]:
     rest, views = placed(model, reference)
     if not rest.possible:
         raise RobotFileError(reason(robot, reference, views))
-    for c, cable in enumerate(robot.cables):
-        if cable.placed:
-            _set_references(model, c, views, reference)
     if model.sizes.frames:
+        _set_references(model, views, reference)
         rest = shape_at(model, reference)
     return model, rest
 
@@ -229,26 +227,28 @@ def _model(robot: Robot) -> Model:
     )
 
 
-def _set_references(model: Model, c: int, rest: Views, reference: Vector) -> None:
-    """Set the wraps and angles in the reference pose of a cable given by positions.
+def _set_references(model: Model, rest: Views, reference: Vector) -> None:
+    """Set the wraps and angles in the reference pose of the cables given by positions.
 
-    Then its drums begin to wander.
+    Then their drums begin to wander.
     """
     topology = model.connections
     nodes: Any = constant_views(model.sizes, model.constants).nodes
     touches: Any = rest.touches
     twists: Any = rest.twist
-    first = topology.cables[c].first_node
-    last = first + topology.cables[c].elements
-    inner = slice(first + 1, last)
-    nodes["arc_reference"][inner] = touches["angle"][inner]
-    for index, k in ((first, 0), (last, -1)):
-        end = model.robot.cables[c].nodes[k]
-        angular = twists["angular"][topology.nodes[index].frame]
-        turn = float(reference @ (angular @ touches["basis"][index, 6:9]))
-        nodes["turn_reference"][index] = turn
-        nodes["arc_reference"][index] = touches["angle"][index] + turn
-        nodes["lead"][index] = end.lead if isinstance(end, Winch) else 0.0
+    for c, cable in enumerate(model.robot.cables):
+        if not cable.placed:
+            continue
+        first = topology.cables[c].first_node
+        last = first + topology.cables[c].elements
+        inner = slice(first + 1, last)
+        nodes["arc_reference"][inner] = touches["angle"][inner]
+        for index, end in ((first, cable.nodes[0]), (last, cable.nodes[-1])):
+            angular = twists["angular"][topology.nodes[index].frame]
+            turn = float(reference @ (angular @ touches["basis"][index, 6:9]))
+            nodes["turn_reference"][index] = turn
+            nodes["arc_reference"][index] = touches["angle"][index] + turn
+            nodes["lead"][index] = end.lead if isinstance(end, Winch) else 0.0
 
 
 def poses_in_range(robot: Robot) -> NDArray[np.float64]:

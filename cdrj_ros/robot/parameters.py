@@ -168,7 +168,8 @@ def writer_of(document: Document, paths: Sequence[str]) -> Callable[[Sequence[fl
     def written(values: Sequence[float]) -> Document:
         changed: Any = document
         for number, value in zip(numbers, values, strict=True):
-            changed = _replaced(changed, number.keys, value / number.factor)
+            if not number.given or value != number.value:
+                changed = _replaced(changed, number.keys, value / number.factor)
         return dict(changed)
 
     return written
