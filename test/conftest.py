@@ -54,7 +54,7 @@ LONGEST_FIRST = (
     "estimation/test_sensor_evidence.py", "commands/test_commission.py",
     "evaluation/test_parallel.py", "estimation/test_prediction.py", "recordings/test_bombs.py",
     "nodes/test_view.py", "estimation/test_conditioner.py", "commands/test_identify.py",
-    "nodes/test_watch.py", "truth/test_estimator.py", "estimation/test_known_sensors.py",
+    "nodes/test_watch.py", "truth/test_surfaces.py", "estimation/test_known_sensors.py",
     "paper/test_command.py", "model/test_reference.py",
     "documents/test_readme.py", "report/test_html.py", "commands/test_simulate.py",
     "project/test_aarch64.py", "project/test_wheel.py", "project/test_controllers.py",
