@@ -11,7 +11,7 @@ from typing import Final
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
-from cdrj_ros.foundation.output import counted, printable
+from cdrj_ros.foundation.output import counted, printable, said_once
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.model.untouched import untouched_bodies
 from cdrj_ros.robot.from_urdf import import_urdf
@@ -60,7 +60,7 @@ def _body(argv: Sequence[str]) -> int:
     remarks = import_mjcf(path, arguments.out, wanted)
     robot = load_robot(arguments.out)
     bodies = untouched_bodies(prepare(robot, check_range=False))
-    for remark in (*remarks, *(f"{one.where}: {one.text}" for one in bodies)):
+    for remark in (*remarks, *said_once(f"{one.where}: {one.text}" for one in bodies)):
         print(printable(f"note: {remark}"))
     print(
         f"{printable(arguments.out)}: {counted(len(robot.cables), 'cable')}, "

@@ -75,7 +75,7 @@ def _body(cable: Cable, k: int, node: Node, touches: Any) -> Iterator[Suspicion]
                 f"{kind} is ignored in {share}, where {where}, {size}: the length jumps on the way",
             )
     elif not touches["touching"].any():
-        gap = 1e3 * (_distance(before, after) - node.radius)
+        gap = 1e3 * np.maximum(_distance(before, after) - node.radius, 0.0)
         how = (
             "the straight cable passes through its inside"
             if place.inside

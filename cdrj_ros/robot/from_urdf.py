@@ -173,7 +173,8 @@ class _Begun:
                        *map(self._follower, self._following)],
             "frames": {"urdf": urdf, "joints": [one for one in self._moving if one in read]},
             "friction": {"mu_c": FRICTION},
-            "assumed": ["friction.mu_c", *(f"joints.{one}.range" for one in unlimited)],
+            "assumed": ["friction.mu_c",
+                        *(f"joints.{one}.range.{k}" for one in unlimited for k in (1, 2))],
         }  # fmt: skip
 
     def _motor(self, name: str) -> Document:

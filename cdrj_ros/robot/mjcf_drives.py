@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -94,19 +94,31 @@ def tendon_actuators(model: Any, mujoco: Any) -> dict[int, list[int]]:
     return found
 
 
-def other_actuators(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
-    """What is said of the actuators that pull no tendon."""
+def other_actuators(
+    model: Any, mujoco: Any, label: Label, moving: Collection[int]
+) -> Iterator[str]:
+    """What is said of the actuators that pull no tendon.
+
+    Args:
+        model: the compiled model.
+        mujoco: the package.
+        label: names its objects.
+        moving: joints of the robot file.
+    """
     kinds = mujoco.mjtTrn
+    without = "without a cable: it is not among the motors"
     for k in range(model.nu):
         kind, target = int(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
         name = label("ACTUATOR", k)
-        if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
-            yield (
-                f"{name} drives the joint {label('JOINT', target)} without a cable: it is not "
-                "among the motors, and the joint is measured"
-            )
-        elif kind != kinds.mjTRN_TENDON:
-            yield f"{name} drives neither a joint nor a tendon: it is left out"
+        if kind not in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+            if kind != kinds.mjTRN_TENDON:
+                yield f"{name} drives neither a joint nor a tendon: it is left out"
+        elif target not in moving:
+            yield f"{name} drives a joint that moves no cable: it is left out"
+        elif (joint := label("JOINT", target)) == name:
+            yield f"{name} drives the joint of its name {without}, and the joint is measured"
+        else:
+            yield f"{name} drives the joint {joint} {without}, and the joint is measured"
 
 
 def rest_length_of(model: Any, tendon: int) -> float:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.output import printable
+from cdrj_ros.foundation.output import printable, said_once
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.mjcf_drives import (
     following_joints,
@@ -97,7 +97,8 @@ class _Import:
                 begin: Document = {"type": "anchor"}
                 if motor:
                     begin = {"type": "winch", "motor": motor, "winding": 1, "radius": DRUM}
-                    self._assumed.append(f"cables.{name}.nodes.1.radius")
+                    drum = f"cables.{name}.nodes.1"
+                    self._assumed += [f"{drum}.radius", f"{drum}.winding"]
                 nodes[0] = {**begin, **nodes[0]}
                 nodes[-1] = {"type": "anchor", **nodes[-1]}
                 cables.append(self._cable(tendon, name, nodes, passive=not motor))
@@ -109,7 +110,7 @@ class _Import:
         if not cables:
             raise UsageError(
                 f"{printable(self._title)} has no spatial tendon that can become a cable"
-                + "".join(f"; {remark}" for remark in self._remarks)
+                + "".join(f"; {remark}" for remark in said_once(self._remarks))
             )
         document = {
             "name": self._name(Path(self._title).stem),
@@ -317,13 +318,14 @@ class _Import:
                 return ""
             else:
                 self._motors[tendon] = self._name(f"{name}_motor")
-                self._remarks.append(f"the model has no actuators: the motor of {name} is assumed")
+                self._remarks.append(
+                    f"{name}: its motor is assumed, for the model has no actuators"
+                )
         return self._motors[tendon]
 
     def _all_joints(self) -> list[Document]:
         """Joints that move frames, and those that they follow."""
-        leaders = [one.leader for j in self._joints if (one := self._following.get(j))]
-        moving = dict.fromkeys([*self._joints, *leaders])
+        moving = self._followed()
         others = [j for j, one in self._following.items() if one.leader in moving]
         found = []
         for joint in dict.fromkeys([*moving, *others]):
@@ -333,6 +335,11 @@ class _Import:
                 own = {"name": own["name"], "coupled": coupled, "offset": one.offset}
             found.append(own)
         return found
+
+    def _followed(self) -> dict[int, None]:
+        """Joints that move frames, and the leaders of those that follow."""
+        leaders = [one.leader for j in self._joints if (one := self._following.get(j))]
+        return dict.fromkeys([*self._joints, *leaders])
 
     def _joint_name(self, joint: int) -> str:
         name = re.sub(r"[^A-Za-z0-9_]", "_", self._label("JOINT", joint))
@@ -345,9 +352,11 @@ class _Import:
         if not model.jnt_limited[joint] and joint not in self._following:
             span = [-1.0, 1.0] if slides else [-pi, pi]
             self._remarks.append(
-                f"the range of {label} is assumed: {span[0]:g} to {span[1]:g}, for it has no limits"
+                f"{label} has no limits: its range is assumed, {span[0]:g} to {span[1]:g}"
             )
         name = self._joint_name(joint)
+        if not model.jnt_limited[joint] and joint not in self._following:
+            self._assumed += [f"joints.{name}.range.1", f"joints.{name}.range.2"]
         if name != label:
             self._renamed.append(f"{printable(label)} is {name}")
         for frame in self._frames:
@@ -393,7 +402,7 @@ class _Import:
                 + (f", and {more} more with _ in the same way" if more > 0 else "")
             )
         self._remarks += other_constraints(model, self._mujoco, self._label)
-        self._remarks += other_actuators(model, self._mujoco, self._label)
+        self._remarks += other_actuators(model, self._mujoco, self._label, self._followed())
         loss = [
             self._label("TENDON", k)
             for k in range(model.ntendon)

@@ -174,6 +174,7 @@ FINGER = """
   </equality>
   <actuator>
     <position name="pull it" tendon="flexor" kp="10"/> <motor name="push" joint="x"/>
+    <motor name="spin" joint="y"/> <motor name="mcp" joint="mcp"/>
   </actuator>
 </mujoco>
 """  # noqa: E501
@@ -194,22 +195,26 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
     assert spring.axial_stiffness == pytest.approx(300.0 * 0.03)
     assert strap.axial_stiffness == pytest.approx(2000.0 * 0.275)
     assert set(robot.document["assumed"]) == {
-        "friction.mu_c", "cables.flexor.nodes.1.radius", "cables.flexor.axial_stiffness",
-        "cables.flexor.preload", "cables.leash.axial_stiffness", "cables.cord.axial_stiffness",
-        "cables.cord.preload",
+        "friction.mu_c", "cables.flexor.nodes.1.radius", "cables.flexor.nodes.1.winding",
+        "cables.flexor.axial_stiffness", "cables.flexor.preload", "cables.leash.axial_stiffness",
+        "cables.cord.axial_stiffness", "cables.cord.preload",
     }  # fmt: skip
-    for path in robot.document["assumed"]:
-        assert find_number(robot.document, path).given
+    for path in robot.document["assumed"]:  # a sense of winding is no number that is fitted
+        assert path.endswith(".winding") or find_number(robot.document, path).given
     said = capsys.readouterr().out
     for remark in (
         "the stiffness 7 N/m of flexor is that of a spring and not of its cable",
         "equality constraint curved of joint x to mcp is no linear function of another joint",
         "equality constraint glue holds loose and slider together: it is left out",
         "push drives the joint x without a cable: it is not among the motors",
+        "mcp drives the joint of its name without a cable: it is not among the motors",
+        "spin drives a joint that moves no cable: it is left out",
     ):
         assert remark in said
     assert "distal" not in said
-    assert "assumed" in [one.where for one in find_suspicions(inspect_robot(model))]
+    (found,) = (one for one in find_suspicions(inspect_robot(model)) if one.where == "assumed")
+    for path in robot.document["assumed"]:
+        assert path in found.text
 
 
 def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path: Path) -> None:
@@ -333,9 +338,9 @@ def test_what_cannot_be_represented_is_named(
     for remark in (
         "sum is a fixed tendon",
         "tossed is left out: it depends on the ball joint socket",
-        "branched_2: MuJoCo divides the length of this branch by 2",
+        "branched_2, branched_3: MuJoCo divides the length of this branch by 2",
         "abcd is a passive cable: EA is its stiffness 100 N/m times its length without tension, ",
-        "the model has no actuators: the motor of branched_1 is assumed",
+        "branched_1, inner: its motor is assumed: the model has no actuators",
         "frictionloss of inner is not carried over",
         "names have letters, digits and _ only: shoulder pitch is shoulder_pitch",
     ):
@@ -346,12 +351,20 @@ def test_what_cannot_be_represented_is_named(
     assert "tossed is left out" in written
 
 
+SUMS = """<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></worldbody><tendon>
+<fixed name="a"><joint joint="j" coef="1"/></fixed><fixed name="b"><joint joint="j" coef="2"/></fixed>
+</tendon></mujoco>"""
+
 MISTAKES = {
     "absent.xml": (None, "there is no model"),
     "model.txt": ("x", "MODEL must be an MJCF file named .xml, or a URDF named .urdf"),
     "loop.urdf": ("<robot/>", "must have one root link"),
     "broken.xml": ("<mujoco", "cannot read"),
     "empty.xml": ("<mujoco/>", "has no spatial tendon that can become a cable"),
+    "sums.xml": (
+        SUMS,
+        "become a cable; each of a, b is a fixed tendon: a sum of joints without a path",
+    ),
     "far.xml": (SITES.replace('pos="0.1 0 1"', 'pos="1e300 0 1"'), "must be finite and at most"),
     "nan.xml": (
         wrapped(SPHERE.replace("0.1 0 0", "nan 0 0"), '<geom geom="g"/>'),

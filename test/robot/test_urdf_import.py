@@ -13,6 +13,9 @@ from cdrj_ros.commands import import_robot
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.output import said_once
 from cdrj_ros.foundation.yaml import load_yaml
+from cdrj_ros.inspection.ranges import inspect_robot
+from cdrj_ros.inspection.suspicions import find_suspicions
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.mjcf import load_mujoco
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -115,6 +118,11 @@ def test_names_gears_and_limits_are_those_of_the_urdf(
     assert "claw is not in ros2_control: it stands at 0" in said
     assert "el-bow has no limits: a range of one turn is assumed" in said
     assert "is begun; add its cables" in said
+    guesses = ["friction.mu_c", "joints.el-bow.range.1", "joints.el-bow.range.2"]
+    assert robot.document["assumed"] == guesses
+    model = prepare(robot, check_range=False)
+    (found,) = (one for one in find_suspicions(inspect_robot(model)) if one.where == "assumed")
+    assert found.text.startswith(", ".join(guesses))
 
 
 def test_transmissions_alone_name_the_motors(tmp_path: Path) -> None:
