@@ -200,7 +200,7 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
         "cables.cord.axial_stiffness", "cables.cord.preload",
     }  # fmt: skip
     for path in robot.document["assumed"]:  # a sense of winding is no number that is fitted
-        assert path.endswith(".winding") or find_number(robot.document, path).given
+        assert path.endswith(".winding") or find_number({**robot.document}, path).given
     said = capsys.readouterr().out
     for remark in (
         "the stiffness 7 N/m of flexor is that of a spring and not of its cable",
@@ -340,7 +340,7 @@ def test_what_cannot_be_represented_is_named(
         "tossed is left out: it depends on the ball joint socket",
         "branched_2, branched_3: MuJoCo divides the length of this branch by 2",
         "abcd is a passive cable: EA is its stiffness 100 N/m times its length without tension, ",
-        "branched_1, inner: its motor is assumed: the model has no actuators",
+        "branched_1, inner: its motor is assumed, for the model has no actuators",
         "frictionloss of inner is not carried over",
         "names have letters, digits and _ only: shoulder pitch is shoulder_pitch",
     ):
@@ -352,7 +352,8 @@ def test_what_cannot_be_represented_is_named(
 
 
 SUMS = """<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></worldbody><tendon>
-<fixed name="a"><joint joint="j" coef="1"/></fixed><fixed name="b"><joint joint="j" coef="2"/></fixed>
+<fixed name="a"><joint joint="j" coef="1"/></fixed>
+<fixed name="b"><joint joint="j" coef="2"/></fixed>
 </tendon></mujoco>"""
 
 MISTAKES = {
