@@ -89,20 +89,12 @@ def test_many_cables_have_the_colours_and_the_legend_of_their_parts() -> None:
     assert "the first 6 of 17 joints" in figure.get_suptitle()
 
 
-def test_the_drums_at_ends_that_are_cut_off_do_not_widen_the_picture() -> None:
+def test_drums_at_ends_that_are_cut_off_widen_no_picture_and_ticks_are_not_rounded() -> None:
     """Those of the wrist stand 0.4 m from an instrument of 20 mm."""
     figure = draw_robot(inspect_robot(prepare(load_robot(ROBOTS / "wrist.yaml"))))
     assert "cut off" in figure.get_suptitle()
     for axes in figure.axes:
         assert max(np.ptp(axes.dataLim.get_points(), axis=0)) < 0.05
-
-
-def test_ticks_between_whole_millimetres_are_not_rounded() -> None:
-    figure = draw_robot(inspect_robot(prepare(load_robot(ROBOTS / "wrist.yaml"))))
     shown = figure.axes[0].yaxis.get_major_formatter()
-    assert [shown(value, 0) for value in (-0.0025, -0.0, 0.0075, 0.3)] == [
-        "-2.5",
-        "0",
-        "7.5",
-        "300",
-    ]
+    ticks = [shown(value, 0) for value in (-0.0025, -0.0, 0.0075, 0.3)]
+    assert ticks == ["-2.5", "0", "7.5", "300"], "between whole millimetres"
