@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pty
-import re
-import select
-import sys
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -40,31 +34,3 @@ def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
     assert capsys.readouterr().err.splitlines() == [
         "fitting: step 3", "playing: 50 %, 6 s left, half", "a line",
     ]  # fmt: skip
-
-
-def shown_on(master: int, pattern: bytes, patience_s: float = 60.0) -> str:
-    """Output of a terminal, read until the pattern appears, since one read may be incomplete."""
-    shown = b""
-    deadline = time.monotonic() + patience_s
-    while not re.search(pattern, shown):
-        ready, _, _ = select.select([master], [], [], max(deadline - time.monotonic(), 0.0))
-        assert ready, f"no {pattern!r} in {shown!r}"
-        shown += os.read(master, 65536)
-    return shown.decode(errors="replace")  # the last character may be incomplete
-
-
-def test_in_a_terminal_progress_is_a_bar_with_the_time_left(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    master, slave = pty.openpty()
-    monkeypatch.setenv("TERM", "xterm")
-    with os.fdopen(slave, "w") as terminal:
-        monkeypatch.setattr(sys, "stderr", terminal)
-        with ProgressBar("validating", 4.0) as report:
-            for done in range(5):
-                report(float(done), "a text")
-            report.say("[a] line")
-        shown = shown_on(master, rb"100 %.*\d:\d\d:\d\d.*a text")
-    os.close(master)
-    assert "validating" in shown
-    assert "[a] line" in shown

@@ -53,31 +53,6 @@ def test_late_load_cell_readings_are_compared_with_the_estimate_of_their_time(
     assert live.corrections.right[CELL] > 0.99
 
 
-def test_the_motors_effort_finds_a_preload_that_has_lost_thirty_percent_within_ten_cycles(
-    model: Model, readings: Samples
-) -> None:
-    count = readings.stamp_ns.size
-    back = np.r_[:count, count - 1 : -1 : -1]  # six cycles forwards, then backwards
-    stamps = readings.stamp_ns[0] + 10**7 * np.arange(2 * count)
-    cycles = Samples(stamps, readings.motor_angle[back], readings.joint_angle[back])
-    true = load_model(ROBOT, "25.8,26.26")
-    truth = run(true, initial_state(true), cycles)[1]
-    noise = np.random.default_rng(3).normal(0.0, 0.005, back.size)
-    live, errors = LiveEstimator(model), []
-    for k in range(round(9.5 / 12 * back.size)):
-        if k % 3 == 0:
-            effort = [truth.motor_effort[k, 0] + noise[k]]
-            live.feed_efforts(int(stamps[k]), ["winch"], effort)
-        estimate = live.take(_sample(cycles, k))
-        assert estimate.stddev is not None
-        error = estimate.tension - truth.tension[k]
-        errors.append(error)
-        if k > 0.8 * back.size:
-            assert np.all(np.abs(error) < 5.0 * estimate.stddev[: error.size])
-    last = np.abs(errors[round(8.5 / 12 * back.size) :]).mean()
-    assert last < 0.5 * np.abs(errors[0][:8]).mean()
-
-
 def test_a_sensor_that_is_ignored_changes_nothing(model: Model, readings: Samples) -> None:
     live = LiveEstimator(model, Options(ignored_sensors=("winch",)))
     live.feed_efforts(int(readings.stamp_ns[0]), ["winch"], [1e6])

@@ -15,15 +15,12 @@ from support.motor_alone import without_encoder
 from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.estimator import Estimates
-from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation import estimating
 from cdrj_ros.evaluation.channels import FrictionSums, estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_of, write_estimates
 from cdrj_ros.evaluation.inputs import condition_recording, read_encoderless, read_inputs
 from cdrj_ros.evaluation.validation import MAX_GAP_NS, BagTask, Validation, compare_bag
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import BagError
-from cdrj_ros.model.packing import UNSURE
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics, read_recording
 
@@ -89,46 +86,6 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     found = read_recording(out, Topics(references=OUTPUTS), force_vectors=True)
     assert found.force_frame == "arm"
     assert all(np.array_equal(one.stamp_ns, stamps) for one in found.references.values())
-
-
-def test_offline_the_status_is_that_of_the_node_bit_for_bit() -> None:
-    """With UNSURE elements at the start, in a gap, and after the encoder has slipped."""
-    model = load_model(ROBOT)
-    recording = read_inputs(BAG, Topics(), model)
-    motor, joint = recording.motors["winch"], recording.joints["elbow"]
-    winch = motor.value[:20_000].copy()
-    winch[15_000:] += 0.6
-    heard = np.r_[0:6000, 6600:9000]
-    slipped = replace(
-        recording,
-        motors={"winch": Series(motor.stamp_ns[:20_000], motor.log_ns[:20_000], winch)},
-        joints={"elbow": joint.part(heard)},
-    )
-    offline = estimate(model, condition_recording(model, slipped), uncertainty=True)
-    live = LiveEstimator(model)
-    messages = [
-        (log, kind, name, stamp, value)
-        for kind, name, series in (
-            ("motors", "winch", slipped.motors["winch"]),
-            ("joints", "elbow", slipped.joints["elbow"]),
-        )
-        for stamp, log, value in zip(
-            *(c.tolist() for c in (series.stamp_ns, series.log_ns, series.value)), strict=True
-        )
-    ]
-    node = [
-        output
-        for _, kind, name, stamp, value in sorted(messages)
-        for output in live.feed(kind, stamp, (name,), (value,))[1]
-    ]
-    status = np.array([output.status for output in node])
-    unsure = (status.astype(int) & UNSURE > 0).mean(axis=1)
-    assert np.array_equal(offline.stamp_ns, [output.stamp_ns for output in node])
-    assert np.array_equal(offline.values[:, model.layout.status], status)
-    after = offline.stamp_ns > motor.stamp_ns[15_000]
-    assert np.all(unsure[after] == 1.0)
-    assert after.sum() > 3000
-    assert 0.0 < unsure[~after].mean() < 0.5
 
 
 def test_what_was_not_compared_is_counted_and_named() -> None:

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ from cdrj_ros.evaluation.inputs import condition_recording
 PAGE = ROOT / "docs" / "api.md"
 DOOR = ROOT / "cdrj_ros" / "__init__.py"
 FIRST_NS = 1_000_000_000
+SLIP = 15_000
+"""The motor's reading from which on its encoder has slipped."""
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +36,14 @@ def model() -> cdrj.Model:
 
 @pytest.fixture(scope="module")
 def recording() -> cdrj.Recording:
-    return cdrj.read_recording(SAMPLE)
+    """With a gap in the joint's readings, and an encoder of the motor that slips later."""
+    read = cdrj.read_recording(SAMPLE)
+    motor, joint = read.motors["winch"].part(slice(20_000)), read.joints["elbow"]
+    heard = np.r_[0:6000, 6600:9000]
+    slipped = motor.value + np.where(np.arange(20_000) < SLIP, 0.0, 0.6)
+    return replace(
+        read, motors={"winch": replace(motor, value=slipped)}, joints={"elbow": joint.part(heard)}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +153,12 @@ def test_updates_give_the_estimates_of_validate_bit_for_bit(
     last, elements = found[-1], model.layout.elements
     assert last.tensions == dict(zip(elements, offline.tension[-1].tolist(), strict=True))
     assert last.statuses == dict(zip(elements, offline.status[-1].astype(int), strict=True))
-    assert estimator.refused == {}
+    assert set(estimator.refused) == {"implausible"}, "the first readings after the slip"
+    unsure = (offline.status.astype(int) & cdrj.UNSURE > 0).mean(axis=1)
+    slipped = offline.stamp_ns > recording.motors["winch"].stamp_ns[SLIP]
+    assert slipped.sum() > 3000
+    assert np.all(unsure[slipped] == 1.0)
+    assert 0.0 < unsure[~slipped].mean() < 0.5
 
 
 def test_arrays_give_the_estimates_of_validate_bit_for_bit(
