@@ -42,7 +42,7 @@ from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
 from cdrj_ros.robot.writer import number_of_urdf
 
-FIT_SAMPLES: Final = 6000
+FIT_SAMPLES: Final = 4000
 """Samples to which those of all recordings are thinned, if that leaves 100 per second."""
 
 MEAN_S: Final = 0.2

@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Vector
@@ -28,7 +30,10 @@ from cdrj_ros.identification.observations import (
     samples_by,
 )
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.groups import Owners, joints_of, motors_of
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 
@@ -115,6 +120,26 @@ class Problem:
         self.pool = pool
         self._remembered: dict[bytes, Vector] = {}
 
+    @cached_property
+    def touched(self) -> NDArray[np.bool_]:
+        """Which residuals each unknown may change, by channel, shape (p, channels)."""
+        robot = self.begin.robot
+        names = [channel.name for one in self.observations for channel in one.channels]
+        return _cables_moved(robot, self.unknowns) @ _cables_read(robot, names).T
+
+    @cached_property
+    def apart(self) -> list[list[int]]:
+        """Indices of the unknowns in sets, of which no two members change the same residuals."""
+        sets: list[list[int]] = []
+        for k, own in enumerate(self.touched):
+            free = (one for one in sets if not np.any(own & self.touched[one]))
+            members = next(free, None)
+            if members is None:
+                sets.append([k])
+            else:
+                members.append(k)
+        return sets
+
     @property
     def size(self) -> int:
         """Number of residuals, without those of priors."""
@@ -165,6 +190,29 @@ class Problem:
             if len(self._remembered) == 1:
                 break
             self._remembered.pop(next(iter(self._remembered)))
+
+
+def _cables_moved(robot: Robot, unknowns: Sequence[Unknown]) -> NDArray[np.bool_]:
+    """The cables that each unknown changes, shape (p, cables)."""
+    every = range(len(robot.cables))
+    owners, found = Owners(robot, tuple((c,) for c in every)), []
+    for one in unknowns:
+        own = [owners.groups(path) for path in one.paths]
+        all_of_them = robot.unmeasured or changes_conditioning(one.paths) or not all(own)
+        found.append([all_of_them or any(c in some for some in own) for c in every])
+    return np.array(found)
+
+
+def _cables_read(robot: Robot, channels: Sequence[str]) -> NDArray[np.bool_]:
+    """The cables on which each channel depends, shape (channels, cables)."""
+    found = []
+    for kind, name, *_ in (channel.split("/") for channel in channels):
+        own = [
+            name in motors_of(one) | joints_of(robot, one) if kind == EFFORT else name == one.name
+            for one in robot.cables
+        ]
+        found.append(own if any(own) else [True] * len(own))
+    return np.array(found)
 
 
 def residuals_together(

@@ -251,51 +251,61 @@ def prior_information(problem: Problem, here: Vector) -> Vector:
     return known
 
 
+def difference_points(problem: Problem, coordinates: Vector, central: bool = False) -> list[Vector]:
+    """The points of ``jacobian``: the coordinates, then one or two beside them for each set."""
+    points = [coordinates]
+    for members in problem.apart:
+        for way in _ways(problem, coordinates, central):
+            points.append(coordinates.copy())
+            points[-1][members] += way[members]
+    return points
+
+
 def jacobian(
     problem: Problem, coordinates: Vector, rows: Sequence[Vector], central: bool = False
 ) -> Table:
     """Finite differences of the residuals, given at ``difference_points``.
 
-    A column whose step leaves the bounds, or describes no possible robot, steps the other way.
+    Unknowns that change different residuals share their points.
     """
+    sizes = [channel.reference.size for one in problem.observations for channel in one.channels]
+    ways = _ways(problem, coordinates, central)
+    between = ways[0] - (ways[1] if central else 0.0)
+    slopes = np.zeros((rows[0].size, coordinates.size))
+    for s, members in enumerate(problem.apart):
+        there, back = (rows[1 + 2 * s], rows[2 + 2 * s]) if central else (rows[1 + s], rows[0])
+        change = there - back
+        for k in members:
+            touched = np.repeat(problem.touched[k], sizes)
+            if np.isfinite(change).all():
+                slopes[touched, k] = change[touched] / between[k]
+            else:  # these numbers together describe no possible robot
+                slopes[:, k] = _slope(problem, coordinates, rows[0], k)
+    return slopes
+
+
+def _ways(problem: Problem, coordinates: Vector, central: bool) -> list[Vector]:
+    """Steps to one side, or to both, of all coordinates within their bounds."""
     lower, upper = limits(problem)
-    here, columns, per = rows[0], [], 2 if central else 1
-    for k, step in enumerate(_steps(problem, coordinates).tolist()):
-        there, *back = rows[1 + per * k : 1 + per * (k + 1)]
-        inside = lower[k] <= coordinates[k] - step <= upper[k]
-        if inside and all(np.isfinite(one).all() for one in (there, *back)):
-            columns.append((there - (back[0] if back else here)) / (per * step))
-            continue
-        if np.isfinite(there).all():
-            columns.append((there - here) / step)
-            continue
-        there = problem.residuals(_beside(coordinates, k, -step))
-        if not np.isfinite(there).all():
-            raise UsageError(
-                f"{problem.unknowns[k].name} cannot be varied: no robot is possible close to "
-                f"{problem.unknowns[k].value(float(coordinates[k])):.6g}"
-            )
-        columns.append((here - there) / step)
-    return np.column_stack(columns)
+    inside = [np.where(coordinates + STEP <= upper, STEP, 0.0),
+              np.where(coordinates - STEP >= lower, -STEP, 0.0)]  # fmt: skip
+    return inside if central else [np.where(inside[0] > 0.0, *inside)]
 
 
-def difference_points(problem: Problem, coordinates: Vector, central: bool = False) -> list[Vector]:
-    """The points of ``jacobian``: the coordinates, then one or two beside them for each."""
-    points = [coordinates]
-    for k, step in enumerate(_steps(problem, coordinates).tolist()):
-        points += [_beside(coordinates, k, way) for way in ((step, -step) if central else (step,))]
-    return points
-
-
-def _steps(problem: Problem, coordinates: Vector) -> Vector:
-    """First step of each coordinate, which stays below the upper bound."""
-    return np.where(coordinates + STEP <= limits(problem)[1], STEP, -STEP)
-
-
-def _beside(coordinates: Vector, k: int, step: float) -> Vector:
-    moved = coordinates.copy()
-    moved[k] += step
-    return moved
+def _slope(problem: Problem, coordinates: Vector, here: Vector, k: int) -> Vector:
+    """A column of the Jacobian by a step to the only side where a robot is possible."""
+    lower, upper = limits(problem)
+    for step in (STEP, -STEP):
+        there = coordinates.copy()
+        there[k] += step
+        if lower[k] <= there[k] <= upper[k]:
+            change = problem.residuals(there) - here
+            if np.isfinite(change).all():
+                return change / step
+    raise UsageError(
+        f"{problem.unknowns[k].name} cannot be varied: no robot is possible close to "
+        f"{problem.unknowns[k].value(float(coordinates[k])):.6g}"
+    )
 
 
 def _thresholds(problem: Problem, residuals: Vector) -> Vector:

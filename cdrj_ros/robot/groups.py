@@ -152,8 +152,8 @@ class Owners:
                 for part in parts:
                     self._of.setdefault(part, set()).add(g)
 
-    def group(self, path: str) -> int | None:
-        """Index of the only group with a number on its cables' paths; None if there are several.
+    def groups(self, path: str) -> frozenset[int]:
+        """Indices of the groups with a number on their cables' paths.
 
         Args:
             path: of the number; one of the whole robot, such as ``friction.mu_c``, is of no group.
@@ -161,7 +161,11 @@ class Owners:
         part = path
         while part not in self._of and "." in part:
             part = part.rpartition(".")[0]
-        found = self._of.get(part, set())
+        return frozenset(self._of.get(part, ()))
+
+    def group(self, path: str) -> int | None:
+        """Index of the only group with a number on its cables' paths; None if there are several."""
+        found = self.groups(path)
         return min(found) if len(found) == 1 else None
 
     def group_of_all(self, paths: Iterable[str]) -> int | None:

@@ -7,41 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from support.fingers import WRIST, cable, finger, hand
+from support.fingers import WRIST, cable, finger, hand, recorded
 
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_fits import fit_parts, parts_of
 from cdrj_ros.commands.identify_entries import stated_lines
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.inspection.ranges import following_motors
-from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
-
-EPOCH_NS = 1_700_000_000_000_000_000
-STAMPS = EPOCH_NS + 20_000_000 * np.arange(200)
-
-
-def recorded(robot: Robot) -> Recorded:
-    """Four seconds of joints to and fro, with efforts that fit the file but for noise."""
-    time = (STAMPS - STAMPS[0]) * 1e-9
-    angles = np.outer(0.3 - 0.3 * np.cos(3.0 * time), np.ones(len(robot.joints)))
-    model = prepare(robot)
-    samples = Samples(STAMPS, following_motors(model, angles), angles)
-    values = run(model, initial_state(model), samples)[1].values
-    efforts = {}
-    for motor, column in zip(robot.motors, values[:, model.layout.motor_effort].T, strict=True):
-        noise = np.random.default_rng(sum(map(ord, motor.name))).normal(0.0, 0.005, time.size)
-        efforts[f"effort/{motor.name}"] = Series(STAMPS, STAMPS, column + noise)
-    motors, joints = (
-        {axis.name: Series(STAMPS, STAMPS, np.ascontiguousarray(column))
-         for axis, column in zip(axes, table.T, strict=True)}
-        for axes, table in ((robot.motors, samples.motor_angle), (robot.joints, angles))
-    )  # fmt: skip
-    return Recorded("motion", motors, joints, efforts)
 
 
 def text_of(robot: Robot) -> str:

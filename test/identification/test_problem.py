@@ -6,6 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from support.fingers import finger, hand
+from support.fingers import recorded as motion_of
 from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
@@ -121,6 +123,25 @@ def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
         np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(found[0][1], found[0][3])
     assert np.any(found[0][1] != found[0][2])
+
+
+@pytest.mark.parametrize("central", [False, True])
+def test_unknowns_of_different_cables_share_runs_and_no_slope_changes(central: bool) -> None:
+    robot = hand(finger("a"), finger("b", cables=3))
+    document, model, own = dict(robot.document), prepare(robot), motion_of(robot)
+    unknowns = parse_unknowns(document, "friction.mu_c,preload,joint_offset,effort_scale")
+    fitted = observe(model, own, samples_of(model, own), dict.fromkeys(own.references, 0.01),
+                     Extent(), moving=False)  # fmt: skip
+    with ThreadPoolExecutor(1) as pool:
+        problem = Problem(document, "test", unknowns, [fitted], pool)
+        here = np.array([0.1 if one.name == "friction.mu_c" else 0.0 for one in unknowns])
+        points = difference_points(problem, here, central)
+        slopes = jacobian(problem, here, problem.residuals_of(points), central)
+        assert problem.evaluations < 1 + len(unknowns) // 2 * (2 if central else 1)
+        for k, unit in enumerate(np.eye(here.size)):
+            there, back = (problem.residuals(here + way * STEP * unit) for way in (1.0, -central))
+            wanted = (there - back) / (STEP * (1.0 + central))
+            np.testing.assert_array_equal(slopes[:, k], wanted, err_msg=unknowns[k].name)
 
 
 @pytest.mark.parametrize("key", ["rho", "mu_c", "stribeck_speed", "bristle_stiffness"])
