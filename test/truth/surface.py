@@ -74,15 +74,6 @@ class Course:
     wound: Array
     """Cable on the drums at both ends since the start [m], shape (2,)."""
 
-    def towards(self, other: Course, share: float) -> Course:
-        """A course between two that touch the same bodies."""
-        mixed = (
-            (1.0 - share) * getattr(self, key) + share * getattr(other, key)
-            for key in ("span", "first", "last", "wrap")
-        )
-        wound = (1.0 - share) * self.wound + share * other.wound
-        return Course(*mixed, other.touching, wound)
-
 
 @dataclass(frozen=True)
 class Cells:
@@ -116,10 +107,6 @@ class State:
     """Between cells, shape (cells + 1,)."""
     spans: NDArray[np.int64]
     """Places of the straight spans in ``strain``, shape (B + 1,)."""
-    slip: Array
-    """Of all cells in the last step [m]."""
-    rise: Array
-    """Of the strain of the straight spans in the last step, shape (B + 1,)."""
 
     def tension(self, cable: Cable) -> Array:
         """Of the straight spans [N], shape (B + 1,)."""
@@ -144,7 +131,6 @@ def start(cable: Cable, course: Course) -> State:
     strains = np.full(chain.middle.size + 1, strain)
     return State(
         course, tuple(cells), np.array([0.0, end]), (drums[0], drums[1]), strains, chain.spans,
-        np.zeros(chain.middle.size), np.zeros(chain.spans.size),
     )  # fmt: skip
 
 
@@ -195,21 +181,6 @@ class _Chain:
         """Of the elements [m]."""
 
 
-def advance(cable: Cable, state: State, course: Course, halvings: int = 6) -> State:
-    """The balance at the next course; steps that do not converge are halved.
-
-    Raises:
-        ValueError: there is no balance.
-    """
-    found = _balanced(cable, state, course)
-    if found is not None:
-        return found
-    if halvings == 0 or not np.array_equal(course.touching, state.course.touching):
-        raise ValueError("the cable has no balance")
-    middle = advance(cable, state, state.course.towards(course, 0.5), halvings - 1)
-    return advance(cable, middle, course, halvings - 1)
-
-
 def solve(cable: Cable, courses: Iterable[Course]) -> Iterator[State]:
     """States at all courses, the first one under preload and without friction."""
     state = None
@@ -218,7 +189,12 @@ def solve(cable: Cable, courses: Iterable[Course]) -> Iterator[State]:
         yield state
 
 
-def _balanced(cable: Cable, state: State, course: Course) -> State | None:
+def advance(cable: Cable, state: State, course: Course) -> State:
+    """The balance at the next course.
+
+    Raises:
+        ValueError: there is no balance.
+    """
     cells = _carried(cable, state, course)
     chain = _Chain(cable, course, cells)
     ends, laid = _unwound(cable, state, course)
@@ -229,14 +205,7 @@ def _balanced(cable: Cable, state: State, course: Course) -> State | None:
     # Half of the cable laid onto a drum has the strain before the step, half that after it.
     length[0] += 0.5 * laid[0]
     length[-1] += 0.5 * laid[1]
-    before = _Chain(cable, state.course, state.cells).middle
-    guess = np.interp(chain.middle, before, state.slip) if before.size else np.zeros(number.size)
-    for first in (guess, np.zeros(number.size)):
-        slip = _slips(cable.stiffness, length, material, friction, chain, first)
-        if slip is not None:
-            break
-    else:
-        return None
+    slip = _slips(cable.stiffness, length, material, friction, chain)
     strain = length / (material + np.diff(-slip, prepend=0.0, append=0.0)) - 1.0
     held = _friction(cable.stiffness * np.maximum(strain, 0.0), friction, slip, chain)[0]
     rows = np.cumsum([0 if one is None else one.index.size for one in cells])[:-1]
@@ -246,19 +215,18 @@ def _balanced(cable: Cable, state: State, course: Course) -> State | None:
         for one, (f, m) in zip(cells, parts, strict=True)
     )
     ends = ends + np.array([0.5, -0.5]) * laid / (1.0 + strain[[0, -1]])
-    rise = strain[chain.spans] - state.strain[state.spans]
     drums = _wound(state.drums, course.wound, ends)
-    return State(course, settled, ends, drums, strain, chain.spans, slip, rise)
+    return State(course, settled, ends, drums, strain, chain.spans)
 
 
 def _carried(cable: Cable, state: State, course: Course) -> list[Cells | None]:
     """Cells at the next course with their history, before anything slips."""
     cells: list[Cells | None] = []
-    middle = state.strain[state.spans] + 0.5 * state.rise  # halfway through the step
+    laid = state.strain[state.spans]
     for b, contact in enumerate(cable.contacts):
         new, old = _cover(contact, course, b), state.cells[b]
         if new is not None and old is not None:
-            number = _numbers(state, b, new.middle, middle[b : b + 2])
+            number = _numbers(state, b, new.middle, laid[b : b + 2])
             new = replace(new, number=number)
             common, mine, his = np.intersect1d(
                 new.index, old.index, assume_unique=True, return_indices=True
@@ -356,10 +324,13 @@ def _friction(
     return np.clip(trial, -bound, bound), reached, behind >= before
 
 
-def _slips(
-    EA: float, length: Array, material: Array, friction: Array, chain: _Chain, slip: Array
-) -> Array | None:
-    """Slips of all cells in balance, by Newton's method with a line search; None if it fails."""
+def _slips(EA: float, length: Array, material: Array, friction: Array, chain: _Chain) -> Array:
+    """Slips of all cells in balance, by Newton's method with a line search.
+
+    Raises:
+        ValueError: it does not converge.
+    """
+    slip = np.zeros(friction.size)
     if slip.size == 0:
         return slip
 
@@ -392,8 +363,6 @@ def _slips(
             if tried[-1] < worst * (1.0 - 0.01 * share) or share < 1e-3:
                 break
             share *= 0.5
-        if not np.isfinite(tried[-1]):
-            return None
         slip = slip + share * step
         rest, slope, reached, behind, worst = tried
-    return None
+    raise ValueError(f"the cable has no balance: a cell lacks {worst:.1e} N")
