@@ -21,22 +21,6 @@ from cdrj_ros.simulation.rig_file import parse_rig
 
 READ_ELSEWHERE = {"README.md", "docs/robot_file.md"}
 """Pages whose YAML test_readme.py and test_robot_file_document.py read, every block of it."""
-LANGUAGES = {"bash", "cmake", "cpp", "python", "text", "xml", "yaml"}
-PROGRAMS = re.compile(r"    (?:[\w./-]+: |- \w|\$ |(?:make|python3?|pip|git|ros2|colcon|sed|for) )")
-
-
-def test_every_block_names_its_language_so_that_it_can_be_checked() -> None:
-    for page in PAGES:
-        for language, text in fenced(page):
-            assert language in LANGUAGES, (page, text[:60])
-        assert page.read_text().count("```") == 2 * len(fenced(page)), page
-
-
-def test_no_settings_and_no_commands_stand_outside_of_a_block() -> None:
-    for page in PAGES:
-        text = re.sub(r"^([ \t]*)```.*\n(?:.*\n)*?\1```", "", page.read_text(), flags=re.MULTILINE)
-        for block in re.findall(r"(?<=\n\n)(?: {4}\S.*\n)+", text):
-            assert not PROGRAMS.match(block), (page, block)
 
 
 def test_bash_can_read_every_line_of_commands() -> None:

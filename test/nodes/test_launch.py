@@ -37,30 +37,26 @@ class Action(SimpleNamespace):
         return str(self.given[0])
 
 
+class Replaced(ModuleType):
+    """A module of launch whose classes are all actions."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        setattr(self, name, type(name, (Action,), {}))
+        return getattr(self, name)
+
+
 @pytest.fixture
 def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Run the functions of the launch file with a replacement for launch."""
-    replaced = {
-        "launch": ("LaunchContext", "LaunchDescription"),
-        "launch.actions": (
-            "DeclareLaunchArgument", "EmitEvent", "ExecuteProcess", "IncludeLaunchDescription",
-            "OpaqueFunction", "RegisterEventHandler", "SetEnvironmentVariable",
-        ),
-        "launch.event_handlers": ("OnProcessStart", "OnShutdown"),
-        "launch.events": ("matches_action",),
-        "launch.launch_description_sources": ("PythonLaunchDescriptionSource",),
-        "launch.substitutions": ("LaunchConfiguration",),
-        "launch_ros": (),
-        "launch_ros.actions": ("LifecycleNode", "Node"),
-        "launch_ros.event_handlers": ("OnStateTransition",),
-        "launch_ros.events": (),
-        "launch_ros.events.lifecycle": ("ChangeState",),
-    }  # fmt: skip
-    for name, classes in replaced.items():
-        module = ModuleType(name)
-        for one in classes:
-            setattr(module, one, type(one, (Action,), {}))
-        monkeypatch.setitem(sys.modules, name, module)
+    for name in (
+        "launch", "launch.actions", "launch.event_handlers", "launch.events",
+        "launch.launch_description_sources", "launch.substitutions", "launch_ros",
+        "launch_ros.actions", "launch_ros.event_handlers", "launch_ros.events",
+        "launch_ros.events.lifecycle",
+    ):  # fmt: skip
+        monkeypatch.setitem(sys.modules, name, Replaced(name))
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", FILE.name])
 
     def run(*argv: str, file: Path = FILE, included: Path | None = None) -> list[Any]:

@@ -36,13 +36,6 @@ def lengths(model: Model, pose: Vector) -> dict[str, float]:
     }
 
 
-def test_the_hand_has_the_parts_that_its_comment_counts(hand: Model) -> None:
-    assert (len(hand.robot.motors), len(hand.robot.cables)) == (17, 34)
-    assert [joint.name for joint in hand.robot.joints] == [
-        "deviation", "wrist", *(f"{finger}_{joint}" for finger in FINGERS for joint in ARM)
-    ]  # fmt: skip
-
-
 def test_the_two_cables_of_a_motor_change_by_opposite_lengths_in_all_poses(hand: Model) -> None:
     rest = lengths(hand, hand.robot.reference_pose)
     for pose in poses(hand, 20):
@@ -70,15 +63,6 @@ def test_a_joint_of_a_finger_moves_its_own_two_cables_alone(hand: Model) -> None
                     # the cables of pip pass 1.5 mm beside the axis of side, which moves them
                     beside = 1.6e-3 if joint == "side" and "pip" in name and finger in name else 0
                     assert slope == pytest.approx(sign * arm, abs=beside + 1e-5)
-
-
-def test_the_wrist_moves_cables_of_all_fingers(hand: Model) -> None:
-    rest = lengths(hand, hand.robot.reference_pose)
-    pose = hand.robot.reference_pose.copy()
-    pose[1] = 0.4
-    bent = lengths(hand, pose)
-    for finger in FINGERS:
-        assert max(abs(bent[n] - rest[n]) for n in rest if n.startswith(finger)) > 1e-3
 
 
 def test_the_efforts_tell_the_angles_of_a_hand_without_encoders_at_the_distal_joints() -> None:
