@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -312,6 +313,37 @@ def test_a_rope_from_the_rim_of_a_wheel_is_that_of_mujoco_on_a_wheel_smaller_by_
         np.testing.assert_allclose(
             one.lever_arm.sum(axis=0), other.lever_arm.sum(axis=0), atol=6e-4
         )
+
+
+def test_poses_in_which_rounding_decides_in_mujoco_are_counted_and_left_out(tmp_path: Path) -> None:
+    """Its lengths jump there by up to 0.4 m; those here do not."""
+    path = tmp_path / "rim.xml"
+    path.write_text(WHEEL.format(radius=0.15))
+    found = COMPARING.compare(path, 300)
+    assert found.agrees
+    assert 50 < found.rounding < 250
+    path.write_text(WHEEL.format(radius=0.14))
+    found = COMPARING.compare(path, 300)
+    assert found.agrees
+    assert found.rounding == found.turns == 0
+
+
+def test_a_turn_round_a_body_that_a_strand_does_not_cut_is_told_from_a_disagreement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "free.xml"
+    path.write_text(WHEEL.format(radius=0.14))
+    without = COMPARING.Theirs.of
+
+    def with_a_turn_more(self: Any, tendon: int, robot: Any) -> Any:
+        return without(self, tendon, robot) + np.array([0.8, 0.0, 0.0])
+
+    monkeypatch.setattr(COMPARING.Theirs, "of", with_a_turn_more)
+    assert not COMPARING.compare(path, 30).agrees  # no body is wrapped that is not cut
+    monkeypatch.setattr(COMPARING.Theirs, "wraps_without_cutting", lambda *_: True)
+    found = COMPARING.compare(path, 30)
+    assert found.agrees
+    assert found.turns == 30
 
 
 def test_what_cannot_be_represented_is_named(
