@@ -54,7 +54,7 @@ def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_p
 
 
 def test_reading_a_long_recording_takes_little_more_memory_than_its_data(tmp_path):
-    count = 50_000
+    count = 150_000
     stamps = np.arange(count, dtype=np.int64) * 1_000_000 + 1
     angles = np.random.default_rng(9).normal(size=(count, 1))
     with BagWriter(tmp_path / "bag") as bag:
