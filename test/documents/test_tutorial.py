@@ -8,18 +8,18 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.page_lines import ROOT, blocks, calls, loaded_tool, shown_files, write_files
+from support.page_lines import ROOT, command_lines, loaded_tool, shown_files, write_files
 
 from cdrj_ros.commands import check_robot, import_robot
 
-PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 FILES = shown_files("docs/tutorial.md")
-COMMANDS = [
-    shlex.split(line)
-    for block in re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL)
-    for line in block.splitlines()
-    if line.startswith(("import_robot", "check_robot", "python -c"))
-]
+RUN_HERE = "import_robot", "check_robot", "python -c"
+
+
+def lines(page: str, *begins: str) -> list[list[str]]:
+    """The words of the lines of a page that begin so."""
+    found = command_lines(ROOT / "docs" / page)
+    return [shlex.split(line, comments=True) for line in found if line.startswith(begins)]
 
 
 def run_line(words: list[str]) -> None:
@@ -37,7 +37,7 @@ def test_the_commands_of_the_page_run(
     pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
     write_files(FILES, tmp_path)
     monkeypatch.chdir(tmp_path)
-    for words in COMMANDS:
+    for words in lines("tutorial.md", *RUN_HERE):
         run_line(words)
     said = capsys.readouterr().out
     assert "biceps" in said
@@ -55,10 +55,8 @@ def test_the_commands_that_import_and_compare_models_run(
         (tmp_path / name).write_text(FILES["arm.xml"], encoding="utf-8")
     (tmp_path / "arm.urdf").write_text(FILES["gripper.urdf"], encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    ours = ("import_robot", "python tools/compare_mujoco")
-    pages = blocks("docs/robot_file.md") + blocks("docs/validation.md")
-    lines = "".join(pages).splitlines(keepends=True)
-    *imports, compare = calls("".join(one for one in lines if one.startswith(ours)), tmp_path)
+    imports = lines("robot_file.md", "import_robot")
+    (compare,) = lines("validation.md", "python tools/compare_mujoco")
     assert [words[0] for words in imports] == ["import_robot", "import_robot"]
     for words in imports:
         run_line(words)
@@ -73,8 +71,7 @@ def test_the_command_of_the_page_on_robot_files_runs(
     page = (ROOT / "docs" / "robot_file.md").read_text(encoding="utf-8")
     (tmp_path / "one_joint.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
     monkeypatch.chdir(tmp_path)
-    for words in calls("".join(blocks("docs/robot_file.md")), tmp_path):
-        if words[0] != "import_robot":  # needs models
-            run_line(words)
+    for words in lines("robot_file.md", "check_robot", "python -c"):
+        run_line(words)
     assert "one_joint: " in capsys.readouterr().out
     assert (tmp_path / "one_joint.png").stat().st_size > 10_000

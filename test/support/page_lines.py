@@ -1,10 +1,9 @@
-"""Lines of the pages as bash understands them, with everything expanded."""
+"""Blocks and lines of the pages."""
 
 from __future__ import annotations
 
 import importlib.util
 import re
-import subprocess
 import sys
 from pathlib import Path
 from textwrap import dedent
@@ -16,25 +15,6 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md"),
      ROOT / "bags" / "README.md"]
 )  # fmt: skip
-NOTED = (
-    "simulate", "identify", "validate", "check_robot", "import_robot", "git", "ros2", "pip", "make",
-)  # fmt: skip
-"""Commands that are noted instead of run; ``python`` is, too."""
-
-PREAMBLE = (
-    "".join(f'{name}() {{ note {name} "$@"; }}\n' for name in NOTED)
-    + """
-note() { printf '%s\\0' "$@" >> calls; printf '\\n\\0' >> calls; }
-scripts=0
-python() {
-  if [ "$1" = - ]; then
-    scripts=$((scripts + 1)); cat > script_$scripts.py; shift; set -- script_$scripts.py "$@"
-  fi
-  note python "$@"
-}
-set -e
-"""
-)
 
 
 def fenced(page: Path) -> list[tuple[str, str]]:
@@ -53,26 +33,6 @@ def command_lines(page: Path) -> list[str]:
     """The lines of the blocks of bash on a page; those that end with a backslash continue."""
     text = "".join(text for language, text in fenced(page) if language == "bash")
     return re.sub(r"\\\n", " ", text).splitlines()
-
-
-def calls(text: str, folder: Path) -> list[list[str]]:
-    """Let bash read lines in a folder; returns the words of every command that it would have run.
-
-    ``sed``, ``grep`` and redirections are run.  A script that ``python -`` reads is kept as
-    ``script_1.py`` and so on.
-    """
-    (folder / "calls").write_bytes(b"")
-    subprocess.run(
-        ["bash", "-c", PREAMBLE + text], cwd=folder, check=True, capture_output=True, text=True
-    )
-    words = (folder / "calls").read_text("utf-8").split("\0")[:-1]
-    found: list[list[str]] = [[]]
-    for word in words:
-        if word == "\n":
-            found.append([])
-        else:
-            found[-1].append(word)
-    return found[:-1]
 
 
 def loaded_tool(path: Path, **constants: object) -> ModuleType:
