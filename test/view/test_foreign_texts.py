@@ -14,13 +14,11 @@ import pytest
 from support.browser import chromium
 
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.view import page as pages
 from cdrj_ros.view.history import Curves, nothing_known
 from cdrj_ros.view.page import Page
 from cdrj_ros.view.panels import Controls, Plots, TimeAxis, table_of
 from cdrj_ros.view.picture import picture_of
 from cdrj_ros.view.recorded import Player
-from cdrj_ros.view.server import open_server
 
 PAYLOADS = (
     "<script>ran()</script>",
@@ -76,42 +74,37 @@ def shown(payload: str) -> str:
     )
 
 
-class Gui:
-    """A viser gui whose HTML is noted and which has no Markdown."""
+NOTED: list[Any] = []
+"""HTML that has been added to a page."""
 
-    def __init__(self, real: Any) -> None:
-        self._real = real
-        self.html: list[Any] = []
 
-    def __getattr__(self, name: str) -> Any:
-        assert name != "add_markdown"
-        return getattr(self._real, name)
-
-    def add_html(self, content: str) -> Any:
-        self.html.append(self._real.add_html(content))
-        return self.html[-1]
-
-    def read(self) -> Read:
-        assert all(type(one.content) is str for one in self.html), "viser cannot send others"
-        return Read("".join(one.content for one in self.html))
+def read(handles: list[Any]) -> Read:
+    assert all(type(one.content) is str for one in handles), "viser cannot send others"
+    return Read("".join(one.content for one in handles))
 
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[Page]:
-    pytest.importorskip("viser")
+    """A page without Markdown, whose HTML is noted."""
+    viser = pytest.importorskip("viser")
+    add = viser.GuiApi.add_html
 
-    class Server:
-        def __init__(self, real: Any) -> None:
-            self._real, self.gui = real, Gui(real.gui)
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._real, name)
+    def noted(gui: Any, content: str) -> Any:
+        NOTED.append(add(gui, content))
+        return NOTED[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pages, "open_server", lambda host, port: Server(open_server(host, port)))
+        patch.setattr(viser.GuiApi, "add_html", noted)
+        patch.setattr(viser.GuiApi, "add_markdown", None)
         one = Page(load_model("finger"), "localhost", 0, "title", TimeAxis("t", 0.0, 1.0))
-    yield one
+        yield one
     one.close()
+
+
+@pytest.fixture(scope="module")
+def own(page: Page) -> list[Any]:
+    """The HTML of the page alone."""
+    return list(NOTED)
 
 
 def assert_plain(read: Read, payload: str) -> None:
@@ -120,7 +113,9 @@ def assert_plain(read: Read, payload: str) -> None:
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
-def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, payload: str) -> None:
+def test_every_door_of_the_page_shows_a_payload_as_its_characters(
+    page: Page, own: list[Any], payload: str
+) -> None:
     nothing = nothing_known(page.model)
     player = Player(MagicMock(watched=True), MagicMock(duration_s=1.0), payload)
     player.page.gui.add_slider.return_value.max = 1.0  # type: ignore[attr-defined]
@@ -129,17 +124,17 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(page: Page, pa
     (_, _, words, _), _ = player.page.show.call_args  # type: ignore[attr-defined]
     for texts in ((payload,), words):
         page.show(nothing, None, texts)
-        assert_plain(page.gui.read(), payload)
-    gui = Gui(page.server._real.gui)
-    Controls(gui, (), lambda *_: None, {}).answer(payload)
-    assert_plain(gui.read(), payload)
-    gui = Gui(page.server._real.gui)
+        assert_plain(read(own), payload)
+    NOTED.clear()
+    Controls(page.server.gui, (), lambda *_: None, {}).answer(payload)
+    assert_plain(read(NOTED), payload)
+    NOTED.clear()
     column = np.zeros(3)
-    Plots(gui, TimeAxis("t", 0.0, 1.0)).show(
+    Plots(page.server.gui, TimeAxis("t", 0.0, 1.0)).show(
         Curves(payload, payload, np.arange(3.0), *[column] * 5), None
     )
-    assert gui.read().text.count(shown(payload)) == 2
-    assert gui.read().tags <= TAGS
+    assert read(NOTED).text.count(shown(payload)) == 2
+    assert read(NOTED).tags <= TAGS
     picture = picture_of(page.model, nothing)
     odd = replace(picture, cables=(picture.cables[0]._replace(name=payload), *picture.cables[1:]))
     assert_plain(Read(table_of(page.model, nothing, odd, payload)), payload)
