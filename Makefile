@@ -79,7 +79,6 @@ docs: setup $(DOCS)
 MINUTES ?= 30
 soak: setup
 	@$(IN_ENV) python tools/campaign.py --runs 10 --mixed 300
-	@$(IN_ENV) CDRJ_SENSORS=50 python -m pytest -q test/estimation/test_take_back.py
 	@$(IN_ENV) CDRJ_HOSTILE=1000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) CDRJ_DAMAGES=10 python -m pytest -q test/robot/test_reader_fuzz.py \
 		test/recordings/test_fuzz.py

@@ -51,15 +51,15 @@ settings.load_profile("steady")
 
 LONGEST_FIRST = (
     "estimation/test_campaign.py", "nodes/test_replay_node.py", "commands/test_commission_poses.py",
-    "estimation/test_sensor_evidence.py", "commands/test_commission.py",
+    "commands/test_commission.py",
     "evaluation/test_parallel.py", "estimation/test_prediction.py", "recordings/test_bombs.py",
     "nodes/test_view.py", "estimation/test_conditioner.py", "commands/test_identify.py",
-    "nodes/test_watch.py", "truth/test_surfaces.py", "estimation/test_known_sensors.py",
+    "nodes/test_watch.py", "truth/test_surfaces.py",
     "paper/test_command.py", "model/test_reference.py",
     "documents/test_readme.py", "report/test_html.py", "commands/test_simulate.py",
     "project/test_aarch64.py", "project/test_wheel.py", "project/test_controllers.py",
     "estimation/test_unseen.py", "estimation/test_session.py", "project/test_api.py",
-    "evaluation/test_recorded_verdict.py", "estimation/test_take_back.py",
+    "evaluation/test_recorded_verdict.py",
 )  # fmt: skip
 """Each takes more than 1.2 % of all tests: one started last would keep a single worker busy.  Of
 three neighbours one waits for messages a good part of its time, and two calculate."""

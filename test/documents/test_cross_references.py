@@ -55,7 +55,7 @@ def test_files_that_a_document_a_comment_or_a_docstring_names_exist() -> None:
 
 
 def test_selected_tests_exist() -> None:
-    for page in PAGES:
+    for page in (*PAGES, ROOT / "Makefile"):
         for name, word in re.findall(r"pytest .*?(test/\S+\.py)(?: -k (\w+))?", page.read_text()):
             assert word in "".join(re.findall(r"def (test_\w+)", (ROOT / name).read_text())), word
 
