@@ -1,4 +1,4 @@
-"""Actuators, springs and couplings of a compiled MuJoCo model, as a robot file describes them."""
+"""Actuators, springs and couplings of a compiled MuJoCo model, and what is said of its tendons."""
 
 from __future__ import annotations
 
@@ -10,6 +10,12 @@ import numpy as np
 
 PULLEY: Final = 2
 """MuJoCo's code of the beginning of a branch, ``mjWRAP_PULLEY``."""
+
+LARGE: Final = 2.0
+"""Length of a tendon [m] beyond which its thickness may show that lengths are not in m."""
+
+SLENDER: Final = 500.0
+"""Length over thickness of a tendon beyond which that is said; 30 to 300 in public hands."""
 
 Label = Callable[[str, int], str]
 """Name of an object of the model, from its kind in capitals and its index."""
@@ -139,3 +145,27 @@ def rest_length_of(model: Any, tendon: int) -> float:
 def stiffness_of(model: Any, tendon: int) -> float:
     """Stiffness of a tendon's spring [N/m]; its linear part."""
     return float(np.ravel(model.tendon_stiffness[tendon])[0])
+
+
+def other_properties(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
+    """What is said of numbers of tendons that are not carried over, or look wrong."""
+    spatial = model.wrap_type[model.tendon_adr] != mujoco.mjtWrap.mjWRAP_JOINT
+    longest = int(np.argmax(model.tendon_length0 * spatial))
+    length, thickness = (
+        float(one[longest]) for one in (model.tendon_length0, 2.0 * model.tendon_width)
+    )
+    if length > max(LARGE, SLENDER * thickness):
+        yield (
+            f"tendon {label('TENDON', longest)} is {length:.3g} m long and {1e3 * thickness:g} mm "
+            "thick: are all lengths of the model in m?"
+        )
+    loss = [
+        label("TENDON", k)
+        for k in range(model.ntendon)
+        if float(np.ravel(model.tendon_frictionloss[k])[0]) > 0.0
+    ]
+    if loss:
+        yield (
+            f"frictionloss of {', '.join(loss)} is not carried over: friction follows from mu_c "
+            "and the wraps"
+        )

@@ -19,6 +19,7 @@ from cdrj_ros.robot.mjcf_drives import (
     following_joints,
     other_actuators,
     other_constraints,
+    other_properties,
     rest_length_of,
     stiffness_of,
     tendon_actuators,
@@ -385,6 +386,15 @@ class _Import:
                     f"the stiffness {stiffness:g} N/m of {name} is that of a spring and not of its "
                     "cable: it is not carried over"
                 )
+            elif passive and rest > 0.0:
+                self._remarks.append(
+                    f"{name} is a passive cable, slack up to its limit of {rest:g} m; EA is assumed"
+                )
+            elif passive:
+                self._remarks.append(
+                    f"{name} has no actuator, spring or limit and pulls nothing in the model; here "
+                    "it is a passive cable, whose EA and preload are assumed"
+                )
         if passive and rest > 0.0:
             cable["rest_length"] = rest
         else:
@@ -403,13 +413,4 @@ class _Import:
             )
         self._remarks += other_constraints(model, self._mujoco, self._label)
         self._remarks += other_actuators(model, self._mujoco, self._label, self._followed())
-        loss = [
-            self._label("TENDON", k)
-            for k in range(model.ntendon)
-            if float(np.ravel(model.tendon_frictionloss[k])[0]) > 0.0
-        ]
-        if loss:
-            self._remarks.append(
-                f"frictionloss of {', '.join(loss)} is not carried over: friction follows from "
-                "mu_c and the wraps"
-            )
+        self._remarks += other_properties(model, self._mujoco, self._label)

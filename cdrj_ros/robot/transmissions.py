@@ -173,8 +173,8 @@ def _reason(kind: str, joints: list[_Shaft], actuators: list[_Shaft]) -> str:
     for what, shafts, order in (
         ("joints", joints, roles.joints), ("actuators", actuators, roles.actuators),
     ):  # fmt: skip
-        given = tuple(one.role for one in shafts)
-        if count > 1 and any(given) and given != order:
+        given = tuple(one.role for one in shafts)  # others than these do not count
+        if count > 1 and {*given} <= {*order} and given != order:
             return f"the roles of its {what} are not {', '.join(order)}, in this order"
         if len({one.name for one in shafts} - {""}) < count:
             return f"its {what} have no names of their own"

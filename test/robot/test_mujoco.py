@@ -207,6 +207,8 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
         "the stiffness 7 N/m of flexor is that of a spring and not of its cable",
         "equality constraint curved of joint x to mcp is no linear function of another joint",
         "equality constraint glue holds loose and slider together: it is left out",
+        "leash is a passive cable, slack up to its limit of 0.29 m; EA is assumed",
+        "cord has no actuator, spring or limit and pulls nothing in the model; here it is a",
         "push drives the joint x without a cable: it is not among the motors",
         "mcp drives the joint of its name without a cable: it is not among the motors",
         "spin drives a joint that moves no cable: it is left out",
@@ -387,6 +389,22 @@ SUMS = """<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></wor
 <fixed name="a"><joint joint="j" coef="1"/></fixed>
 <fixed name="b"><joint joint="j" coef="2"/></fixed>
 </tendon></mujoco>"""
+
+
+@pytest.mark.parametrize(("scale", "doubted"), [(1.0, False), (100.0, True), (1000.0, True)])
+def test_a_model_whose_lengths_are_not_in_metres_is_suspected(
+    scale: float, doubted: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(
+        '<mujoco><worldbody><site name="a"/><body><joint name="j" range="0 1"/>'
+        f'<geom size="{0.01 * scale}"/><site name="b" pos="{0.11 * scale} 0 0"/></body></worldbody>'
+        '<tendon><fixed name="far"><joint joint="j" coef="1e9"/></fixed><spatial name="t">'
+        '<site site="a"/><site site="b"/></spatial></tendon></mujoco>',
+        tmp_path,
+    )
+    said = f"tendon t is {0.11 * scale:.3g} m long and 6 mm thick: are all lengths of the model"
+    assert (said in capsys.readouterr().out) == doubted
+
 
 MISTAKES = {
     "absent.xml": (None, "there is no model"),

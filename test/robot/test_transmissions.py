@@ -70,7 +70,10 @@ PR2 = """<transmission name="t" type="pr2_mechanism_model/WristTransmission">
   <flexJoint mechanicalReduction="2" name="j1"/><rollJoint mechanicalReduction="0.8" name="j2"/>
 </transmission>"""  # noqa: E501
 
+UNORDERED = re.sub(r'role="(joint|actuator).', r'role="\1', ros2("DifferentialTransmission"))
+
 MAPS = {
+    "with roles that give no order": (UNORDERED, differential),
     "DifferentialTransmission": (ros2("DifferentialTransmission"), differential),
     "FourBarLinkageTransmission": (ros2("FourBarLinkageTransmission"), four_bar),
     "of ROS 1": (ROS1, differential),
