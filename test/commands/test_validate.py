@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,67 +19,45 @@ from cdrj_ros.evaluation import metrics
 from cdrj_ros.evaluation.channels import estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
+from cdrj_ros.recordings.source import read_messages
 from cdrj_ros.recordings.writer import BagWriter
 
 SECONDS = 1_000_000_000
 LOW = ROOT / "bags" / "prototype_preload_23_6"
+MEASURED = {
+    topic: topic
+    for topic in (Topics().motors, Topics().joints, "/reference/tensions", "/reference/efforts")
+}
+"""Topics by their own names."""
 
 
 def refuse(text: str) -> float:
     raise AssertionError(f"{text} is no JSON number")
 
 
-def stacked(channels: dict[str, Series], prefix: str) -> tuple[list[str], Series]:
-    """Names of the channels of one topic, and their values as columns."""
-    chosen = {n.removeprefix(prefix): s for n, s in channels.items() if n.startswith(prefix)}
-    first = next(iter(chosen.values()))
-    values = np.stack([series.value for series in chosen.values()], axis=1)
-    return list(chosen), Series(first.stamp_ns, first.log_ns, values)
-
-
 def write(
     path: Path,
-    recording: Recording,
+    bag: Path = SAMPLE,
     *,
     until_s: float = 4.0,
-    passes: int = 1,
-    prefix: str = "",
-    delay_ns: int = 0,
+    topics: Mapping[str, str] = MEASURED,
+    shifts_ns: Sequence[int] = (0,),
 ) -> Path:
-    """Write the first seconds ``passes`` times, with equal stamps and later log times."""
-    topics = Topics()
-    end = recording.start_ns + int(until_s * SECONDS)
-    with BagWriter(path) as bag:
-        for k in range(passes):
-            for topic, channels, start, array in (
-                (topics.motors, recording.motors, "", "position"),
-                (topics.joints, recording.joints, "", "position"),
-                (topics.references[0], recording.references, "tension/", "tension"),
-                (topics.references[2], recording.references, "effort/", "effort"),
-            ):
-                names, series = stacked(dict(channels), start)
-                part = series.log_ns < end
-                log_ns = series.log_ns[part] + delay_ns + k * (end - recording.start_ns + SECONDS)
-                arguments: Any = (prefix + topic, series.stamp_ns[part], names)
-                values = {array: series.value[part]}
-                if array == "tension":
-                    bag.write_tensions(*arguments, series.value[part], log_ns=log_ns)
-                else:
-                    bag.write_joint_states(*arguments, **values, log_ns=log_ns)
+    """Write the first seconds of topics by other names, once for every shift of the log times."""
+    with BagWriter(path) as writer:
+        for one, other in topics.items():
+            found = list(read_messages(bag, (one,)))
+            part = [m for m in found if m.log_ns < found[0].log_ns + until_s * SECONDS]
+            copies = [(m.log_ns + shift, m.data) for shift in shifts_ns for m in part]
+            writer.write_messages(other, found[0].msgtype, copies)
     return path
 
 
 @pytest.fixture(scope="module")
-def recording() -> Recording:
-    return read_recording(SAMPLE)
-
-
-@pytest.fixture(scope="module")
-def short(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("bags") / "short", recording)
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("bags") / "short")
 
 
 def run(out: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
@@ -124,9 +102,9 @@ def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
 
 
 def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
-    recording: Recording, short: Path, tmp_path: Path
+    short: Path, tmp_path: Path
 ) -> None:
-    looped = write(tmp_path / "looped", recording, passes=3)
+    looped = write(tmp_path / "looped", shifts_ns=(0, 5 * SECONDS, 10 * SECONDS))
     code, figures = run(tmp_path, looped, "--write-bag", tmp_path / "written")
     assert code == 0
     once = run(tmp_path, short)[1]["bags"][0]["channels"]
@@ -167,8 +145,8 @@ def test_limits_decide_the_exit_code_and_violations_are_listed(
 
 
 @pytest.fixture(scope="module")
-def second(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("bags") / "second", recording, until_s=1.0)
+def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("bags") / "second", until_s=1.0)
 
 
 def test_references_on_other_topics_are_found_by_their_type_and_named(
@@ -176,16 +154,13 @@ def test_references_on_other_topics_are_found_by_their_type_and_named(
 ) -> None:
     default = run(tmp_path, second)[1]["all"]["channels"]
     capsys.readouterr()
-    references = dict(read_recording(second).references)
-    truth = tmp_path / "truth"
-    with BagWriter(truth) as bag:
+    found = ("/truth/tensions", "/truth/states"), ("/cdrj/tensions", "/arm/states")
+    with BagWriter(tmp_path / "truth") as bag:
         bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
-        for topic in ("/truth/tensions", "/cdrj/tensions"):
-            names, one = stacked(references, "tension/")
-            bag.write_tensions(topic, one.stamp_ns, names, one.value, log_ns=one.log_ns)
-        for topic in ("/truth/states", "/arm/states"):
-            names, one = stacked(references, "effort/")
-            bag.write_joint_states(topic, one.stamp_ns, names, effort=one.value, log_ns=one.log_ns)
+        for k, names in enumerate(found):
+            topics = dict(zip(("/reference/tensions", "/reference/efforts"), names, strict=True))
+            bag.copy(write(tmp_path / str(k), second, topics=topics))
+    truth = tmp_path / "truth"
     code, figures = run(tmp_path, truth)
     assert code == 0
     assert figures["all"]["channels"] == default
@@ -195,10 +170,10 @@ def test_references_on_other_topics_are_found_by_their_type_and_named(
 
 
 def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
-    recording: Recording, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     late = 1_000_000 * SECONDS + 5_000_000  # log times of another clock
-    original = write(tmp_path / "original", recording, delay_ns=late)
+    original = write(tmp_path / "original", shifts_ns=(late,))
     out = tmp_path / "out"
     code, figures = run(tmp_path, original, "--write-bag", out)
     assert code == 0
@@ -221,7 +196,7 @@ def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
 
 
 def test_a_written_bag_replaces_older_estimates_and_no_folder(
-    recording: Recording, second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     once, several = tmp_path / "once", tmp_path / "several"
     assert run(tmp_path, second, "--write-bag", once)[0] == 0
@@ -236,13 +211,13 @@ def test_a_written_bag_replaces_older_estimates_and_no_folder(
 
 
 def test_a_prefix_chooses_one_of_several_robots(
-    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    left = write(tmp_path / "left", recording, prefix="/left")
     both = tmp_path / "both"
     with BagWriter(both) as bag:
-        bag.copy(left)
-        bag.copy(write(tmp_path / "right", recording, until_s=2.0, prefix="/right"))
+        for side, until_s in (("left", 4.0), ("right", 2.0)):
+            topics = {topic: f"/{side}{topic}" for topic in MEASURED}
+            bag.copy(write(tmp_path / side, until_s=until_s, topics=topics))
     counts = [
         run(tmp_path, both, "--topic-prefix", side)[1]["all"]["channels"]["effort/winch"]["n"]
         for side in ("/left", "right/")
@@ -295,7 +270,7 @@ def test_a_bag_whose_readings_are_all_refused_is_an_error(
 def test_every_bag_may_have_its_own_preloads(
     second: Path, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    low = write(tmp_path / "low", read_recording(LOW))
+    low = write(tmp_path / "low", LOW)
     code, one = run(tmp_path, short, low)
     assert code == 0
     assert one["all"]["channels"]["tension/lower/8"]["mean_relative_error"] > 0.3
