@@ -242,8 +242,6 @@ def test_a_recording_is_not_played_into_the_readings_of_a_robot(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--rate", "0"), "--rate"),
-        (("--rate", "-1"), "--rate"),
         (("--rate", "nan"), "--rate"),
         (("--loop", "-1"), "--loop"),
         (("--start-offset", "1e6"), "--start-offset"),
