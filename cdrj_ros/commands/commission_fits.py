@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Any, Final
 
@@ -200,8 +201,8 @@ def fit_parts(
         for one in before
         for unknown, value in zip(one.found.unknowns, one.found.values.tolist(), strict=True)
     }
-    found = []
-    for part in parts_of(robot):
+    found, parts = [], parts_of(robot)
+    for number, part in enumerate(parts, 1):
         own = [part.recorded(one) for one in recordings]
         own = [one for one in own if one.references]
         if not own:
@@ -211,8 +212,14 @@ def fit_parts(
         keys = [(part.cables, one.paths, one.factors) for one in unknowns]
         pairs = zip(unknowns, keys, strict=True)
         unknowns = tuple(replace(one, start=starts.get(key, one.start)) for one, key in pairs)
-        found.append(PartFit(part, _fitted(part, unknowns, own, say)))
+        told = partial(_say_of, say, "" if part.alone else f"part {number} of {len(parts)}, ")
+        found.append(PartFit(part, _fitted(part, unknowns, own, told)))
     return tuple(found)
+
+
+def _say_of(say: Progress | None, part: str, line: str) -> None:
+    if say is not None:
+        say(part + line)
 
 
 def _fitted(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cdrj_ros.commands.commission_fits import parts_of
 from cdrj_ros.commands.commission_steps import (
     Commissioned,
     drums_measured,
@@ -18,12 +19,13 @@ from cdrj_ros.commands.commission_steps import (
 )
 from cdrj_ros.estimation.estimator import Estimate, Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Series, Stamps
+from cdrj_ros.foundation.arrays import Series, Stamps, Table
+from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.inspection.shares import DURATION_S, sweep
 from cdrj_ros.model.packing import EFFORT, TENSION, channel_columns
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.tolerances import SCALE_READING
 
@@ -49,14 +51,29 @@ class Judged(NamedTuple):
 def judged(model: Model, efforts: Collection[str] = ()) -> Judged:
     """How well a file knows the tensions if it is right but for what it says of its accuracy.
 
-    The estimator of the node reads what the sensors of such a robot would read.
+    The estimator of the node reads what the sensors of such a robot would read.  Parts of the robot
+    are judged one after the other, each as if it were the whole.
 
     Args:
         model: the robot.
         efforts: names of the motors whose efforts it publishes.
     """
-    robot, elements = model.robot, len(model.layout.elements)
-    noise = _effort_noise(model)
+    parts, ok, relative = parts_of(model.robot), list[NDArray[np.bool_]](), dict[str, float]()
+    with ProgressBar("judging", len(parts)) as progress:
+        for part in parts:
+            own = model if part.alone else prepare(part.robot, check_range=False)
+            known, deviation = _estimated(own, [one for one in own.layout.motors if one in efforts])
+            ok.append(known)
+            for cable, span in zip(own.robot.cables, own.robot.parts, strict=True):
+                relative[cable.name] = float(np.median(deviation[:, span]))
+            progress(len(ok))
+    share, names = float(np.mean(np.hstack(ok))), [cable.name for cable in model.robot.cables]
+    return Judged(share, {name: relative[name] for name in names})
+
+
+def _estimated(model: Model, efforts: Sequence[str]) -> tuple[NDArray[np.bool_], Table]:
+    """Whether tensions are OK, and their relative deviations, shape (samples, elements) each."""
+    elements, noise = len(model.layout.elements), _effort_noise(model)
     read = _made_up(model, _sweep(model), {name: noise[name] for name in map(_effort, efforts)})
     axes = {**read.motors, **read.joints}
     angles = np.stack([one.value for one in axes.values()], axis=1)
@@ -64,17 +81,13 @@ def judged(model: Model, efforts: Collection[str] = ()) -> Judged:
     estimator, made = LiveEstimator(model), list[Estimate]()
     for k, stamp in enumerate(next(iter(axes.values())).stamp_ns.tolist()):
         if efforts:
-            estimator.feed_efforts(stamp, list(efforts), heard[:, k])
+            estimator.feed_efforts(stamp, efforts, heard[:, k])
         made += estimator.feed("both", stamp, list(axes), angles[k])[1]
     after = made[round(KNOWN_FROM * len(made)) :]
     tension = np.stack([one.tension for one in after])
     ok = np.stack([one.values[elements : 2 * elements] for one in after]) == 0.0
     stddev = np.stack([one.stddev for one in after if one.stddev is not None])[:, :elements]
-    relative = stddev / np.maximum(tension, 1e-9)
-    ends = np.cumsum([0, *(len(cable.element_names) for cable in robot.cables)])
-    medians = [float(np.median(relative[:, i:j])) for i, j in pairwise(ends.tolist())]
-    names = [cable.name for cable in robot.cables]
-    return Judged(float(np.mean(ok)), dict(zip(names, medians, strict=True)))
+    return ok, stddev / np.maximum(tension, 1e-9)
 
 
 def _sweep(model: Model) -> Samples:

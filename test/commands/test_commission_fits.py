@@ -11,8 +11,10 @@ from support.fingers import WRIST, cable, finger, hand, recorded
 
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_fits import fit_parts, parts_of
+from cdrj_ros.commands.commission_judged import judged
 from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
 
@@ -46,6 +48,13 @@ def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> 
     np.testing.assert_array_equal(part.found.correlation, whole.found.correlation)
     own = {path: value for path, value in whole.values.items() if path in part.values}
     assert {path: part.values[path] for path in own} == own
+
+
+def test_an_unrelated_finger_changes_no_bit_of_how_another_is_judged(two: Robot) -> None:
+    one = hand(finger("b"))
+    alone, whole = (judged(prepare(r), [motor.name for motor in r.motors]) for r in (one, two))
+    assert alone.relative == {name: whole.relative[name] for name in alone.relative}
+    assert [*whole.relative] == [cable.name for cable in two.cables]
 
 
 def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two: Robot) -> None:
