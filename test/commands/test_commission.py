@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from support.places import PROTOTYPE, ROBOT
-from truth import robots
+from truth import scenes
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
@@ -173,21 +173,22 @@ def test_a_scale_that_was_read_in_another_pose_is_suspected(
 
 def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
     """The truth is a solver of its own, with contact cells fixed to the bodies."""
-    scene, off = robots.skew_cylinders(18.0, 50), np.radians(1.2)
-    read = scene.joint - np.array([off, 0.0])
-    document = yaml.safe_load(scene.robot_file())
-    document.pop("uncertainty", None)
+    scene, off = scenes.scene("skew cylinders"), np.radians(1.2)
+    read, truth = scene.joint - np.array([off, 0.0]), scenes.truth_of(scene)
+    document: Any = dict(scene.robot.document)
     for joint, angles in zip(document["joints"], read.T, strict=True):
         joint["range"] = [float(angles.min()) - 0.1, float(angles.max()) + 0.1]
-    truth, generator = scene.truth(), np.random.default_rng(0)
+    generator = np.random.default_rng(0)
     stamps = EPOCH_NS + np.round(scene.time * 1e9).astype(np.int64)
-    motors = dict(zip(scene.motors, scene.motor.T, strict=True))
-    joints = dict(zip(scene.joints, read.T, strict=True))
-    element = build_robot(document, "test").cables[0].element_names[-1]
+    (motor,), (cable,) = scene.robot.motors, scene.robot.cables
+    motors = {motor.name: truth.motor[:, 0]}
+    joints = {one.name: angle for one, angle in zip(scene.robot.joints, read.T, strict=True)}
     noise = generator.normal(0.0, (0.02, 0.1), (stamps.size, 2)).T
     references = {
-        f"effort/{scene.motors[0]}": Series(stamps, stamps, truth.motor_effort[:, 0] + noise[0]),
-        f"tension/{element}": Series(stamps, stamps, truth.tension[:, -1] + noise[1]),
+        f"effort/{motor.name}": Series(stamps, stamps, truth.motor_effort[:, 0] + noise[0]),
+        f"tension/{cable.element_names[-1]}": Series(
+            stamps, stamps, truth.tension[:, -1] + noise[1]
+        ),
     }
 
     def series(angles: dict[str, np.ndarray], rest: bool) -> dict[str, Series]:
@@ -206,7 +207,7 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
     assert covered(now.model, stamps, motors, joints, truth.tension) > 0.95
     found = now.fits[0].found
     names = [unknown.name for unknown in found.unknowns]
-    k = names.index(f"joints.{scene.joints[0]}.offset (+1)")
+    k = names.index("joints.swing.offset (+1)")
     default = np.radians(1.0)  # causes are in units of their standard deviations
     assert found.values[k] == pytest.approx(off / default, abs=3.0 * found.stddev[k])
 
