@@ -39,16 +39,12 @@ class Section(NamedTuple):
 
 
 SECTIONS = {
-    "step": Section("update", "one update beside MuJoCo's evaluation", 30.0),
-    "space": Section("space", "cables given by positions", 30.0),
-    "node": Section("roundtrip", "the node's round trip beside a bare relay's", 45.0),
-    "rate": Section("sustained", "the highest rate without a loss", 60.0),
-    "offline": Section("offline", "a 200 s bag beside rosbags", 100.0),
-    "many": Section("campaign", "many bags on all cores beside one, and a fit", 150.0),
+    "step": Section("update", "one update beside MuJoCo's evaluation", 60.0),
+    "node": Section("roundtrip", "the node's round trip beside a bare relay's", 90.0),
+    "offline": Section("offline", "a 200 s bag beside rosbags, and a fit", 150.0),
     "pulleys": Section("scaling", "cost per pulley from 7 to 10 000", 45.0),
     "hand": Section("hand", "a hand beside its fingers", 150.0),
-    "start": Section("start", "the estimator's start beside a bare node's", 45.0),
-    "demo": Section("demonstration", "make demo from nothing, packages installed", 400.0),
+    "growth": Section("growth", "twenty fingers beside one", 150.0),
 }
 
 

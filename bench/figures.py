@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,11 +67,16 @@ def compared(
     return Row(what, unit, float(np.median(ours)), aim, beside, *medians)
 
 
-def seconds(function: Callable[[], object]) -> float:
-    """Duration of one call [s]."""
-    begin = perf_counter()
+def seconds(function: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:
+    """Duration of one call by a clock [s]."""
+    begin = clock()
     function()
-    return perf_counter() - begin
+    return clock() - begin
+
+
+def processor_seconds(function: Callable[[], object]) -> float:
+    """Processor time of one call [s]."""
+    return seconds(function, process_time)
 
 
 def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
@@ -81,14 +86,14 @@ def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
     their ratio.
 
     Returns:
-        Durations [s], one list of ``rounds`` values per function.
+        Processor times [s], one list of ``rounds`` values per function.
     """
     for function in functions:
         function()
     times: list[list[float]] = [[] for _ in functions]
     for _ in range(rounds):
         for taken, function in zip(times, functions, strict=True):
-            taken.append(seconds(function))
+            taken.append(processor_seconds(function))
     return times
 
 

@@ -1,4 +1,4 @@
-"""Cost of a hand: the shipped finger once to twenty times, nothing shared, all joints in motion."""
+"""Cost of a hand: the shipped finger many times, nothing shared, all joints in motion."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import yaml
 
-from bench.figures import ROOT, Row, alone, compared, in_turn, seconds, turns
+from bench.figures import ROOT, Row, alone, compared, in_turn, processor_seconds, turns
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
+from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
@@ -21,8 +20,6 @@ ROUNDS = 3
 WITHIN_S = 20.0
 """Time for the starts."""
 START_NS = 1_700_000_000 * 10**9
-FREQUENCY = 1.0
-"""Of all joints [Hz]."""
 PLAIN_RATE = 500
 """Samples per second of plain steps, and of joints without encoder."""
 COUNT = 2.0 * np.pi / 16384
@@ -33,32 +30,41 @@ WINDING = (14.0 / 6.0, 9.0 / 6.0, -16.0 / 6.0)
 
 def fingers(count: int) -> Model:
     """The shipped finger ``count`` times."""
+    return prepare(parse_robot(hand_text(count)))
+
+
+def hand_text(count: int) -> str:
+    """Robot file of the shipped finger ``count`` times."""
     finger = yaml.safe_load(FINGER.read_text(encoding="utf-8"))
     used = [{"prefix": f"f{k}_"} for k in range(count)]
     keys = ("motors", "joints", "frames", "cables")
     part = {"name": "finger", **{key: finger[key] for key in keys}, "used": used}
     hand = {"name": "hand", "friction": finger["friction"], "parts": [part]}
-    return prepare(parse_robot(yaml.safe_dump(hand, sort_keys=False)))
+    text: str = yaml.safe_dump(hand, sort_keys=False)
+    return text
 
 
-def motion(model: Model, rate: int) -> tuple[Table, Table]:
-    """Angles of motors and joints in a second, a period [rad]: (rate, motors), (rate, joints)."""
-    time = np.arange(rate) / rate
-    wave = np.sin(2.0 * np.pi * FREQUENCY * time)
+def motion(model: Model, rate: int, frequency: float = 1.0) -> Samples:
+    """Readings of all axes in whole periods, at least a second.
+
+    Args:
+        model: of ``fingers``.
+        rate: readings per second.
+        frequency: of all joints [Hz].
+    """
+    time = np.arange(round(rate * max(1.0, 1.0 / frequency))) / rate
+    wave = np.sin(2.0 * np.pi * frequency * time)
     angle = np.round(np.radians(35.0 + 25.0 * wave) / COUNT) * COUNT
     count = len(model.robot.motors) // len(WINDING)
-    return np.tile(np.outer(angle, WINDING), (1, count)), np.tile(angle[:, None], (1, 2 * count))
-
-
-def stamps(rate: int) -> list[int]:
-    """Of the samples of ``motion`` [ns]."""
-    return [START_NS + k * 10**9 // rate for k in range(rate)]
+    stamp_ns = START_NS + np.round(time * 1e9).astype(np.int64)
+    motor = np.tile(np.outer(angle, WINDING), (1, count))
+    return Samples(stamp_ns, motor, np.tile(angle[:, None], (1, 2 * count)))
 
 
 def plain(model: Model) -> Callable[[], None]:
     """``step`` alone."""
-    motor, joint = motion(model, PLAIN_RATE)
-    samples = [Sample(*one) for one in zip(stamps(PLAIN_RATE), motor, joint, strict=True)]
+    whole = motion(model, PLAIN_RATE)
+    samples = [whole.at(k) for k in range(whole.stamp_ns.size)]
 
     def stepped() -> None:
         state = initial_state(model)
@@ -68,30 +74,34 @@ def plain(model: Model) -> Callable[[], None]:
     return stepped
 
 
-def fed(model: Model, rate: int, torques: bool = False) -> Callable[[], None]:
+def fed(
+    model: Model, rate: int, frequency: float = 1.0, *, torques: bool = False
+) -> Callable[[], None]:
     """Readings of one topic through the live estimator, with standard deviations.
 
     Args:
         model: the robot.
         rate: samples per second.
+        frequency: as of ``motion``.
         torques: whether the motors report their torques, within 2 % and 1 mN m.
     """
-    motor, joint = motion(model, rate)
+    read = motion(model, rate, frequency)
+    stamps = read.stamp_ns.tolist()
     names, motors = (*model.layout.motors, *model.layout.joints), model.layout.motors
-    rows = np.concatenate([motor, joint], axis=1)
-    whole = run(model, initial_state(model), Samples(np.array(stamps(rate)), motor, joint))[1]
+    rows = np.concatenate([read.motor_angle, read.joint_angle], axis=1)
+    whole = run(model, initial_state(model), read)[1]
     efforts, generator = whole.values[:, model.layout.motor_effort], np.random.default_rng(0)
     efforts = efforts * (1.0 + 0.02 * generator.normal(size=len(motors)))
     efforts += 0.001 * generator.normal(size=efforts.shape)
     live, begin = LiveEstimator(model), [0]
 
     def updated() -> None:
-        for at, row, effort in zip(stamps(rate), rows, efforts, strict=True):
+        for at, row, effort in zip(stamps, rows, efforts, strict=True):
             stamp = at + begin[0]
             if torques and live.wants_efforts(motors, stamp):
                 live.feed_efforts(stamp, motors, effort)
             live.feed("both", stamp, names, row)
-        begin[0] += 10**9
+        begin[0] += len(stamps) * 10**9 // rate
 
     return updated
 
@@ -100,13 +110,13 @@ def without_encoders(model: Model) -> Callable[[], None]:
     """The estimate with no encoder at the outer joint of every finger."""
     hidden = [replace(one, measured=not one.name.endswith("pip")) for one in model.robot.joints]
     estimator = EncoderlessEstimator(prepare(replace(model.robot, joints=tuple(hidden))))
-    motor, joint = motion(model, PLAIN_RATE)
-    stamp_ns = np.array(stamps(PLAIN_RATE))
-    whole = run(model, initial_state(model), Samples(stamp_ns, motor, joint))[1]
+    read = motion(model, PLAIN_RATE)
+    whole = run(model, initial_state(model), read)[1]
     efforts, begin = whole.values[:, model.layout.motor_effort], [0]
 
     def estimated() -> None:
-        estimator.run(Samples(stamp_ns + begin[0], motor, joint[:, ::2]), efforts)
+        later = read.stamp_ns + begin[0]
+        estimator.run(Samples(later, read.motor_angle, read.joint_angle[:, ::2]), efforts)
         begin[0] += 10**9
 
     return estimated
@@ -136,10 +146,10 @@ def measure() -> list[Row]:
     what = "an estimator of twenty fingers made"
     rows.append(compared(what, "s", larger, "of five", smaller, "≤ 4.5"))
     hand = LiveEstimator(load_model("hand"))
-    ready = [seconds(hand.expect_sensors) for _ in range(ROUNDS)]
+    ready = [processor_seconds(hand.expect_sensors) for _ in range(ROUNDS)]
     what = "the shipped hand prepared for the torques of 17 motors"
     return [*rows, alone(what, "s", ready, "≤ 1")]
 
 
 def _making(model: Model) -> float:
-    return seconds(lambda: LiveEstimator(model))
+    return processor_seconds(lambda: LiveEstimator(model))

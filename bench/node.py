@@ -1,7 +1,6 @@
-"""Bare nodes that the estimator is compared with, each in its own process.
+"""A bare node that the estimator is compared with: ``node.py FOLDER``.
 
-``node.py relay FOLDER`` answers every motor message with three prepared messages of the sizes that
-the estimator sends.  ``node.py bare`` has one publisher and one subscription.
+It answers every motor message with three prepared messages of the sizes that the estimator sends.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from cdrj_msgs.msg import CableTensions, NodalForces
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -23,8 +23,6 @@ QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 def relay(folder: Path) -> Node:
     """Create a node with the estimator's topics that publishes the messages in a folder."""
-    from cdrj_msgs.msg import CableTensions, NodalForces
-
     node = Node("relay", namespace="relay")
     tensions, forces, efforts = (
         node.create_publisher(kind, topic, QOS)
@@ -49,17 +47,9 @@ def relay(folder: Path) -> Node:
     return node
 
 
-def bare() -> Node:
-    """Create a minimal node: one publisher, one subscription."""
-    node = Node("bare", namespace="bare")
-    publisher = node.create_publisher(JointState, "out", QOS)
-    node.create_subscription(JointState, "in", publisher.publish, QOS, raw=True)
-    return node
-
-
 def main() -> None:
     """Spin as the estimator does until SIGINT or SIGTERM."""
-    kind, stop = sys.argv[1], list[int]()
+    stop = list[int]()
 
     def ask(number: int, _frame: Any) -> None:
         stop.append(number)
@@ -67,11 +57,8 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, ask)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = bare() if kind == "bare" else relay(Path(sys.argv[2]))
-    executor = EventsExecutor()
+    node, executor = relay(Path(sys.argv[1])), EventsExecutor()
     executor.add_node(node)
-    if kind == "bare":
-        node.get_logger().info("listening")
     while not stop:
         executor.spin_once(timeout_sec=0.1)
     executor.shutdown()

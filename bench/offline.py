@@ -1,4 +1,4 @@
-"""Time of ``validate`` on a long recording, compared with deserialisation by rosbags."""
+"""Time of ``validate`` on a long recording beside rosbags, and of a fit to it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.figures import BAG, ROBOT, Row, compared, seconds, turns
+from bench.figures import BAG, ROBOT, Row, alone, compared, seconds, turns
 from cdrj_ros.commands import validate
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.foundation.arrays import Series
@@ -24,7 +24,11 @@ from cdrj_ros.recordings.writer import BagWriter
 DURATION_S = 200
 ROUNDS = 3
 MESSAGES_S = 45.0
-"""Time for the rounds with mcap."""
+"""Time for the rounds of ``validate``."""
+FIT_S = 40.0
+"""Time for the rounds of ``identify``."""
+EIGHT = "rho,preload,EA,f_d"
+"""Numbers to fit: four keys with a number for each of the prototype's two cables."""
 
 
 def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
@@ -80,19 +84,18 @@ def write_long_bag(path: Path, recording: Recording) -> None:
         bag.write_joint_states(efforts, **given(recording.references, "effort/", "effort"))
 
 
-def deserialise(path: Path) -> tuple[float, float]:
-    """Time [s] that rosbags needs to read all messages, and to deserialise them."""
+def deserialise(path: Path) -> float:
+    """Time [s] that rosbags needs to deserialise all messages, once it has read them."""
     from rosbags.highlevel import AnyReader
 
     with AnyReader([path]) as reader:
-        raw: list[Any] = []
-        reading = seconds(lambda: raw.extend(reader.messages()))
+        raw = list(reader.messages())
 
         def decode_all() -> None:
             for connection, _, payload in raw:
                 reader.deserialize(payload, connection.msgtype)
 
-        return reading, seconds(decode_all)
+        return seconds(decode_all)
 
 
 def _quietly(arguments: list[str]) -> None:
@@ -100,44 +103,35 @@ def _quietly(arguments: list[str]) -> None:
         validate.main(arguments)
 
 
+def _run(command: str, arguments: list[str]) -> float:
+    """Time of a command from its start [s]."""
+    program = f"from cdrj_ros.commands.entry import {command}; {command}()"
+    given = [sys.executable, "-c", program, *arguments]
+    return seconds(lambda: subprocess.run(given, check=True, stdout=subprocess.DEVNULL))
+
+
 def measure() -> list[Row]:
     """Seconds for a bag of ``DURATION_S``."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "long")
-        recording = read_recording(BAG)
-        write_long_bag(path, recording)
-        return _measure(path, Path(folder, "figures.json"))
-
-
-def _measure(path: Path, figures: Path) -> list[Row]:
-    model = load_model(str(ROBOT))
-    arguments = [str(path), "--robot", str(ROBOT), "--json", str(figures)]
-    recording = read_inputs(str(path), Topics(), model)
-    conditioned = condition_recording(model, recording)
-    if any(conditioned.refused.values()):
-        raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
-    _quietly(arguments)
-    whole, process, reading, decoded, both = ([] for _ in range(5))
-    command = [sys.executable, "-c", "from cdrj_ros.commands.entry import validate; validate()"]
-    for _ in turns(ROUNDS, MESSAGES_S):
-        whole.append(seconds(lambda: _quietly(arguments)))
-        taken, deserialised = deserialise(path)
-        decoded.append(deserialised)
-        both.append(taken + deserialised)
-        reading.append(seconds(lambda: read_inputs(str(path), Topics(), model)))
-        process.append(
-            seconds(
-                lambda: subprocess.run(
-                    [*command, *arguments], check=True, stdout=subprocess.DEVNULL
-                )
-            )
-        )
-    bag, alone = f"{DURATION_S} s bag", "rosbags: deserialising alone"
-    both_of = "rosbags: reading and deserialising"
+        write_long_bag(path, read_recording(BAG))
+        given = [str(path), "--robot", str(ROBOT)]
+        model = load_model(str(ROBOT))
+        conditioned = condition_recording(model, read_inputs(str(path), Topics(), model))
+        if any(conditioned.refused.values()):
+            raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
+        whole, process, decoded = [], [], []
+        _quietly(given)
+        for _ in turns(ROUNDS, MESSAGES_S):
+            whole.append(seconds(lambda: _quietly(given)))
+            decoded.append(deserialise(path))
+            process.append(_run("validate", given))
+        fits = [_run("identify", [*given, "--fit", EIGHT]) for _ in turns(ROUNDS, FIT_S)]
+    bag, beside = f"{DURATION_S} s bag", "rosbags: deserialising alone"
+    what = f"validate, {bag}, all but the process's start"
+    command = "validate as a command, from its start"
     return [
-        compared(
-            f"validate, {bag}, all but the process's start", "s", whole, alone, decoded, "< 1"
-        ),
-        compared("validate as a command, from its start", "s", process, alone, decoded, "≤ 0.3"),
-        compared("reading and decoding alone", "s", reading, both_of, both),
+        compared(what, "s", whole, beside, decoded, "< 1"),
+        compared(command, "s", process, beside, decoded, "≤ 0.3"),
+        alone(f"identify, eight numbers, {bag}", "s", fits, "< 12"),
     ]

@@ -12,8 +12,6 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from bench.figures import ROBOT
-
 PATIENCE_S = 60.0
 Process = subprocess.Popen[bytes]
 
@@ -24,41 +22,35 @@ def isolate() -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def estimator_command(log_level: str = "warn") -> list[str]:
+def estimator_command(robot: Path) -> list[str]:
     """Command line of the installed estimator; its timeout is long, so it never turns stale."""
     from ament_index_python.packages import get_package_prefix
 
     executable = Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros", "estimator")
-    return [
-        str(executable), "--ros-args", "--log-level", log_level,
-        "-p", f"robot:={ROBOT}", "-p", "timeout:=3600.0",
-    ]  # fmt: skip
+    parameters = [f"robot:={robot}", "timeout:=3600.0"]
+    options = [option for one in parameters for option in ("-p", one)]
+    return [str(executable), "--ros-args", "--log-level", "warn", *options]
 
 
-def node_command(*arguments: object) -> list[str]:
-    """Command line of one of the bare nodes."""
-    return [sys.executable, str(Path(__file__).with_name("node.py")), *map(str, arguments)]
-
-
-def end(process: Process) -> None:
-    """Interrupt a node with SIGINT; kill it only if it does not end."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    try:
-        process.wait(10.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+def relay_command(folder: Path) -> list[str]:
+    """Command line of the bare node."""
+    return [sys.executable, str(Path(__file__).with_name("node.py")), str(folder)]
 
 
 @contextmanager
 def running(*command: str) -> Iterator[Process]:
-    """Run a process while the body runs."""
+    """Run a node while the body runs, then interrupt it; kill it only if it does not end."""
     process = subprocess.Popen(command)
     try:
         yield process
     finally:
-        end(process)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 @contextmanager
@@ -80,9 +72,7 @@ def listening(name: str) -> Iterator[tuple[Any, Any]]:
         rclpy.try_shutdown()
 
 
-def spin_until(
-    executor: Any, condition: Callable[[], bool], process: Process, poll_s: float = 0.002
-) -> None:
+def spin_until(executor: Any, condition: Callable[[], bool], process: Process) -> None:
     """Spin until a condition holds.
 
     Raises:
@@ -90,7 +80,7 @@ def spin_until(
     """
     deadline = monotonic() + PATIENCE_S
     while not condition():
-        executor.spin_once(timeout_sec=poll_s)
+        executor.spin_once(timeout_sec=0.002)
         if process.poll() is not None:
             raise RuntimeError(f"a node ended early, exit code {process.returncode}")
         if monotonic() > deadline:

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import pi
-from time import perf_counter
 
 import numpy as np
 
-from bench.figures import Row, alone, compared, in_turn
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
+from bench.figures import Row, compared, in_turn
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
 
-PULLEYS = (7, 30, 100, 1000, 10_000)
+PULLEYS = (7, 100, 10_000)
 ROUNDS = 5
 SAMPLES = 250
 LENGTH = 1.0
@@ -32,16 +31,6 @@ STRAIN = 2e-3
 """Amplitude of the cable's strain: ±12.6 N about the preload of 30 N."""
 COUNTS = 81_920
 """Encoder counts per turn."""
-
-WHOLE_LENGTH = 500.0
-"""Length of the long cable [m]."""
-WHOLE_BRISTLES = 1e6
-"""Bristle stiffness of each whole pulley [N/m]."""
-WHOLE_SPEED = 16.0
-"""Peak speed of the long cable at the winch [m/s]."""
-WHOLE_S = 20.0
-"""Time after which no more samples of the long cable are estimated."""
-WHOLE_SAMPLES = 100
 
 
 def _constant(value: float) -> tuple[Profile]:
@@ -87,27 +76,6 @@ def _running(model: Model, samples: Samples, times: int) -> Callable[[], None]:
     return repeated
 
 
-def _whole() -> Row:
-    """Share of solved samples [%] of a long cable over many pulleys.
-
-    Each pulley has the bristle stiffness of a whole one; together they have the wrap ``WRAP``.
-    """
-    model = chain(PULLEYS[-1], WHOLE_LENGTH, WHOLE_BRISTLES)
-    state = initial_state(model)
-    amplitude = WHOLE_SPEED * SAMPLES * 1e-3 / (2.0 * pi) / DRUM
-    solved: list[bool] = []
-    begin = perf_counter()
-    while len(solved) < WHOLE_SAMPLES and perf_counter() - begin < WHOLE_S:
-        k = len(solved)
-        angle = amplitude * np.sin(2.0 * pi * k / SAMPLES)
-        sample = Sample((k + 1) * 1_000_000, np.array([angle]), np.empty(0))
-        state, estimate = step(model, state, sample)
-        status = estimate.values[estimate.layout.status]
-        solved.append(bool((status < 16).all()))
-    share = 100.0 * float(np.mean(solved))
-    return alone("10 000 whole pulleys, 500 m, 16 m/s: samples solved", "%", share, "≥ 100")
-
-
 def measure() -> list[Row]:
     """Time per pulley and sample [ns] and Newton iterations per sample."""
     functions, repeats, iterations, unsolved = [], [], [], []
@@ -137,4 +105,4 @@ def measure() -> list[Row]:
                 "flat",
             )
         )
-    return [*rows, _whole()]
+    return rows

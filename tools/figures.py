@@ -3,7 +3,7 @@
 - runs the demonstration, which measures docs/demo.json;
 - writes its errors into the table of README.md;
 - takes a screenshot of the beginning of report.html as docs/report.png, with Chromium;
-- draws docs/figures/fig*.png with examples/paper and docs/figures/drift.png.
+- draws docs/figures/fig*.png with examples/paper, drift.png and growth.png.
 """
 
 from __future__ import annotations
@@ -106,6 +106,7 @@ def main() -> int:
         for drawn in Path(folder).glob("fig*.png"):
             shutil.copy(drawn, FIGURES / drawn.name)
     run(sys.executable, ROOT / "tools" / "friction_figures.py")
+    run(sys.executable, "-m", "bench.growth")
     return 0
 
 
