@@ -109,16 +109,6 @@ run_interruptibly("waiting", lambda: main)
     assert ended(program) == (130, "", "waiting: interrupted\n")
 
 
-def test_without_an_interrupt_an_error_stays_an_error() -> None:
-    program = """
-def body(_):
-    raise UsageError("")
-
-run_interruptibly("failing", lambda: lambda: run_command("failing", body, []))
-"""
-    assert ended(program) == (2, "", "failing: \n")
-
-
 @pytest.mark.parametrize(("chosen", "threads"), [({}, 1), ({BLAS_THREADS: "2"}, 2)])
 def test_numpy_calculates_in_one_thread_unless_the_user_chose_more(
     chosen: dict[str, str], threads: int

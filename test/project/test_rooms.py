@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 from support.places import ROOT
@@ -79,25 +77,3 @@ def test_a_module_imports_only_what_its_room_may() -> None:
                 assert below in may_import(room), f"{path} imports {name}"
             if room != "nodes":
                 assert parts[0] not in ROS, f"{path} imports {name}"
-
-
-def test_everything_below_the_nodes_imports_without_ros() -> None:
-    names = [
-        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-        for path in modules()
-        if room_of(path) != "nodes"
-    ]
-    program = (
-        "import sys\n"
-        f"sys.modules.update(dict.fromkeys({ROS!r}))\n"
-        f"for name in {names!r}: __import__(name)\n"
-        "assert not any(name.startswith('cdrj_ros.nodes') for name in sys.modules)\n"
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode == 0, result.stderr
