@@ -14,7 +14,7 @@ import pytest
 from support.places import PROTOTYPE, ROBOT, ROOT, SAMPLE
 
 import cdrj_ros as cdrj
-from cdrj_ros.commands import validate
+from cdrj_ros.commands import simulate, validate
 from cdrj_ros.evaluation import metrics
 from cdrj_ros.evaluation.channels import estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate
@@ -296,3 +296,24 @@ def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> N
         assert error.coverage is None
         assert 0.0 <= (on[name].coverage or 0.0) <= 1.0
         assert error == replace(on[name], coverage=None)
+
+
+def test_encoders_whose_counts_are_worth_much_are_named_where_the_file_states_no_resolution(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = PROTOTYPE.read_text()
+    left_out = ("resolution", "tracking")
+    lines = [one for one in text.splitlines() if not any(key in one for key in left_out)]
+    robot, bag = tmp_path / "robot.yaml", tmp_path / "bag"
+    robot.write_text("\n".join(lines))
+    coarse = tmp_path / "coarse.yaml"
+    coarse.write_text("joints: {counts: 4096}\n")
+    simulated = [str(bag), "--robot", str(robot), "--rig", str(coarse), "--duration", "5"]
+    assert simulate.main([*simulated, "--cells", "1"]) == 0
+    assert validate.main([str(bag), "--robot", str(robot)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "elbow is read in counts of 0.00153, each worth" in said
+    assert "state its resolution, and a tracking_bandwidth" in said
+    assert "winch is read in counts" not in said, "those of the motor are worth little"
+    assert validate.main([str(bag), "--robot", str(PROTOTYPE)]) == 0
+    assert "is read in counts" not in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Commands of docs/tutorial.md and robot_file.md work on the files that they show."""
+"""Commands of docs/tutorial.md and robot_file.md work, and its table is what a reader gets."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from support.page_lines import ROOT, command_lines, loaded_tool, shown_files, write_files
 
+import cdrj_ros as cdrj
 from cdrj_ros.commands import check_robot, import_robot
 
+PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 FILES = shown_files("docs/tutorial.md")
 RUN_HERE = "import_robot", "check_robot", "python -c"
 
@@ -75,3 +77,29 @@ def test_the_command_of_the_page_on_robot_files_runs(
         run_line(words)
     assert "one_joint: " in capsys.readouterr().out
     assert (tmp_path / "one_joint.png").stat().st_size > 10_000
+
+
+SHOWN = dict(
+    re.findall(r"^\| (the start|`tare`|`set_preload`).*?\| 5\.0 ± ([\d.]+) \|",
+               PAGE, re.MULTILINE)
+)  # fmt: skip
+
+
+def largest_at_rest(estimator: cdrj.Estimator, begin_s: int) -> float:
+    """Largest standard deviation after four seconds at rest in the reference pose [N]."""
+    for k in range(400):
+        stamp_ns = begin_s * 10**9 + k * 10**7
+        estimate = estimator.update(stamp_ns, [0.0], [0.0, 0.0])
+    assert estimate is not None
+    return max(estimate.tension_stddevs.values())
+
+
+def test_the_table_of_the_tutorial_shows_what_the_estimator_gives(tmp_path: Path) -> None:
+    write_files(FILES, tmp_path)
+    estimator = cdrj.Estimator(cdrj.load(tmp_path / "gripper.yaml"))
+    found = {"the start": largest_at_rest(estimator, 100)}
+    estimator.tare()
+    found["`tare`"] = largest_at_rest(estimator, 200)
+    estimator.set_preload({"flexor": 5.0})
+    found["`set_preload`"] = largest_at_rest(estimator, 300)
+    assert {name: float(value) for name, value in SHOWN.items()} == pytest.approx(found, rel=0.05)
