@@ -95,21 +95,13 @@ std::tuple<HeldState, Written, bool, Written> step(
     return {std::move(after), estimate, solved, stddev};
 }
 
-Written update(
+/// Standard deviations by `Ensemble::update` or `Ensemble::predict`.
+template <auto METHOD>
+Written deviations(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
     const Given& unseen, const Given& offset, const Given& estimate) {
     const Written stddev = stddev_of(ensemble);
-    ensemble.update(
-        view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
-        estimate_of(ensemble, estimate), span_of(stddev));
-    return stddev;
-}
-
-Written predict(
-    Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& offset, const Given& estimate) {
-    const Written stddev = stddev_of(ensemble);
-    ensemble.predict(
+    (ensemble.*METHOD)(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
         estimate_of(ensemble, estimate), span_of(stddev));
     return stddev;
@@ -271,8 +263,8 @@ void bind_ensemble(nb::module_& core) {
             "offset"_a,
             "``Robot.step`` and ``update``: (state, estimate, solved, standard deviations).")
         .def(
-            "update", update, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a, R"(
+            "update", deviations<&Ensemble::update>, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
+            "unseen"_a, "offset"_a, "estimate"_a, R"(
             The standard deviations at a sample and its estimate, shape (quantities,).
 
             They are those before the update of the member in turn.
@@ -281,8 +273,8 @@ void bind_ensemble(nb::module_& core) {
                 stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
                 estimate: shape (estimate_size,).)")
         .def(
-            "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a, "offset"_a,
-            "estimate"_a,
+            "predict", deviations<&Ensemble::predict>, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
+            "unseen"_a, "offset"_a, "estimate"_a,
             "``update`` at a predicted sample, which the ensemble forgets at the next other one.")
         .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,

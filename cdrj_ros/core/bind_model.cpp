@@ -229,12 +229,6 @@ HeldState start(
     return {NEVER_NS, held.state()};
 }
 
-HeldState forget_drums(const HeldRobot& held, HeldState state) {
-    held.require_state(state);
-    held.robot.forget_drums(state.numbers.data());
-    return state;
-}
-
 void bind_robot(nb::module_& core) {
     bind_kinds<Guide>(
         core, "Guide", GUIDE_NAMES,
@@ -300,8 +294,6 @@ void bind_robot(nb::module_& core) {
             "Whether numbers may be a state: within bounds that keep every step defined.")
         .def_prop_ro("state_size", [](const HeldRobot& h) { return h.robot.state_size(); },
             "Numbers of a state.")
-        .def_prop_ro("estimate_size", [](const HeldRobot& h) { return h.robot.estimate_size(); },
-            "Numbers of an estimate.")
         .def_prop_ro(
             "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); },
             "Numbers of the workspace.")
@@ -357,9 +349,7 @@ void bind_robot(nb::module_& core) {
 
             Args:
                 motor_angle, joint_angle: as ``step``.
-                share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).)")
-        .def("forget_drums", forget_drums, "state"_a,
-            "Give all cable on the drums the present strain, as of a cable that slips on its drum.");
+                share: friction as a share of every pulley's bound, in [-1, 1], shape (pulleys,).)");
 }
 
 }  // namespace

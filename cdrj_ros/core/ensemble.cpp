@@ -31,14 +31,6 @@ std::span<const double> row(const std::vector<double>& table, Index k, std::size
     return std::span(table).subspan(static_cast<std::size_t>(k) * width, width);
 }
 
-/// Add numbers to a list that are not in it; the list is increasing.
-void join(std::vector<Index>& list, const std::vector<Index>& more) {
-    for (const Index one : more) {
-        const auto at = std::ranges::lower_bound(list, one);
-        if (at == list.end() || *at != one) list.insert(at, one);
-    }
-}
-
 /// The quantities of a robot, in the order of `unmodelled`.
 std::vector<UncertainOutput> quantities_of(const Robot& robot, std::span<const double> unmodelled) {
     const auto& [topology, constants] = robot;

@@ -29,13 +29,6 @@ private:
 
 constexpr Index SIZES = sizeof(Sizes) / sizeof(Index);
 
-/// Add numbers to an increasing list without repetition.
-void join(std::vector<Index>& list, std::span<const Index> more) {
-    list.insert(list.end(), more.begin(), more.end());
-    std::ranges::sort(list);
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-}
-
 std::vector<Index> up_to(Index count) {
     std::vector<Index> numbers(count);
     std::iota(numbers.begin(), numbers.end(), Index{0});
@@ -90,6 +83,13 @@ Paths paths_of(const Topology& topology) {
 }
 
 }  // namespace
+
+void join(std::vector<Index>& list, std::span<const Index> more) {
+    for (const Index one : more) {
+        const auto at = std::ranges::lower_bound(list, one);
+        if (at == list.end() || *at != one) list.insert(at, one);
+    }
+}
 
 Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(packed)) {
     Parts parts(packed + SIZES);

@@ -63,6 +63,9 @@ struct CableSet {
     std::vector<Index> cables, axes, frames;
 };
 
+/// Add numbers to an increasing list without repetition.
+void join(std::vector<Index>& list, std::span<const Index> more);
+
 /// What follows from the connections of a robot.
 struct Paths {
     std::vector<CablePath> of_cable;

@@ -8,6 +8,7 @@ import pytest
 from cdrj_ros import _core
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Samples, initial_state
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, load_model
 
 MEMBERS = 8
@@ -38,6 +39,7 @@ def _differences(
     angle = np.concatenate([samples.motor_angle, samples.joint_angle], axis=1)
     motors = samples.motor_angle.shape[1]
     states = [initial_state(model)] * MEMBERS
+    estimate = np.empty((1, model.layout.size))
     found, updates = np.zeros((COUNT, MEMBERS, ensemble.columns.size)), 0
     last = np.zeros(MEMBERS, dtype=int)
     for k in range(COUNT):
@@ -51,12 +53,11 @@ def _differences(
                 read = np.split(angle[at] + error, [motors])
                 if k == 0:
                     states[member] = own.start(*read, shares[member])
-                after, estimate, solved = own.step(states[member], at * APART_NS, *read)
-                assert solved
-                if unsure and member // 2 % 2:  # every other pair's cables slip on their drums
-                    after = own.forget_drums(after)
-                states[member] = after
-            found[k, member] = estimate[ensemble.columns] - values[k, ensemble.columns]
+                slips = bool(unsure and member // 2 % 2)  # the cables of every other pair
+                one, stamp = (angles[None] for angles in read), np.array([at * APART_NS])
+                states[member] = own.run(states[member], stamp, *one, estimate, slips)
+                assert np.all(estimate[0, model.layout.status] < INVALID)
+            found[k, member] = (estimate[0] - values[k])[ensemble.columns]
             last[member] = k
     return found
 
