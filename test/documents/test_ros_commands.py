@@ -1,22 +1,24 @@
 """Lines of `ros2` on any page name nodes, launch files, parameters and services that exist.
 
-`ros2` itself is not on PyPI.  The names are compared with docs/ros_reference.md, which the nodes
-write themselves; options of the other commands are checked in test_cross_references.py.
+`ros2` itself is not on PyPI.  The names are compared with docs/ros_reference.md, which is what the
+nodes themselves say; options of the other commands are checked in test_cross_references.py.
 """
 
 from __future__ import annotations
 
 import re
 import shlex
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 
+import pytest
 from support.page_lines import PAGES, ROOT, command_lines
 
-SECTIONS = {
-    part.splitlines()[0]: part
-    for part in (ROOT / "docs" / "ros_reference.md").read_text().split("\n## ")[1:]
-}
+TOOL = ROOT / "tools" / "ros_reference.py"
+PAGE = (ROOT / "docs" / "ros_reference.md").read_text()
+SECTIONS = {part.splitlines()[0]: part for part in PAGE.split("\n## ")[1:]}
 """Description of every node, by name."""
 ROBOTS = {path.stem for path in (ROOT / "config" / "robots").glob("*.yaml")}
 TRANSITIONS = ("configure", "activate", "deactivate", "cleanup", "shutdown")
@@ -66,3 +68,16 @@ def test_names_on_the_lines_of_ros2_exist() -> None:
         for robot in (word.partition(":=")[2] for word in words if word.startswith("robot:=")):
             made_by_reader = "/path/to/" in robot or "$" in robot or Path(robot).stem[:3] == "my_"
             assert robot in ROBOTS or (ROOT / robot).exists() or made_by_reader, words
+
+
+def test_the_page_is_what_every_node_of_the_package_says() -> None:
+    pytest.importorskip("rclpy")
+    pytest.importorskip("viser", reason="viser, which the node view needs, is not installed")
+    done = subprocess.run([sys.executable, TOOL], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == (ROOT / "docs" / "ros_reference.md").read_text(), (
+        f"python {TOOL.relative_to(ROOT)} --write"
+    )
+    entry = (ROOT / "cdrj_ros" / "nodes" / "entry.py").read_text()
+    nodes = set(re.findall(r"^    _run\(\"(\w+)\"\)", entry, re.MULTILINE))
+    assert nodes == {line[3:] for line in done.stdout.splitlines() if line.startswith("## ")}

@@ -1,4 +1,4 @@
-"""The live estimator: other sensors, changes at run time, and restarts."""
+"""The live estimator: other sensors, changes at run time, rest, and restarts."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from support.campaign import CELL
 from support.places import ROBOT
 
 from cdrj_ros.estimation import state_file
+from cdrj_ros.estimation.changes import REST_STEP_NS, RestWatch
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.estimation.sensors import Reading
 from cdrj_ros.estimation.session import LiveEstimator, Options
@@ -194,3 +195,18 @@ def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: S
     for k in range(500, 520):
         one, other = live.take(_sample(readings, k)), expected.take(_sample(readings, k))
         assert np.array_equal(one.values, other.values)
+
+
+def test_a_reading_that_alternates_between_three_counts_is_at_rest(
+    model: Model,
+) -> None:
+    robot = model.robot
+    count = robot.motors[0].sensor.resolution * abs(robot.motors[0].sensor.scale)
+    assert count > 0.0
+    for middle in range(1000, 1100):
+        for most, is_at_rest in ((1, True), (2, False)):
+            watch = RestWatch()
+            for k in range(32):
+                motor = np.array([count * (middle + (-1) ** k * most)])
+                watch.add(Sample(k * REST_STEP_NS, motor, np.zeros(len(robot.joints))))
+            assert (watch.in_motion(robot) == "") == is_at_rest
