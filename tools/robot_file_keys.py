@@ -1,14 +1,12 @@
 #!/usr/bin/env python3
 """Write the key reference of docs/robot_file.md from the schema, between its two markers.
 
-python tools/robot_file_keys.py            write it
-python tools/robot_file_keys.py --check    exit code 1 where document and schema differ
+python tools/robot_file_keys.py
 """
 
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -180,15 +178,5 @@ def _allowed(rule: Mapping[str, Any]) -> str:
     return ", ".join([*low, *high])
 
 
-def main(argv: list[str]) -> int:
-    """Write or check the document."""
-    text = DOCUMENT.read_text("utf-8")
-    new = updated(text)
-    if "--check" in argv:
-        return int(new != text)
-    DOCUMENT.write_text(new, "utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    DOCUMENT.write_text(updated(DOCUMENT.read_text("utf-8")), "utf-8")

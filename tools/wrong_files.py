@@ -1,23 +1,22 @@
 #!/usr/bin/env python3
 """Estimate with a robot file that is wrong, and compare the errors with the standard deviations.
 
-python tools/wrong_files.py            print the table of docs/estimation.md, and one with sensors
-python tools/wrong_files.py --quick    the same over a shorter motion
-python tools/wrong_files.py --heard    only the table with motor effort and load cells
+python tools/wrong_files.py            print the table of docs/estimation.md: angles alone
+python tools/wrong_files.py --heard    print the table of docs/reliability.md: what sensors show
+python tools/wrong_files.py --hours 3  count verdicts over hours of motion with a right file
 
 The truth has eight contact cells per pulley and other numbers than the file.  The motion is that of
-bags/prototype_preload_36_26; the readings have the resolution of the file's sensors.  The motor's
-effort has a noise of 10 mN m, the load cells at both elements 8 of 0.1 N.
+bags/prototype_preload_36_26, or random; the readings have the resolution of the file's sensors.
+The motor's effort has a noise of 10 mN m, the load cells at both elements 8 of 0.1 N.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import NO_DOUBTS, Sample, Samples, initial_state, run
-from cdrj_ros.estimation.session import LiveEstimator, Options
+from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.packing import OK
 from cdrj_ros.model.prepared import Model, load_model, prepare
@@ -35,6 +34,9 @@ from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.assembly import divide_contacts
+from cdrj_ros.simulation.load import make_load
+from cdrj_ros.simulation.motion import differences, random
+from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -52,6 +54,7 @@ LAST = slice(7, None, 8)
 """Element 8 of both cables."""
 TARED = ("motors.winch.reference_angle", "joints.elbow.reference_angle")
 PRELOADS = ("cables.upper.preload", "cables.lower.preload")
+SENSORS: Final = (("effort",), ("cells",), ("effort", "cells"))
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,9 @@ class Wrong:
     """One way in which the machine differs from its file."""
 
     what: str
-    factors: Mapping[str, float]
+    factors: Mapping[str, float] = field(default_factory=dict)
     """Ratio of true to stated numbers, by pattern."""
-    shifts: Mapping[str, float]
+    shifts: Mapping[str, float] = field(default_factory=dict)
     """True less stated numbers, by pattern [SI]."""
     zero: float = 0.0
     """Error of the joint's reading [rad]."""
@@ -69,18 +72,24 @@ class Wrong:
     """Load-independent friction of every pulley as a fraction of the preload."""
     forgets: bool = False
     """Whether the cable slips on its drum."""
+    motor_friction: float = 0.0
+    """Friction of the motor that is not in the file [N m]."""
+    effort_sign: float = 1.0
+    """Of the readings of the motor's effort."""
+    broken: bool = False
+    """Whether the upper cable carries nothing."""
 
 
 NODES = "cables.*.nodes"
 ROWS = (
-    Wrong("nothing", {}, {}),
-    Wrong("joint zero off by 1°", {}, {}, zero=np.radians(1.0)),
-    Wrong("drum that holds no memory of its layers", {}, {}, forgets=True),
-    Wrong("preload crept by −10 %", {"cables.*.preload": 0.9}, {}),
-    Wrong("drum radius +0.5 mm (3 %)", {}, {f"{NODES}.1.radius": 5e-4}),
-    Wrong("drag of 3 % of preload on every pulley", {}, {}, drag=0.03),
-    Wrong("strand offset +0.5 mm", {"cables.*.spans.[6,7].sine": 60.5 / 60.0}, {}),
-    Wrong("pulley radii +0.5 mm", {}, {f"{NODES}.[2,3,4,5,6,7,8].radius": 5e-4}),
+    Wrong("nothing"),
+    Wrong("joint zero off by 1°", zero=np.radians(1.0)),
+    Wrong("drum that holds no memory of its layers", forgets=True),
+    Wrong("preload crept by −10 %", {"cables.*.preload": 0.9}),
+    Wrong("drum radius +0.5 mm (3 %)", shifts={f"{NODES}.1.radius": 5e-4}),
+    Wrong("drag of 3 % of preload on every pulley", drag=0.03),
+    Wrong("strand offset +0.5 mm", {"cables.*.spans.[6,7].sine": 60.5 / 60.0}),
+    Wrong("pulley radii +0.5 mm", shifts={f"{NODES}.[2,3,4,5,6,7,8].radius": 5e-4}),
     Wrong(
         "ten small ones together",
         {
@@ -93,6 +102,18 @@ ROWS = (
         zero=np.radians(0.1), drag=0.005,
     ),
 )  # fmt: skip
+"""What angles alone do not show."""
+
+HEARD = (
+    *ROWS,
+    Wrong("preload of upper −10 %", {"cables.upper.preload": 0.9}),
+    Wrong("preloads of both −30 %", {"cables.*.preload": 0.7}),
+    Wrong("friction +50 %", {"friction.mu_c": 1.5, "friction.mu_s": 1.5}),
+    Wrong("friction of the motor 40 mN·m", motor_friction=0.04),
+    Wrong("upper cable broken", broken=True),
+    Wrong("effort with the wrong sign", effort_sign=-1.0),
+)
+"""What sensors may show."""
 
 
 class Truth(NamedTuple):
@@ -219,81 +240,64 @@ def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
     ]
 
 
+def sensed(model: Model, wrong: Wrong, true: Truth, motion: Samples) -> Truth:
+    """Readings of the motor's effort and of all elements' tensions, without noise."""
+    tension, effort = true.tension.copy(), true.effort
+    if wrong.broken:
+        lower = model.layout.elements.index("lower/1")
+        tension[:, :lower] = 0.0
+        effort = 0.015 * tension[:, lower : lower + 1]  # the radius of the drum [m]
+    if wrong.motor_friction:
+        turned = np.diff(motion.motor_angle, axis=0, prepend=motion.motor_angle[:1])
+        effort = effort - wrong.motor_friction * np.tanh(turned / 1e-5)
+    return Truth(tension, wrong.effort_sign * effort)
+
+
 class Heard(NamedTuple):
     """Figures of an estimate that hears sensors."""
 
-    ok: tuple[float, ...]
-    """Share of tensions with status OK in the first, second and last third."""
-    misleading: tuple[float, ...]
-    """Share of all tensions that have status OK but lie outside two standard deviations."""
-    verdict: str
-    """Last verdict, in words."""
+    ok: float
+    """Share of tensions with status OK in the last third."""
+    misleading: float
+    """Share of all tensions there that have status OK but lie outside two standard deviations."""
+    verdicts: list[tuple[float, str]]
+    """Times [s] and words of verdicts, as they change; empty words where one is taken back."""
 
 
-def heard(model: Model, read: Samples, truth: Truth, sensors: tuple[str, ...]) -> Heard:
+def heard(model: Model, read: Samples, sensed: Truth, sensors: Sequence[str]) -> Heard:
     """Estimate as the node does, and compare with the truth.
 
     Args:
         model: the file, whose numbers are said to be exact.
         read: the encoders' readings.
-        truth: what the machine does.
-        sensors: ``effort``, ``cells``, both or none.
+        sensed: what the machine does.
+        sensors: ``effort``, ``cells`` or both.
     """
     generator = np.random.default_rng(0)
-    live = LiveEstimator(model, Options())
+    live = LiveEstimator(model)
     names = [model.layout.elements[k] for k in range(*LAST.indices(len(model.layout.elements)))]
-    inside, ok = [], []
+    inside, ok, verdicts = [], [], [(0.0, "")]
     for k, stamp in enumerate(read.stamp_ns.tolist()):
         if "effort" in sensors:
-            effort = truth.effort[k] + generator.normal(0.0, EFFORT_NOISE, 1)
+            effort = sensed.effort[k] + generator.normal(0.0, EFFORT_NOISE, 1)
             live.feed_efforts(stamp, model.layout.motors, effort)
         if "cells" in sensors:
-            cells = truth.tension[k, LAST] + generator.normal(0.0, CELL_NOISE, len(names))
+            cells = sensed.tension[k, LAST] + generator.normal(0.0, CELL_NOISE, len(names))
             live.feed_tensions(stamp, names, cells, [CELL_NOISE] * len(names))
         estimate = live.take(Sample(stamp, read.motor_angle[k], read.joint_angle[k]))
         assert estimate.stddev is not None
-        error = np.abs(estimate.tension - truth.tension[k])
+        error = np.abs(estimate.tension - sensed.tension[k])
         inside.append(error <= 2.0 * estimate.stddev[: error.size])
         ok.append(np.asarray(estimate.status) == OK)
-    good, misleads = np.array(ok), np.array(ok) & ~np.array(inside)
-    return Heard(
-        tuple(float(part.mean()) for part in np.array_split(good, 3)),
-        tuple(float(part.mean()) for part in np.array_split(misleads, 3)),
-        live.corrections.report().message if live.corrections is not None else "",
-    )
-
-
-def print_heard(motion: Samples) -> None:
-    """Print the table of what the status says if the monitor hears an effort or load cells."""
-    exact = load_model(ROBOT)
-    choices: tuple[tuple[str, ...], ...] = ((), ("effort",), ("cells",), ("effort", "cells"))
-    print("| wrong | angles alone | motor effort | both load cells | effort and cells |")
-    print("|---|---|---|---|---|")
-    for wrong in ROWS:
-        truth = true_readings(fresh_model(exact), wrong, motion)
-        read = readings(exact, motion, wrong.zero)
-        found = [heard(exact, read, truth, sensors) for sensors in choices]
-        cells = [
-            f"{', '.join(f'{100.0 * share:.0f}' for share in one.ok)} %; {one.misleading[-1]:.0%}"
-            for one in found
-        ]
-        print(f"| {wrong.what} | {' | '.join(cells)} |", flush=True)
-        for sensors, one in zip(choices[1:], found[1:], strict=True):
-            print(f"    {' and '.join(sensors)}: {one.verdict}", file=sys.stderr, flush=True)
-
-
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="only the first 15 s")
-    parser.add_argument("--heard", action="store_true", help="only the second table")
-    arguments = parser.parse_args()
-    motion = true_motion(load_model(ROBOT), 15.0 if arguments.quick else 60.0)
-    if not arguments.heard:
-        print_stated(motion)
-    print_heard(motion)
+        if k % round(RATE) == 0 and live.corrections is not None:
+            report = live.corrections.report()
+            words = "" if report.level == "ok" else report.message
+            if words != verdicts[-1][1]:
+                verdicts.append((k / RATE, words))
+    late = slice(2 * len(ok) // 3, None)
+    good = np.array(ok[late])
+    misleading = float((good & ~np.array(inside[late])).mean())
+    return Heard(float(good.mean()), misleading, verdicts[1:])
 
 
 def print_stated(motion: Samples) -> None:
@@ -305,6 +309,54 @@ def print_stated(motion: Samples) -> None:
         cells = [f"{one.covered:.0%}, {one.ok:.0%}" for one in found]
         print(f"| {wrong.what} | {found[0].last:.1%} / {found[0].all:.1%} | "
               f"{' | '.join(cells)} |", flush=True)  # fmt: skip
+
+
+def print_heard(motion: Samples) -> None:
+    """Print first and last verdicts, and what the status says in the last third."""
+    exact = load_model(ROBOT)
+    print("| wrong | sensors | OK | OK beyond 2 sigma | first verdict [s] | last verdict |")
+    print("|---|---|---|---|---|---|")
+    for wrong in HEARD:
+        true = true_readings(fresh_model(exact), wrong, motion)
+        read = readings(exact, motion, wrong.zero)
+        for sensors in SENSORS:
+            one = heard(exact, read, sensed(exact, wrong, true, motion), sensors)
+            first = f"{one.verdicts[0][0]:.0f}" if one.verdicts else "-"
+            print(f"| {wrong.what} | {' and '.join(sensors)} | {one.ok:.0%} | {one.misleading:.0%} "
+                  f"| {first} | {one.verdicts[-1][1] if one.verdicts else ''} |",
+                  flush=True)  # fmt: skip
+
+
+def count_alarms(hours: float, seeds: int = 6) -> None:
+    """Print the verdicts over random motions with a right file."""
+    model = load_model(ROBOT)
+    for seed in range(seeds):
+        time = np.arange(0.0, 3600.0 * hours / seeds, 1.0 / RATE)
+        angle = random(np.radians(38.0), 0.5, seed, 1.0)(time)
+        torque = make_load("rolling").torque(*differences(time, angle))
+        truth = simulate(model.robot, time, angle, torque, 20.0, cells=4, allow_slack=True)
+        stamps = 1_000_000_000 + np.round(time * 1e9).astype(np.int64)
+        read = readings(model, Samples(stamps, truth.motor_angle, truth.joint_angle), 0.0)
+        for sensors in SENSORS:
+            one = heard(model, read, Truth(truth.tension, truth.motor_effort), sensors)
+            print(f"seed {seed}, {' and '.join(sensors)}: {one.verdicts}", flush=True)
+
+
+def main() -> None:
+    """Print one of the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--heard", action="store_true", help="what sensors show")
+    parser.add_argument("--hours", type=float, help="of motion with a right file")
+    arguments = parser.parse_args()
+    motion = true_motion(load_model(ROBOT), 60.0)
+    if arguments.hours:
+        count_alarms(arguments.hours)
+    elif arguments.heard:
+        print_heard(motion)
+    else:
+        print_stated(motion)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,11 @@
-"""Standard errors: those of truths drawn from what a robot file leaves open, and their parts."""
+"""Standard errors: those of truths drawn from what a robot file leaves open, and their parts.
+
+``CDRJ_DRAWS=24`` prints the figures of docs/identification.md with ``-s``.
+"""
 
 from __future__ import annotations
+
+import os
 
 import numpy as np
 import pytest
@@ -29,7 +34,7 @@ from cdrj_ros.robot.tolerances import (
 
 FIT = "drum_radius,joints.elbow.reference_angle,rho"
 SETTINGS = Settings(channels=("tension/*/[128]", "effort/*"), coarse=True)
-DRAWS = 8
+DRAWS = int(os.environ.get("CDRJ_DRAWS", "8"))
 RHO = 0.03
 
 
@@ -68,13 +73,13 @@ def drawn(document: Document, *, others: bool) -> list[dict[str, float]]:
     return truths
 
 
-def deviations(document: Document, truths: list[dict[str, float]]) -> np.ndarray:
+def deviations(document: Document, truths: list[dict[str, float]], cells: int) -> np.ndarray:
     """(found - true) / standard error, shape (draws, numbers)."""
     unknowns = parse_unknowns(document, FIT)
     rows = []
     for seed, values in enumerate(truths):
         real = with_numbers(document, values)
-        recorded = recording(real, 4.0, seed=seed, frequency=0.5, amplitude=0.5)
+        recorded = recording(real, 4.0, seed=seed, frequency=0.5, amplitude=0.5, cells=cells)
         found = identify(document, "test", unknowns, [recorded], SETTINGS)
         true = [number_at(real, unknown.paths[0]) for unknown in unknowns]
         rows.append((found.values - true) / found.stddev)
@@ -84,7 +89,9 @@ def deviations(document: Document, truths: list[dict[str, float]]) -> np.ndarray
 def test_errors_of_a_file_whose_other_numbers_are_wrong_are_as_large_as_claimed(
     fresh: Document,
 ) -> None:
-    z = deviations(fresh, drawn(fresh, others=True))
+    z = deviations(fresh, drawn(fresh, others=True), cells=8)
+    beyond = np.mean(np.abs(z) > 2.0)
+    print(f"root mean square {np.sqrt(np.mean(z**2)):.2f}, beyond 2: {beyond:.0%}")  # noqa: T201
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.4
     assert np.mean(np.abs(z) > 3.0) < 0.05
     each = np.sqrt(np.mean(z**2, axis=0))
@@ -94,7 +101,7 @@ def test_errors_of_a_file_whose_other_numbers_are_wrong_are_as_large_as_claimed(
 def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh: Document) -> None:
     exact = {**fresh, "uncertainty": {"others": "exact"}}
     truths = drawn(fresh, others=False)
-    z = deviations(exact, truths[:4])
+    z = deviations(exact, truths[:4], cells=1)
     assert np.sqrt(np.mean(z**2)) < 1.6
     claimed = [
         identify(

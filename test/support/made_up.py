@@ -11,6 +11,7 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.packing import channel_columns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.assembly import divide_contacts
 
 EPOCH_NS = 1_700_000_000_000_000_000
 RATE = 200.0
@@ -25,9 +26,13 @@ def recording(
     seed: int = 1,
     name: str = "made_up",
     frequency: float = 0.1,
+    *,
+    cells: int = 1,
 ) -> Recorded:
-    """References computed by the estimator itself, with noise: there is no model error."""
-    model = prepare(build_robot(document, "made up"))
+    """References computed by the estimator itself, with noise: with one contact cell per pulley
+    there is no model error."""
+    robot = build_robot(document, "made up")
+    model = prepare(divide_contacts(robot, cells) if cells > 1 else robot)
     time = np.arange(round(seconds * RATE)) / RATE
     joint = amplitude * np.sin(2.0 * np.pi * frequency * time)
     motor = 8.0 * np.sin(joint) + 0.08 * np.sin(1.7 * time)
