@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.compared import compare
+from support.html import Html, shown
 from support.places import PROTOTYPE
 
 from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFriction
@@ -22,46 +22,6 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
 from cdrj_ros.report.html import key_channels, write_report
 from cdrj_ros.robot.reader import load_robot
-
-VOID = {"meta", "link", "br", "img", "hr", "input"}
-
-
-class Strict(HTMLParser):
-    """Parser that rejects unclosed tags and duplicate ids."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: set[str] = set()
-        self.tags: set[str] = set()
-        self.attributes: set[str] = set()
-        self.text = ""
-        self.links: set[str] = set()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
-        self.attributes |= {name for name, _ in attrs}
-        for name, value in attrs:
-            if name == "id":
-                assert value not in self.ids, f"id {value} twice"
-                self.ids.add(str(value))
-            if name == "href":
-                self.links.add(str(value))
-            if name == "clip-path":
-                self.links.add(str(value)[4:-1])
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
-        if tag not in VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
 
 
 @pytest.fixture(scope="module")
@@ -97,10 +57,7 @@ def test_the_page_has_every_channel_is_well_formed_and_asks_no_network(
     assert page.count("<svg") == 3 * len(keys) + (len(channels) - len(keys)) + 1
     assert not re.search(r"https?:|src=|@import|<script|<link|url\((?!#)", page)
     assert "default-src 'none'" in page
-    parser = Strict()
-    parser.feed(page)
-    parser.close()
-    assert parser.open == []
+    parser = Html(page)
     assert {link.lstrip("#") for link in parser.links} <= parser.ids
     folded = page.index("<details>")
     for name in ("tension/upper/8", "nodal_force/lower/3", "effort/spindle"):
@@ -160,17 +117,14 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
         inspection=replace(inspection, model=replace(inspection.model, robot=robot)),
         limit_check=LimitCheck(nasty, 1, (Outside(nasty, nasty, "rmse", 1.0, 0.5, False),)),
     )  # fmt: skip
-    plain, parser = Strict(), Strict()
-    plain.feed(written(replace(comparison, channels=comparison.channels[:2])))
-    parser.feed((tmp_path / "r.html").read_text(encoding="utf-8"))
-    parser.close()
+    plain = Html(written(replace(comparison, channels=comparison.channels[:2])))
+    parser = Html((tmp_path / "r.html").read_text(encoding="utf-8"))
     allowed = plain.tags | {"a", "ul", "li", "dl", "dt", "dd", "details", "summary", "div", "span"}
     assert parser.tags <= allowed
     assert parser.attributes <= plain.attributes | {"title", "aria-label"}
     assert not any(one.startswith("on") for one in parser.attributes)
     assert all(link.startswith("#") for link in parser.links)
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in nasty)
-    assert parser.text.count(shown) > 20
+    assert parser.text.count(shown(nasty)) > 20
 
 
 def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
@@ -12,6 +11,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 from support.browser import chromium
+from support.html import Html, shown
 
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.view.history import Curves, nothing_known
@@ -46,41 +46,13 @@ TAGS = {"div", "b", "small", "table", "tr", "td", "style"}
 """All that the page's own HTML consists of."""
 
 
-class Read(HTMLParser):
-    """Text and tags of HTML, as the standard library reads it."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__()
-        self.text = ""
-        self.tags: set[str] = set()
-        self.feed(html)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
-        assert {name for name, _ in attrs} <= {"style"}
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-    def handle_comment(self, data: str) -> None:
-        raise AssertionError(f"comment {data}")
-
-
-def shown(payload: str) -> str:
-    """The characters that a reader sees of a text."""
-    return "".join(
-        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in payload
-    )
-
-
 NOTED: list[Any] = []
 """HTML that has been added to a page."""
 
 
-def read(handles: list[Any]) -> Read:
+def read(handles: list[Any]) -> Html:
     assert all(type(one.content) is str for one in handles), "viser cannot send others"
-    return Read("".join(one.content for one in handles))
+    return Html("".join(one.content for one in handles))
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +79,9 @@ def own(page: Page) -> list[Any]:
     return list(NOTED)
 
 
-def assert_plain(read: Read, payload: str) -> None:
+def assert_plain(read: Html, payload: str) -> None:
     assert read.tags <= TAGS
+    assert read.attributes <= {"style"}
     assert shown(payload) in read.text
 
 
@@ -137,7 +110,7 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(
     assert read(NOTED).tags <= TAGS
     picture = picture_of(page.model, nothing)
     odd = replace(picture, cables=(picture.cables[0]._replace(name=payload), *picture.cables[1:]))
-    assert_plain(Read(table_of(page.model, nothing, odd, payload)), payload)
+    assert_plain(Html(table_of(page.model, nothing, odd, payload)), payload)
 
 
 def test_no_payload_runs_in_a_browser(page: Page, tmp_path: Path) -> None:
