@@ -1,1 +1,1 @@
-"""Truth for cables over moving bodies, which shares no code and no assumption with cdrj_ros."""
+"""Truth for the friction of cables over moving bodies, which shares no code with cdrj_ros."""
