@@ -21,6 +21,7 @@ from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.arrays import Series, Stamps
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.robot.names import known_name
 
 if TYPE_CHECKING:
     from cdrj_ros.evaluation.metrics import Errors
@@ -108,11 +109,12 @@ class Estimator(LiveEstimator):
         if not isinstance(stamp_ns, (int, np.integer)):
             raise UsageError(f"stamp_ns must be an integer [ns], got {stamp_ns!r}")
         layout = self.model.layout
-        readings = _by_name("motors", motors, layout.motors)
-        readings |= _by_name("joints", joints, self._joints)
+        known = self.model.robot.document
+        readings = _by_name("motors", motors, layout.motors, known)
+        readings |= _by_name("joints", joints, self._joints, known)
         kind: Kind = "joints" if motors is None else "motors" if joints is None else "both"
-        cells = _by_name("tensions", tensions, layout.elements)
-        torques = _by_name("efforts", efforts, self._effort_names)
+        cells = _by_name("tensions", tensions, layout.elements, {})
+        torques = _by_name("efforts", efforts, self._effort_names, known)
         if cells:
             self.feed_tensions(stamp_ns, list(cells), list(cells.values()), ())
         if torques:
@@ -130,16 +132,20 @@ class Estimator(LiveEstimator):
 
 
 def _by_name(
-    kind: str, values: Mapping[str, float] | Sequence[float] | None, names: tuple[str, ...]
+    kind: str,
+    values: Mapping[str, float] | Sequence[float] | None,
+    names: tuple[str, ...],
+    document: Mapping[str, Any],
 ) -> dict[str, float]:
-    """Readings by name; a sequence has one for each of ``names``."""
+    """Readings by name, which may lack the file's prefix; a sequence has one for each name."""
     if values is None:
         return {}
     if isinstance(values, Mapping):
-        for name in values:
+        readings = {known_name(name, names, document): one for name, one in values.items()}
+        for name in readings:
             if name not in names:
                 raise UsageError(f"{kind}: there is no {name!r}, only {', '.join(names)}")
-        return dict(values)
+        return readings
     if isinstance(values, (int, float)) or len(values) != len(names):
         raise UsageError(f"{kind} must be {len(names)} values, of {', '.join(names)}; got {values}")
     return dict(zip(names, values, strict=True))
@@ -189,13 +195,14 @@ def estimate(
         raise UsageError("efforts are missing: a joint has no encoder")
     stamps = _stamps("stamp_ns", stamp_ns)
     later = stamps if joint_stamp_ns is None else _stamps("joint_stamp_ns", joint_stamp_ns)
+    document = model.robot.document
     names = tuple(motor.name for motor in robot.motors)
     conditioned = condition(
         model.robot,
-        _channels("motors", motors, names, stamps),
-        _channels("joints", joints, tuple(joint.name for joint in robot.joints), later),
+        _channels("motors", motors, names, document, stamps),
+        _channels("joints", joints, tuple(one.name for one in robot.joints), document, later),
     )
-    measured = None if efforts is None else _channels("efforts", efforts, names, stamps)
+    measured = None if efforts is None else _channels("efforts", efforts, names, document, stamps)
     for doubt in doubts_of(model, conditioned):
         warn(doubt, stacklevel=2)
     found = estimate_segments(model, conditioned, measured, uncertainty=uncertainty)
@@ -214,21 +221,23 @@ def _stamps(what: str, given: ArrayLike) -> Stamps:
 
 
 def _channels(
-    kind: str, given: Mapping[str, ArrayLike] | ArrayLike, names: tuple[str, ...], stamps: Stamps
+    kind: str,
+    given: Mapping[str, ArrayLike] | ArrayLike,
+    names: tuple[str, ...],
+    document: Mapping[str, Any],
+    stamps: Stamps,
 ) -> dict[str, Series]:
-    """Series by name."""
-    if hasattr(given, "columns"):  # a DataFrame, which may have other columns, too
-        frame: Any = given
-        there = [str(name) for name in frame.columns]
-        if missing := [name for name in names if name not in there]:
-            raise UsageError(
-                f"{kind}: there is no column {', '.join(missing)}, only {', '.join(there)}"
-            )
-        given = {name: frame[name] for name in names}
-    if isinstance(given, Mapping):
-        if set(given) != set(names):
-            raise UsageError(f"{kind} must be {', '.join(names)}; got {', '.join(given) or 'none'}")
-        columns: list[Any] = [np.asarray(given[name], dtype=np.float64) for name in names]
+    """Series by name; given names may lack the prefix of the robot file."""
+    frame: Any = given
+    if hasattr(given, "columns") or isinstance(given, Mapping):
+        there = [str(name) for name in getattr(frame, "columns", frame)]
+        at = {known_name(name, names, document): name for name in there}
+        missing = [name for name in names if name not in at]
+        others = not hasattr(given, "columns") and len(at) > len(names)  # a DataFrame may have some
+        if missing or others:
+            wanted = ", ".join(names)
+            raise UsageError(f"{kind} must be {wanted}; got {', '.join(there) or 'none'}")
+        columns: list[Any] = [np.asarray(frame[at[name]], dtype=np.float64) for name in names]
     else:
         table = np.asarray(given, dtype=np.float64)
         table = table[:, None] if table.ndim == 1 and len(names) == 1 else table

@@ -51,6 +51,9 @@ Sizes = Mapping[str, Mapping[str, float]]
 FAR: Final = 3.0
 """An angle beyond this many times the end of its range may be in another unit."""
 
+BESIDE: Final = 0.1
+"""An angle beyond its range by more than this share of it may have the wrong sign."""
+
 NOTED: Final = 0.01
 """Share of a preload that motions between two readings may be worth without a word."""
 
@@ -96,11 +99,15 @@ def _sized(cause: str, name: str, size: float, robot: Robot) -> str:
 
 
 def range_words(joint: Joint, angle: float) -> str:
-    """A joint outside of its range, and the unit that may explain it."""
-    degrees = ": in degrees? scale_deg: 1" if _may_be_degrees(joint, angle) else ""
+    """A joint outside of its range, and the unit or sign that may explain it."""
+    hint, beyond = "", max(joint.lower - angle, angle - joint.upper)
+    if _may_be_degrees(joint, angle):
+        hint = ": in degrees? scale_deg: 1"
+    elif joint.lower <= -angle <= joint.upper and beyond > BESIDE * (joint.upper - joint.lower):
+        hint = f": the other way? scale: {-joint.sensor.scale:.4g}"
     return (
         f"joint {printable(joint.name)} at {angle:.4g}, its range is {joint.lower:.4g} to "
-        f"{joint.upper:.4g}{degrees}"
+        f"{joint.upper:.4g}{hint}"
     )
 
 

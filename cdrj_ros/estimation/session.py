@@ -41,6 +41,7 @@ from cdrj_ros.estimation.estimator import (
     step,
 )
 from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
+from cdrj_ros.estimation.travel import MotorTravel
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -97,6 +98,8 @@ class LiveEstimator:
         self.unsolved = 0
         """Samples with at least one unsolved element, without predicted ones."""
         self.ensemble: Ensemble | None = None
+        self.travel = MotorTravel(model)
+        """Whether motors turn as far as the cables allow; all is in doubt while they do not."""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -129,6 +132,7 @@ class LiveEstimator:
         if model.robot.unmeasured:
             self.encoderless = LiveEncoderless(model, self.encoderless)
         self.model = model
+        self.travel.use(model)
         expected, self._expected = self._expected, None
         if options.uncertainty and not model.robot.unmeasured:
             if self.corrections is not None:
@@ -163,6 +167,7 @@ class LiveEstimator:
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
+        self.travel = MotorTravel(self.model)
         self._restart(known=False)
 
     def _restart(self, *, known: bool) -> None:
@@ -325,6 +330,7 @@ class LiveEstimator:
         """Note a sample that is not predicted."""
         self.sample = sample
         self._watch.add(sample)
+        self.travel.follow(sample)
         if not estimate.solved:
             self.unsolved += 1
 
@@ -357,7 +363,7 @@ class LiveEstimator:
             mark_unsure(
                 self.model.core, estimate.values, self._preload, estimate.stddev, share, NO_DOUBTS
             )
-        if sample.doubtful:
+        if sample.doubtful or self.travel.words:
             mark_elements_unsure(estimate.values, self._everywhere)
         if self.corrections is not None and self.corrections.doubted is not None:
             mark_elements_unsure(estimate.values, self.corrections.doubted)

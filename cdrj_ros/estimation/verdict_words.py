@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import exp
 from typing import Final, Literal
 
-from cdrj_ros.estimation.verdicts import Finding, Verdict
+from cdrj_ros.estimation.verdicts import ALL_EFFORTS, Finding, Verdict
 from cdrj_ros.robot.description import Robot
 
 CLEAR: Final = 14.0
@@ -72,6 +72,11 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
         text = f"cable {verdict.broken} carries nothing: it is broken or off its drum"
         of_sensors = [f.change.what for f in verdict.found if f.change.kind in ("gain", "bias")]
         return [text + _or(of_sensors if verdict.explained else ())]
+    if verdict.opposite:
+        return [_opposite(robot, verdict.opposite)]
+    if verdict.swapped:
+        names = " and ".join(verdict.swapped)
+        return [f"the readings of {names} seem to be swapped: exchange their names"]
     if not verdict.explained:
         worst = max(verdict.deviation, key=lambda name: verdict.deviation[name][1])
         (file, found), unit = verdict.deviation[worst], _unit(robot, worst)
@@ -88,6 +93,21 @@ def _or(others: Sequence[str]) -> str:
     return f" (or: {', '.join(others[:3])})" if others else ""
 
 
+def _opposite(robot: Robot, names: Sequence[str]) -> str:
+    """Sensors that read what only a cable that pushes would give, and the keys that mend them."""
+    fits = [
+        f"motors.{one.name}.effort_sign: {-one.effort_sign:+d}"
+        for one in robot.motors
+        if one.name in names
+    ]
+    cells = [name for name in names if all(axis.name != name for axis in robot.axes)]
+    other = ", or the other winding" if len(fits) < len(robot.motors) else ""
+    words = [f"efforts are opposite to the cables' pull; {', '.join(fits)} fits{other}"]
+    words = words if fits else []
+    words += [f"load cell {name} reads a cable that pushes: change its sign" for name in cells]
+    return "; ".join(words)
+
+
 def _sentence(robot: Robot, found: Finding) -> str:
     one = found.change
     size = f"{abs(found.amount):.3g} +- {found.stddev:.2g} {one.unit}"
@@ -95,8 +115,7 @@ def _sentence(robot: Robot, found: Finding) -> str:
     if one.kind == "zero":
         text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}; ~/tare"
     elif one.kind == "preload" and one.unit == "%" and found.amount < 100.0 * OPPOSITE:
-        fits = ", ".join(f"motors.{m.name}.effort_sign: {-m.effort_sign:+d}" for m in robot.motors)
-        return f"efforts are opposite to the cables' pull; {fits} fits"
+        return _opposite(robot, [motor.name for motor in robot.motors])
     elif one.kind == "preload":
         file = [
             f" of {c.preload:.4g} N" for c in robot.cables if one.what == f"preload of {c.name}"
@@ -114,6 +133,8 @@ def _sentence(robot: Robot, found: Finding) -> str:
 def _remedy(robot: Robot, found: Finding) -> str:
     """The key that mends the scale of an effort, and its value."""
     one, ratio = found.change, 1.0 + found.amount / found.change.factor
+    if one.what == ALL_EFFORTS and abs(ratio) >= LEAST_RATIO:
+        return f"; if their unit is wrong, effort_scale: {1.0 / ratio:.3g} times as much mends it"
     axis = next((a for a in robot.axes if one.what == f"scale of effort of {a.name}"), None)
     if axis is None or abs(ratio) < LEAST_RATIO:
         return ""

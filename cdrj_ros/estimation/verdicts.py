@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import degrees, inf
 from typing import Final
 
@@ -33,6 +34,9 @@ BIAS: Final = 0.06
 AXIS_FRICTION: Final = 0.03
 """Smallest reported friction of an axis, by what the preloads contribute to its effort."""
 
+ALL_EFFORTS: Final = "scale of all efforts"
+"""Name of the change that a wrong unit of them is."""
+
 LARGE: Final = 20.0
 """How large a change may be, J of (B6), in the smallest that is reported."""
 
@@ -52,6 +56,13 @@ expected errors."""
 
 LEAST_NUMBER: Final = 6.0
 """Least number of independent readings, as counted by the evidence."""
+
+PUSHED: Final = 1.0 / 3.0
+"""Share of what the preloads contribute, beyond which a mean reading of the wrong sign is no zero,
+and by which two mean readings are off that may be swapped."""
+
+ALIKE: Final = 0.1
+"""Share within which each of these then fits the other sensor."""
 
 MOST: Final = 3
 """Largest number of changes at once."""
@@ -110,6 +121,10 @@ class Verdict:
     """Mean square of what the findings leave, in squares of the expected errors."""
     deviation: Mapping[str, tuple[float, float]]
     """Of every sensor's readings from the file, and from it with the findings (RMS)."""
+    opposite: tuple[str, ...] = ()
+    """Sensors that read what only a cable that pushes would give."""
+    swapped: tuple[str, ...] = ()
+    """Two sensors of which each reads what the other should; or none."""
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -119,7 +134,7 @@ class Verdict:
     @property
     def explained(self) -> bool:
         """Whether the readings agree with the file with the findings, whatever is broken."""
-        return self.left <= UNEXPLAINED
+        return self.left <= UNEXPLAINED and not (self.opposite or self.swapped)
 
 
 @dataclass(frozen=True)
@@ -170,9 +185,43 @@ def judge(
         own = solved.mean[_places(len(unknowns), k)]
         deviation[sensors[k].name] = _rms(sums[k], 0.0 * own), _rms(sums[k], own)
     found = [_finding(total, prior, changes, chosen, k) for k in range(len(chosen))]
-    return Verdict(
-        tuple(found), cables[broken] if broken >= 0 else "", solved.left / total.number, deviation
-    )
+    opposite = tuple(sensors[k].name for k in used if _is_opposite(sensors[k], sums[k]))
+    swapped = _swapped([(sensors[k], *_means(sums[k])) for k in used if sums[k].weight > 0.0])
+    gone = cables[broken] if broken >= 0 and not (opposite or swapped) else ""
+    return Verdict(tuple(found), gone, solved.left / total.number, deviation, opposite, swapped)
+
+
+def _means(sums: Sums) -> tuple[float, float, float]:
+    """Mean of the readings, of what the model expects of them, and of the axis' direction."""
+    expected, direction = (sums.information[-3, -2:] / sums.information[-3, -3]).tolist()
+    return float(sums.vector[-3] / sums.information[-3, -3]) + expected, expected, direction
+
+
+def _is_opposite(sensor: Sensor, sums: Sums) -> bool:
+    """Whether a sensor reads the contrary of what any tensions give.
+
+    The friction of its axis may be as large as what the preloads contribute.
+    """
+    signs = np.sign(sums.contributions)
+    if not (signs.any() and sums.weight > 0.0 and abs(signs.sum()) == np.abs(signs).sum()):
+        return False  # no sign, or that of the difference of two cables
+    read, _, direction = _means(sums)
+    friction = abs(direction) if sensor.axis >= 0 else 0.0
+    return bool(read * np.sign(signs.sum()) < -(PUSHED + friction) * sensor.scale)
+
+
+def _swapped(heard: Sequence[tuple[Sensor, float, float, float]]) -> tuple[str, ...]:
+    """Two sensors of one kind of which each reads what the model expects of the other."""
+    off = [
+        (one, read, expected)
+        for one, read, expected, _ in heard
+        if abs(read - expected) > PUSHED * one.scale
+    ]
+    for (one, read, expected), (two, other, meant) in combinations(off, 2):
+        fits = abs(read - meant) < ALIKE * two.scale and abs(other - expected) < ALIKE * one.scale
+        if fits and (one.axis < 0) == (two.axis < 0):
+            return one.name, two.name
+    return ()
 
 
 def _total(count: int, sensors: int, sums: Sequence[Sums], used: Sequence[int]) -> _Total:
@@ -223,6 +272,11 @@ def _of_robot(unknowns: Sequence[Unknown], size: int) -> Iterator[Change]:
 def _of_sensors(count: int, sensors: Sequence[Sensor], used: Sequence[int]) -> Iterator[Change]:
     """Of gain and zero of a sensor, and of the friction of its axis."""
     size = count + 3 * len(sensors)
+    efforts = [k for k in used if sensors[k].axis >= 0]
+    if len(efforts) > 1:
+        direction = np.zeros(size)
+        direction[[count + 3 * k + 1 for k in efforts]] = 1.0
+        yield Change(ALL_EFFORTS, "gain", "%", 100.0, direction, GAIN)
     for k in used:
         sensor = sensors[k]
         of_cell = sensor.axis < 0

@@ -12,12 +12,12 @@ import numpy as np
 from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition, worth_of
 from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.estimation.refusals import NOTED, sparse_words
+from cdrj_ros.estimation.travel import travel_suspicion
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
-from cdrj_ros.inspection.travel import travel_suspicion
 from cdrj_ros.messages import topics as standard
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
 from cdrj_ros.model.packing import EFFORT
@@ -26,6 +26,7 @@ from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import Source, open_source
 from cdrj_ros.recordings.table import Columns, table_with
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.names import fitting_prefix
 
 TAKEN: Final = "References by message type: "
 """Beginning of the note that names the references that were found."""
@@ -132,9 +133,11 @@ def require_axes(path: str, recording: Recording, robot: Robot) -> None:
     ):
         missing = [axis.name for axis in wanted if axis.name not in there]
         if missing:
+            prefix = fitting_prefix(sorted(there), missing, robot.document)
+            hint = f"; prefix: {prefix} in the robot file would fit" if prefix else ""
             raise BagError(
                 f"{path} has no {kind} named {', '.join(missing)}; "
-                f"it has {', '.join(sorted(there)) or 'none'}"
+                f"it has {', '.join(sorted(there)) or 'none'}{hint}"
             )
 
 
@@ -154,6 +157,9 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     )
 
 
+MISFIT: Final = "Readings do not fit the robot file: "
+"""Beginning of the note on what may be wrong with which axis."""
+
 SELDOM: Final = 0.9
 """Share of the samples whose uncertainty between readings counts as that of the motion."""
 
@@ -163,7 +169,7 @@ def doubts_of(model: Model, conditioned: Conditioned) -> list[str]:
     notes, robot = [], model.robot
     for one in conditioned.segments:
         if words := travel_suspicion(model, one.motor_angle, one.joint_angle):
-            notes.append(f"Readings do not fit the robot file: {words}.")
+            notes.append(f"{MISFIT}{words}.")
         if len(one.unseen) > 1 and not robot.unmeasured:
             midway = np.quantile(one.unseen[:, 1], SELDOM, axis=0, method="lower")
             rate_hz = 1e9 / float(np.median(np.diff(one.stamp_ns)))

@@ -25,6 +25,7 @@ from cdrj_ros.evaluation.channels import (
 from cdrj_ros.evaluation.comparison import Comparing
 from cdrj_ros.evaluation.estimating import OUTPUTS, log_times, pieces_of, write_estimates
 from cdrj_ros.evaluation.inputs import (
+    MISFIT,
     WHOLE,
     Window,
     condition_recording,
@@ -62,6 +63,9 @@ PRELOAD_DIFFERS: Final = 0.1
 
 NO_PRELOAD: Final = 5.0
 """Ratio of mean tensions, or its inverse, beyond which another preload is not the reason."""
+
+EFFORT_DIFFERS: Final = 3.0
+"""Ratio of efforts, or its inverse, beyond which their unit or sign is questioned."""
 
 
 Progress = Callable[[float], None]
@@ -161,7 +165,9 @@ class Validation:
         counters = Counter(counters_of(recording, self._conditioned))
         for channel in channels:
             counters.update(channel.dropped)
-        remarks = [*recording.notes, *notes, *_preload_notes(model, channels)]
+        remarks = [*recording.notes, *notes]
+        if not any(note.startswith(MISFIT) for note in notes):
+            remarks += [*_preload_notes(model, channels), *_effort_notes(model, channels)]
         if self._unknown:
             names = ", ".join(self._unknown)
             remarks.append(f"Recorded but not estimated, so not compared: {names}.")
@@ -172,6 +178,25 @@ class Validation:
             tuple(remarks), facts, self._friction.result(),
             self._verdict.verdict() if self._verdict else None, self._judged, self._ok,
         )  # fmt: skip
+
+
+def _effort_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
+    """Notes on efforts of another sign or unit than estimated."""
+    notes, axes = [], {f"{EFFORT}/{axis.name}": axis for axis in model.robot.axes}
+    for channel in channels:
+        squares = float(np.sum(np.square(channel.estimate)))
+        if channel.name not in axes or squares == 0.0:
+            continue
+        axis = axes[channel.name]
+        ratio = float(np.sum(channel.reference * channel.estimate)) / squares
+        if ratio < -1.0 / EFFORT_DIFFERS:
+            fits = f"effort_sign: {-axis.effort_sign:+d}"
+        elif ratio > EFFORT_DIFFERS or 0.0 < ratio < 1.0 / EFFORT_DIFFERS:
+            fits = f"effort_scale: {axis.effort_scale / ratio:.4g}"
+        else:
+            continue
+        notes.append(f"{axis.name} {ratio:.3g} times, {fits} fits")
+    return [f"Recorded efforts by the estimates: {'; '.join(notes)}."] if notes else []
 
 
 def _by_channel(piece: Estimates) -> tuple[dict[str, Floats], dict[str, Floats]]:
@@ -195,9 +220,14 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
             if channel.name.startswith(f"{TENSION}/{cable.name}/")
             and np.sum(channel.estimate) > 0.0
         ]
-        if not ratios or min(ratios) < 1.0 / NO_PRELOAD or max(ratios) > NO_PRELOAD:
+        if not ratios:
             continue
-        if min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS:
+        if min(ratios) < 1.0 / NO_PRELOAD or max(ratios) > NO_PRELOAD:
+            notes.append(
+                f"Recorded tensions of cable {cable.name} are {np.mean(ratios):.3g} times the "
+                "estimates on average: another column, unit or sign?"
+            )
+        elif min(ratios) > 1.0 + PRELOAD_DIFFERS or max(ratios) < 1.0 - PRELOAD_DIFFERS:
             notes.append(
                 f"Recorded tensions of cable {cable.name} are {100.0 * np.mean(ratios):.0f} % of "
                 f"the estimates on average; its preload is {cable.preload:.4g} N here. If "

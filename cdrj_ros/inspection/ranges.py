@@ -16,17 +16,15 @@ from numpy.typing import NDArray
 from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.inspection.poses import on_common_motors, visited_poses
+from cdrj_ros.model.following import followed_by, stiffness_at_preload, whole_lengths
 from cdrj_ros.model.laws import (
     RIGID_BRISTLE,
     bearing_drag,
     elasticity_of,
     friction_numbers,
-    modulus_at,
     secant_at,
-    strain_at,
-    tensions_at,
 )
-from cdrj_ros.model.prepared import Model, Shape, lengths_at, prepare, shape_at
+from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
 from cdrj_ros.robot.groups import joints_of, motors_of
 
@@ -191,31 +189,16 @@ def _total_arms(parts: Sequence[slice], shape: Shape) -> Matrix:
     return np.stack([shape.lever_arm[part].sum(axis=0) for part in parts])
 
 
-def _whole(robot: Robot, length: Matrix) -> Matrix:
-    """Lengths of all cables from those of their elements [m], shape (poses, cables)."""
-    return np.stack([length[:, part].sum(axis=1) for part in robot.parts], axis=1)
-
-
 def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str, Extent]]:
     """The cables of a robot in some poses, and the angles of its motors by name."""
     robot = model.robot
     shapes = [shape_at(model, pose) for pose in poses]
-    whole = _whole(robot, np.stack([one.length for one in shapes]))
+    whole = whole_lengths(robot, np.stack([one.length for one in shapes]))
     stiffness = stiffness_at_preload(robot, whole[0])
-    motors, followed = _followed(robot, whole, stiffness, robot.drums)
+    motors, followed = followed_by(robot, whole, stiffness, robot.drums)
     names = [motor.name for motor in robot.motors]
     angles = {name: _extent(motors[:, m], poses) for m, name in enumerate(names)}
     return list(_cables(model, poses, shapes, followed, stiffness, motors)), angles
-
-
-def following_motors(model: Model, poses: Matrix) -> Matrix:
-    """Motor angles that keep the preloads in given poses [rad], shape (poses, motors)."""
-    robot = model.robot
-    whole = _whole(robot, lengths_at(model, np.vstack([robot.reference_pose, poses])))
-    stiffness = stiffness_at_preload(robot, whole[0])
-    angles, _ = _followed(robot, whole, stiffness, robot.drums)
-    zero = robot.reference_motors
-    return zero + angles[1:]
 
 
 def _cables(
@@ -338,37 +321,3 @@ def _scaled(arms: Matrix) -> Matrix:
     norm = np.linalg.norm(arms, axis=0)
     scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
     return scaled
-
-
-def stiffness_at_preload(robot: Robot, length: Vector) -> Vector:
-    """dT / dL of every cable at its preload [N/m], EA / length where it is linear.
-
-    Args:
-        robot: the robot.
-        length: total length of every cable in the reference pose [m], shape (cables,).
-    """
-    moduli = [modulus_at(elasticity_of(cable), cable.preload) for cable in robot.cables]
-    return np.array(moduli) / length
-
-
-def _followed(
-    robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix
-) -> tuple[Matrix, Matrix]:
-    """Motor angles that keep the preloads in the least-squares sense, and the tensions that result.
-
-    The motors follow with the stiffness at the preload; the tensions follow from each cable's law.
-
-    Returns:
-        Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
-    """
-    wanted = whole[0] - whole  # length to be wound in, (poses, cables)
-    angles = np.linalg.lstsq(stiffness[:, None] * drums, (stiffness * wanted).T, rcond=None)[0].T
-    preload = np.array([cable.preload for cable in robot.cables])
-    taken_up = angles @ drums.T - wanted
-    tension = preload + stiffness * taken_up
-    for c, cable in enumerate(robot.cables):
-        if cable.bedding_strain:
-            law = elasticity_of(cable)
-            strain = strain_at(law, cable.preload) + taken_up[:, c] / whole[0, c]
-            tension[:, c] = tensions_at(law, strain)
-    return angles, np.maximum(tension, 0.0)

@@ -17,7 +17,7 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.inspection.poses import on_common_motors
-from cdrj_ros.inspection.ranges import following_motors
+from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.parameters import with_numbers

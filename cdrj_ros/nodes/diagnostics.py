@@ -233,14 +233,23 @@ def _figures(
     return values
 
 
-def verdict_of(name: str, model: Model, corrections: Corrections) -> DiagnosticStatus:
-    """What the readings of sensors show about the robot, as a DiagnosticStatus."""
+def verdict_of(
+    name: str, model: Model, corrections: Corrections, misfit: str = ""
+) -> DiagnosticStatus:
+    """What the readings of sensors show about the robot, as a DiagnosticStatus.
+
+    Args:
+        name: of the status.
+        model: the robot.
+        corrections: what the sensors say.
+        misfit: why the readings of the encoders do not fit the robot file, if they do not.
+    """
     found = corrections.report()
     values = {**found.values, "elements marked UNSURE": _marked(model, corrections)}
     return DiagnosticStatus(
-        level=LEVELS[found.level],
+        level=LEVELS["warn" if misfit else found.level],
         name=name,
-        message=printable(found.message),
+        message=printable(f"not judged: {misfit}" if misfit else found.message),
         hardware_id=model.robot.name,
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )

@@ -282,7 +282,12 @@ class Estimation:
         name = self.node.get_fully_qualified_name().lstrip("/")
         statuses = [self._status(name)]
         if self.configured and self.live.corrections is not None:
-            statuses.append(verdict_of(f"{name}: health", self.live.model, self.live.corrections))
+            statuses.append(
+                verdict_of(
+                    f"{name}: health", self.live.model, self.live.corrections,
+                    self.live.travel.words,
+                )
+            )  # fmt: skip
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
         self.write_state()

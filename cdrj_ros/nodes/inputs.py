@@ -22,7 +22,6 @@ from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, range_words, refusal_words
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, printable
-from cdrj_ros.inspection.travel import MotorTravel
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health
@@ -34,6 +33,7 @@ from cdrj_ros.nodes.settings import (
 )
 from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.names import fitting_prefix
 
 PATIENCE_S: Final = 3.0
 """Time without an estimate after which the reason is logged [s]."""
@@ -214,7 +214,7 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
     expected = [axis for axis in topic.axes if axis in unheard]
     if missing := [axis for axis in expected if axis not in names]:
         parts.append(f"the last names {_listed(names) or 'nothing'}, not {_listed(missing)}")
-        if prefix := _common_prefix(names, missing, robot.document.get("prefix", "")):
+        if prefix := printable(fitting_prefix(names, missing, robot.document))[:LONG]:
             parts.append(f"prefix: {prefix} in the robot file would fit")
     at = dict(zip(names, topic.last.positions, strict=False))  # a message may have none
     for joint in robot.joints:
@@ -223,22 +223,6 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
             if not joint.lower <= angle <= joint.upper:
                 parts.append(range_words(joint, angle))
     return f"{topic.topic}: {', '.join(parts)}"
-
-
-def _common_prefix(names: Sequence[str], missing: Sequence[str], present: str) -> str:
-    """The prefix that would make every missing name one of the names; empty if none.
-
-    Args:
-        names: published.
-        missing: with the present prefix.
-        present: prefix of the robot file, which may be cut short or another robot's.
-    """
-    short = [one.removeprefix(present) for one in missing]
-    for name in names:
-        prefix = name.removesuffix(short[0])
-        if prefix != name and all(prefix + one in names for one in short):
-            return printable(prefix)[:LONG]
-    return ""
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -275,7 +259,6 @@ class InputWatch:
         self._refused: dict[str, int] = {}
         self._sizes: Sizes = {}
         """Of the readings refused between the last two calls of ``health`` that refused any."""
-        self._travel = MotorTravel(live.model)
         self.looked_s = self.estimated_s = monotonic()
         """Steady times of the last call of ``health`` and of the last estimate [s]."""
         self._first = True
@@ -341,13 +324,11 @@ class InputWatch:
                 clocks_apart(conditioner.ahead),
                 robot,
             )
-        if (sample := self._live.sample) is not None and not waiting:
-            self._travel.add(sample.motor_angle, sample.joint_angle)
-        misfit = self._travel.suspicion()
         timeout_s, now_s = self._silence.timeout_s, monotonic()
         heard = any(now_s - one.heard_s <= timeout_s for one in self._inputs)
         return Health(
-            timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused, misfit,
+            timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused,
+            self._live.travel.words,
             self._alternating(), self._rivals(), heard,
             tuple(one.topic for one in self._inputs if one.by_arrival),
         )  # fmt: skip

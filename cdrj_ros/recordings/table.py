@@ -22,6 +22,12 @@ DELIMITERS: Final = ",;\t"
 NANOSECONDS_ABOVE: Final = 1e12
 """Times above this are in nanoseconds: as seconds they would be 30 000 years."""
 
+SHORTEST_S: Final = 2e-5
+"""Rows of a log are not closer [s]: no robot's bus is read at more than 50 kHz."""
+
+LONGEST_S: Final = 1.0
+"""Rows that are further apart show no motion [s]."""
+
 TABLE_BYTES: Final = 1 << 31
 """Largest size of a CSV file: an hour of 20 columns at 1 kHz has 0.7 GB."""
 
@@ -129,7 +135,7 @@ def table_with(source: str | Path | Mapping[str, Any], columns: Columns) -> Reco
         references={f"tension/{name}": one for name, one in series("tensions").items()}
         | {f"effort/{name}": one for name, one in efforts.items()},
         malformed={},
-        notes=(),
+        notes=_unlikely(stamps, columns.time),
         motor_efforts=efforts,
         is_table=True,
     )
@@ -151,10 +157,22 @@ def _stamps(times: Vector, name: str) -> Stamps:
     if np.any(stamps[1:] <= stamps[:-1]):
         row = int(np.argmax(stamps[1:] <= stamps[:-1])) + 1
         raise UsageError(
-            f"column {name!r} must increase; row {row + 1} has {times[row].item()!r} after "
-            f"{times[row - 1].item()!r}"
+            f"column {name!r} must increase by whole nanoseconds; row {row + 1} has "
+            f"{times[row].item()!r} after {times[row - 1].item()!r}"
         )
     return stamps if stamps[0] > 0 else stamps - stamps[0] + 1_000_000_000
+
+
+def _unlikely(stamps: Stamps, name: str) -> tuple[str, ...]:
+    """A note on times that may be in another unit."""
+    apart_s = 1e-9 * float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.1
+    if SHORTEST_S <= apart_s <= LONGEST_S:
+        return ()
+    note = (
+        f"Rows are {apart_s:.3g} s apart: column {printable(name)} must be in seconds, or in "
+        f"nanoseconds above {NANOSECONDS_ABOVE:g}."
+    )
+    return (note,)
 
 
 def _require(wanted: Sequence[str], there: Sequence[str], where: str) -> None:

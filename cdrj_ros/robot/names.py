@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Final
@@ -31,7 +31,7 @@ def prefixed(name: str, prefix: str) -> str:
     return name if name.startswith(prefix) else prefix + name
 
 
-def known_name(name: str, names: Collection[str], document: Document) -> str:
+def known_name(name: str, names: Collection[str], document: Mapping[str, Any]) -> str:
     """A name as messages have it, given so or as the robot file has it, without its prefix.
 
     Args:
@@ -41,6 +41,24 @@ def known_name(name: str, names: Collection[str], document: Document) -> str:
     """
     longer = prefixed(name, str(document.get("prefix", "")))
     return longer if name not in names and longer in names else name
+
+
+def fitting_prefix(
+    names: Sequence[str], missing: Sequence[str], document: Mapping[str, Any]
+) -> str:
+    """The prefix that would make every missing name one of the names; empty if none.
+
+    Args:
+        names: published or recorded.
+        missing: names of the robot, with the prefix of its file, which may be cut short.
+        document: content of the robot file.
+    """
+    short = [one.removeprefix(str(document.get("prefix", ""))) for one in missing]
+    for name in names:
+        prefix = name.removesuffix(short[0])
+        if prefix != name and all(prefix + one in names for one in short):
+            return prefix
+    return ""
 
 
 def with_prefix(document: Document) -> Document:

@@ -12,6 +12,8 @@ from support.places import PROTOTYPE
 
 import cdrj_ros as cdrj
 from cdrj_ros.evaluation.tables import of_robot
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.reader import parse_robot
 
 COUNT = 500
 TIME = np.arange(COUNT) * 0.005
@@ -57,6 +59,13 @@ def test_times_may_be_seconds_or_nanoseconds_and_these_stay_exact(tmp_path: Path
     assert seconds.start_ns == 100_000_000_000
 
 
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+def test_times_in_another_unit_are_noted(factor: float) -> None:
+    (note,) = cdrj.read_table({"t": factor * TIME, "m": WINCH, "j": ELBOW}, **WHERE).notes
+    assert note.startswith(f"Rows are {factor * 0.005:.3g} s apart: column t must be in seconds")
+    assert not cdrj.read_table({"t": TIME, "m": WINCH, "j": ELBOW}, **WHERE).notes
+
+
 def test_an_empty_cell_is_no_reading(tmp_path: Path) -> None:
     sparse = [repr(float(value)) if k % 3 == 0 else "" for k, value in enumerate(ELBOW)]
     path = csv_of(tmp_path / "log.csv", {"t": TIME, "m": WINCH, "j": sparse})
@@ -83,7 +92,10 @@ def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables() -> None:
     ("change", "words"),
     [
         ({"m": None}, "has no column m; it has t, j"),
-        ({"t": TIME[::-1]}, "column 't' must increase; row 2 has 2.49 after 2.495"),
+        (
+            {"t": TIME[::-1]},
+            "column 't' must increase by whole nanoseconds; row 2 has 2.49 after 2.495",
+        ),
         ({"m": [*WINCH[:-1], "12,5"]}, "column m, row 500 is no number: '12,5'"),
     ],
 )
@@ -106,8 +118,23 @@ def test_estimate_takes_a_frame_by_the_names_of_its_columns() -> None:
     one = cdrj.estimate(model, stamps, frame, frame)
     other = cdrj.estimate(model, stamps, {"winch": WINCH}, {"elbow": ELBOW})
     np.testing.assert_array_equal(one.values, other.values)
-    with pytest.raises(cdrj.UsageError, match="motors: there is no column winch, only elbow, t"):
+    with pytest.raises(cdrj.UsageError, match="motors must be winch; got elbow, t"):
         cdrj.estimate(model, stamps, Frame(elbow=ELBOW, t=TIME), frame)
+
+
+def test_estimate_and_update_take_the_names_of_the_file_without_its_prefix() -> None:
+    text = PROTOTYPE.read_text("utf-8")
+    model = prepare(parse_robot(f"prefix: arm1_\n{text}"))
+    stamps = 1_000_000_000 + np.round(1e9 * TIME).astype(np.int64)
+    log = Frame({"t": TIME, "elbow": ELBOW, "winch": WINCH})
+    long = {"winch": "arm1_winch", "elbow": "arm1_elbow"}
+    short, full = (
+        cdrj.estimate(model, stamps, Frame(one), Frame(one)).tension
+        for one in (log, {long.get(name, name): value for name, value in log.items()})
+    )
+    np.testing.assert_array_equal(short, full)
+    estimator = cdrj.Estimator(model)
+    assert estimator.update(int(stamps[0]), {"winch": 0.0}, {"arm1_elbow": 0.0}) is not None
 
 
 def test_columns_that_cannot_be_those_of_the_robot_are_a_warning() -> None:

@@ -10,7 +10,7 @@ import yaml
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.inspection.ranges import following_motors
+from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot

@@ -7,8 +7,8 @@ import pytest
 
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.estimator import Samples
+from cdrj_ros.estimation.travel import MotorTravel, travel_suspicion
 from cdrj_ros.evaluation.inputs import doubts_of
-from cdrj_ros.inspection.travel import MotorTravel, travel_suspicion
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
@@ -93,6 +93,27 @@ def test_one_wrong_gear_is_still_a_scale(model: Model) -> None:
         "two turns 20 times as far as its cables allow, the other way: gear ratio, unit or sign? "
         "scale: -0.025 would fit"
     )
+
+
+def test_a_wrong_drum_and_a_wrong_winding_are_named_with_both_keys_that_fit(model: Model) -> None:
+    assert said(model, MOTOR * [1.5, 1.0], JOINT) == (
+        "one turns 1.5 times as far as its cables allow: "
+        "scale: 0.6667 or a drum of radius_mm: 6.67 would fit"
+    )
+    assert said(model, MOTOR * [1.0, -1.0], JOINT) == (
+        "two turns 1 times as far as its cables allow, the other way: "
+        "winding: -1 or scale: -0.5 would fit"
+    )
+
+
+def test_what_a_tension_can_stretch_is_no_mistake(model: Model) -> None:
+    largest = 4.0 * 20.0 * 0.3 / 6000.0 / 0.01  # four preloads on a cable of 0.3 m and 6000 N
+    moved = JOINT * [0.05, 0.0]
+    followed = MOTOR[:, [0]] * 0.05
+    by = largest / np.ptp(followed)
+    both = np.hstack([followed, moved[:, [0]] * 2.0])
+    assert said(model, both * [1.0 + 0.9 * by, 1.0], moved) == ""
+    assert said(model, both * [1.0 + 1.2 * by, 1.0], moved).startswith("one turns")
 
 
 def test_nothing_is_said_of_few_poses(model: Model) -> None:

@@ -10,15 +10,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import combinations
+from math import isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros.estimation.estimator import NEVER, Sample
 from cdrj_ros.foundation.arrays import Matrix, Vector
-from cdrj_ros.inspection.ranges import following_motors
-from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.description import Joint, Motor
+from cdrj_ros.model.following import following_motors, stiffness_at_preload, whole_lengths
+from cdrj_ros.model.prepared import Model, lengths_at
+from cdrj_ros.robot.description import Joint, Motor, Winch
 
 FEWEST: Final = 8
 """Smallest number of poses that are compared."""
@@ -29,8 +31,26 @@ KEPT: Final = 60
 LEAST_TURN: Final = 0.02
 """Smallest travel of a motor that following the joints needs for a comparison [rad]."""
 
+POSE_NS: Final = 250_000_000
+"""Shortest time between two poses that are kept [ns],"""
+
+FIRST_NS: Final = 20_000_000
+"""and between the first ones: a wrong unit may end the motion at once."""
+
 APART: Final = 2.0
 """Factor by which a travel must differ from the one that the cables allow, or its inverse."""
+
+UNLIKE: Final = 0.2
+"""Difference from 1 from which such a factor is told, where the motion is as regular."""
+
+MOST_PRELOADS: Final = 4.0
+"""Tension that a cable without ``max_tension`` may have, in preloads."""
+
+LARGEST_STRAIN: Final = 0.01
+"""Strain that a cable with neither may have: steel breaks at 1 to 2 %."""
+
+NEAR: Final = 3.0
+"""Factor up to which a wrong radius of a drum explains a travel as well as a gear."""
 
 SCATTER: Final = 0.3
 """Largest deviation from a proportional motion, as a fraction of it."""
@@ -68,51 +88,102 @@ class MotorTravel:
 
     def __init__(self, model: Model) -> None:
         """Start without a pose."""
-        self._model = model
         self._motor: deque[Vector] = deque(maxlen=KEPT)
         self._joint: deque[Vector] = deque(maxlen=KEPT)
         self._expected: deque[Vector] = deque(maxlen=KEPT)
+        self._looked_ns = NEVER
+        self.words = ""
+        """What the poses so far show, see ``suspicion``."""
+        self.use(model)
 
-    def add(self, motor_angle: Vector, joint_angle: Vector) -> None:
-        """Add a pose: the angles of all motors and joints [rad] or [m]."""
-        if not self._model.robot.unmeasured:
-            self._motor.append(motor_angle.copy())
-            self._joint.append(joint_angle.copy())
-            self._expected.append(following_motors(self._model, joint_angle[None, :])[0])
+    def use(self, model: Model) -> None:
+        """Continue with other numbers of the same robot."""
+        self._model = model
+        self._stretch = _stretches(model)
+        """Turns by which the largest tensions stretch the motors' cables [rad]."""
+        if self._joint:
+            self._expected = deque(following_motors(model, np.array(self._joint)), maxlen=KEPT)
+
+    def follow(self, sample: Sample) -> None:
+        """Renew ``words`` if something has moved since the last pose, once in ``POSE_NS``."""
+        since_ns = abs(sample.stamp_ns - self._looked_ns)
+        if since_ns < (FIRST_NS if len(self._motor) < FEWEST else POSE_NS):
+            return
+        self._looked_ns = sample.stamp_ns
+        if self.add(sample.motor_angle, sample.joint_angle):
+            self.words = self.suspicion()
+
+    def add(self, motor_angle: Vector, joint_angle: Vector) -> bool:
+        """Add a pose: the angles of all motors and joints [rad] or [m].
+
+        Returns:
+            Whether it was kept: one in which nothing has moved since the last is not.
+        """
+        if self._model.robot.unmeasured:
+            return False
+        expected = following_motors(self._model, joint_angle[None, :])[0]
+        if self._motor:
+            moved = [np.abs(motor_angle - self._motor[-1]), np.abs(expected - self._expected[-1])]
+            if not np.max(moved) > LEAST_TURN:
+                return False
+        self._motor.append(motor_angle.copy())
+        self._joint.append(joint_angle.copy())
+        self._expected.append(expected)
+        return True
 
     def ratios(self) -> dict[str, float]:
         """Travel of every motor in units of the travel that follows the joints.
 
         Returns:
-            By the name of those motors that clearly follow the joints with a factor other than 1:
-            outside of 1 / ``APART`` to ``APART``, or negative.
+            By the name of those motors that follow the joints with a factor that clearly differs
+            from 1, further than tensions can stretch their cables.
         """
         if len(self._motor) < FEWEST:
             return {}
         columns = np.array(self._motor).T, np.array(self._expected).T
         found = {}
-        for name, read, expected in zip(self._model.layout.motors, *columns, strict=True):
+        for m, (read, expected) in enumerate(zip(*columns, strict=True)):
             y, x = read - read.mean(), expected - expected.mean()
             if not np.ptp(x) > LEAST_TURN:  # NaN too: no such pose
                 continue
             ratio = float(x @ y / (x @ x))
-            scatter = float(np.sqrt(np.mean((y - ratio * x) ** 2)))
-            follows_it = scatter < SCATTER * abs(ratio) * float(np.std(x))
-            if follows_it and not 1.0 / APART < ratio < APART:
-                found[name] = ratio
+            scatter = float(np.sqrt(np.mean((y - ratio * x) ** 2)) / np.std(x))
+            follows = scatter < SCATTER * abs(ratio)
+            far = not 1.0 / APART < ratio < APART
+            little = abs(ratio - 1.0) > max(UNLIKE, scatter / SCATTER)
+            if follows and (far or little) and np.ptp(y - x) > self._stretch[m]:
+                found[self._model.layout.motors[m]] = ratio
         return found
 
     def suspicion(self) -> str:
         """What may be wrong with which axis, and the key that mends it; empty if nothing is."""
         if mistake := self._mistake():
             return mistake
-        scale = {motor.name: motor.sensor.scale for motor in self._model.robot.motors}
-        return "; ".join(
-            f"{name} turns {abs(ratio):.3g} times as far as its cables allow"
-            + (", the other way" if ratio < 0.0 else "")
-            + f": gear ratio, unit or sign? scale: {scale[name] / ratio:.4g} would fit"
-            for name, ratio in self.ratios().items()
-        )
+        return "; ".join(self._sentence(name, ratio) for name, ratio in self.ratios().items())
+
+    def _sentence(self, name: str, ratio: float) -> str:
+        """A motor that follows with another factor, and the keys that may be wrong."""
+        robot = self._model.robot
+        (motor,) = (one for one in robot.motors if one.name == name)
+        text = f"{name} turns {abs(ratio):.3g} times as far as its cables allow"
+        fits = f"scale: {motor.sensor.scale / ratio:.4g}"
+        if ratio < 0.0:
+            text += ", the other way"
+        windings = {
+            (node.winding, node.radius)
+            for cable in robot.cables
+            for node in cable.nodes
+            if isinstance(node, Winch) and name in dict(node.motors)
+        }
+        if len(windings) == 1:
+            ((winding, radius),) = windings
+            if -1.0 - UNLIKE < ratio < -1.0 + UNLIKE:
+                return f"{text}: winding: {-winding} or {fits} would fit"
+            if 1.0 / NEAR < ratio < NEAR:
+                return (
+                    f"{text}: {fits} or a drum of radius_mm: {1e3 * radius / ratio:.3g} would fit"
+                )
+        return f"{text}: gear ratio, unit or sign? {fits} would fit"
 
     def _mistake(self) -> str:
         """The single mistake by which all motors follow the joints, if they do not as read."""
@@ -122,7 +193,8 @@ class MotorTravel:
             np.array(one)[::THINNED] for one in (self._motor, self._joint, self._expected)
         )
         present = _deviations(motor, expected)
-        if not (wrong := present > SCATTER).any():
+        apart = np.ptp((motor - expected), axis=0) > self._stretch
+        if not (wrong := apart & (present > SCATTER)).any():
             return ""
         robot = self._model.robot
         there, here = robot.reference_pose, robot.reference_motors
@@ -146,8 +218,8 @@ class MotorTravel:
         Args:
             motor: angles as read [rad], shape (n, motors).
             joint: angles as read [rad] or [m], shape (n, joints).
-            motors: those whose names may be exchanged.
-            joints: those whose names may be exchanged.
+            motors: those of which at least one name is wrong.
+            joints: likewise.
         """
         robot = self._model.robot
         turns = np.array([one.name not in robot.prismatic_joints for one in robot.joints])
@@ -157,12 +229,35 @@ class MotorTravel:
         words = words.format(" (or before gears of about 57)")
         yield Mistake(f"the motors {words}", _in_degrees(robot.motors, motor), joint, UNIT)
         words = "the readings of {} and {} seem to be swapped: exchange their names"
-        for a, b in combinations(motors, 2):
+        for a, b in _pairs(motors, len(robot.motors)):
             pair = robot.motors[a].name, robot.motors[b].name
             yield Mistake(words.format(*pair), _swapped(robot.motors, motor, a, b), joint, SCATTER)
-        for a, b in combinations(joints, 2):
+        for a, b in _pairs(joints, len(robot.joints)):
             pair = robot.joints[a].name, robot.joints[b].name
             yield Mistake(words.format(*pair), motor, _swapped(robot.joints, joint, a, b), SCATTER)
+
+
+def _pairs(some: Indices, count: int) -> Iterator[tuple[int, int]]:
+    """Pairs of ``count`` indices of which at least one is among ``some``."""
+    return (pair for pair in combinations(range(count), 2) if np.isin(pair, some).any())
+
+
+def _stretches(model: Model) -> Vector:
+    """Turn of every motor by which the largest tension of its cables stretches them [rad]."""
+    robot = model.robot
+    length = whole_lengths(robot, lengths_at(model, robot.reference_pose[None]))[0]
+    stretch = np.array(
+        [
+            cable.maximum_tension
+            if isfinite(cable.maximum_tension)
+            else MOST_PRELOADS * cable.preload or LARGEST_STRAIN * cable.axial_stiffness
+            for cable in robot.cables
+        ]
+    ) / stiffness_at_preload(robot, length)
+    reels = np.abs(robot.drums)
+    turns = np.where(reels > 0.0, stretch[:, None] / np.maximum(reels, 1e-300), 0.0)
+    largest: Vector = turns.max(axis=0, initial=0.0)
+    return largest
 
 
 def _in_degrees(axes: Sequence[Motor | Joint], angle: Matrix) -> Matrix:

@@ -1,0 +1,137 @@
+"""A mistake in file or readings is named by its key before a wrong tension has status OK."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from support.places import ROBOTS
+
+import cdrj_ros as cdrj
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.foundation.arrays import Matrix
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.reader import parse_robot
+
+TEXT = (ROBOTS / "finger.yaml").read_text("utf-8")
+TIME = np.arange(0.0, 10.0, 0.01)
+NOISE = 0.003
+"""Standard deviation of an effort [N m]."""
+
+Readings = tuple[Matrix, Matrix, Matrix]
+"""Angles of motors and joints, efforts of motors."""
+
+
+@pytest.fixture(scope="module")
+def truth() -> cdrj.Truth:
+    """Half a second at rest, then both joints move."""
+    model = prepare(parse_robot(TEXT))
+    grown = np.clip((TIME - 0.5) / 2.0, 0.0, 1.0)
+    swing = np.radians([30.0, 25.0]) * np.sin(2.0 * np.pi * TIME[:, None] * [0.4, 0.3])
+    joints = (np.radians([35.0, 35.0]) + swing) * grown[:, None]
+    return cdrj.simulate(model.robot, TIME, joints)
+
+
+def drum(motor: str, radius: float) -> Callable[[str], str]:
+    return lambda text: re.sub(rf"(motor: {motor}, .*radius_mm: )6,", rf"\g<1>{radius},", text)
+
+
+def same(text: str) -> str:
+    return text
+
+
+def motor_key(motor: str, key: str) -> Callable[[str], str]:
+    return lambda text: text.replace(f"name: {motor},", f"name: {motor}, {key},")
+
+
+def exchanged(a: int, b: int, *, angles: bool) -> Callable[[Readings], Readings]:
+    order = np.arange(3)
+    order[[a, b]] = b, a
+
+    def change(given: Readings) -> Readings:
+        motors, joints, efforts = given
+        return (motors[:, order] if angles else motors), joints, efforts[:, order]
+
+    return change
+
+
+def kept(given: Readings) -> Readings:
+    return given
+
+
+SWAPPED = "the readings of {} and {} seem to be swapped: exchange their names"
+
+
+@pytest.mark.parametrize(
+    ("file", "readings", "words"),
+    [
+        pytest.param(same, kept, "", id="none"),
+        pytest.param(drum("deep_motor", 9), kept, "radius_mm: 6 would fit", id="drum"),
+        pytest.param(
+            lambda text: text.replace("motor: extensor_motor, winding: 1",
+                                      "motor: extensor_motor, winding: -1"),
+            kept, "the other way: winding: 1 or scale: -1 would fit", id="winding",
+        ),
+        pytest.param(motor_key("deep_motor", "scale: 1.5"), kept, "scale: 1", id="gear"),
+        pytest.param(
+            motor_key("superficial_motor", "effort_sign: -1"), kept,
+            "motors.superficial_motor.effort_sign: +1 fits", id="sign of one effort",
+        ),
+        pytest.param(
+            motor_key("extensor_motor", "effort_scale: -1"), kept,
+            "motors.extensor_motor.effort_sign: -1 fits", id="reversed current",
+        ),
+        pytest.param(
+            lambda text: text.replace("_motor, max", "_motor, effort_scale: 0.05, max"), kept,
+            "scale of all efforts", id="efforts before the gear",
+        ),
+        pytest.param(
+            same, exchanged(0, 1, angles=True),
+            SWAPPED.format("deep_motor", "superficial_motor"), id="motors",
+        ),
+        pytest.param(
+            same, exchanged(0, 1, angles=False),
+            SWAPPED.format("deep_motor", "superficial_motor"), id="efforts",
+        ),
+        pytest.param(
+            same, lambda given: (given[0], given[1][:, ::-1], given[2]),
+            SWAPPED.format("mcp", "pip"), id="joints",
+        ),
+    ],
+)  # fmt: skip
+def test_it_is_named_before_a_wrong_tension_is_ok(
+    truth: cdrj.Truth,
+    file: Callable[[str], str],
+    readings: Callable[[Readings], Readings],
+    words: str,
+) -> None:
+    live = LiveEstimator(prepare(parse_robot(file(TEXT)), check_range=False))
+    layout = live.model.layout
+    generator = np.random.default_rng(0)
+    noisy = truth.motor_effort + generator.normal(0.0, NOISE, truth.motor_effort.shape)
+    motors, joints, efforts = readings((truth.motor_angle, truth.joint_angle, noisy))
+    scale = np.array([live.model.robot.effort_scale[name] for name in layout.motors])
+    wrong, named = 0, False
+    for k, stamp in enumerate((1_000_000_000 + np.round(1e9 * TIME)).astype(int).tolist()):
+        live.feed_efforts(stamp, layout.motors, scale * efforts[k])
+        live.feed("motors", stamp, layout.motors, motors[k])
+        _, found = live.feed("joints", stamp, layout.joints, joints[k])
+        said = live.travel.words
+        if live.corrections is not None:
+            said += live.corrections.report().message
+        named = named or (bool(words) and words in said)
+        for one in found:
+            assert one.stddev is not None
+            sure = one.status == 0
+            assert not (sure.any() and live.travel.words), "a misfit takes the status OK away"
+            error = np.abs(one.tension - truth.tension[k]) > 5.0 * one.stddev[: len(sure)]
+            wrong += int((sure & error).sum())
+    # a verdict takes half a second
+    assert wrong <= 0.001 * TIME.size * len(layout.elements)
+    assert named == bool(words)
+    if not words:
+        assert live.travel.words == ""
+        assert live.corrections is not None
+        assert live.corrections.report().level == "ok", live.corrections.report().message

@@ -1,0 +1,60 @@
+"""A recording of a finger, compared by files with a mistake in names or efforts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.places import ROBOTS
+
+import cdrj_ros as cdrj
+from cdrj_ros.commands import simulate
+
+FLEXORS = ("deep", "superficial", "extensor")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("finger") / "bag"
+    assert simulate.main([str(path), "--robot", "finger", "--duration", "8", "--cells", "1"]) == 0
+    return path
+
+
+@pytest.mark.parametrize(("one", "other"), [("mcp", "pip"), ("deep_motor", "extensor_motor")])
+def test_the_first_note_names_the_swap(bag: Path, tmp_path: Path, one: str, other: str) -> None:
+    text = (ROBOTS / "finger.yaml").read_text("utf-8")
+    swapped = tmp_path / "swapped.yaml"
+    swapped.write_text(text.replace(one, "?").replace(other, one).replace("?", other), "utf-8")
+    (compared,) = cdrj.validate(swapped, bag, uncertainty=False).bags
+    words = [f"{a} and {b} seem to be swapped" for a, b in ((one, other), (other, one))]
+    assert any(word in compared.notes[0] for word in words)
+    assert not any("its preload is" in note for note in compared.notes), "it is not the reason"
+    (right,) = cdrj.validate("finger", bag, uncertainty=False).bags
+    assert not any(note.startswith("Readings do not fit") for note in right.notes)
+
+
+def test_an_effort_of_the_other_sign_is_answered_with_the_key(bag: Path, tmp_path: Path) -> None:
+    text = (ROBOTS / "finger.yaml").read_text("utf-8")
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(text.replace("deep_motor, max", "deep_motor, effort_sign: -1, max"), "utf-8")
+    (compared,) = cdrj.validate(wrong, bag, uncertainty=False).bags
+    (note,) = (one for one in compared.notes if one.startswith("Recorded efforts"))
+    assert note.startswith("Recorded efforts by the estimates: deep_motor -")
+    assert note.endswith("times, effort_sign: +1 fits.")
+
+
+def test_a_wrong_prefix_is_answered_with_the_one_that_fits(tmp_path: Path) -> None:
+    log = {"t": [0.0, 0.01], **{f"left_{k}": [0.0, 0.0] for k in range(5)}}
+    motors = {f"left_{name}_motor": f"left_{k}" for k, name in enumerate(FLEXORS)}
+    joints = {"left_mcp": "left_3", "left_pip": "left_4"}
+    recording = cdrj.read_table(
+        {name: np.array(column) for name, column in log.items()},
+        time="t", motors=motors, joints=joints,
+    )  # fmt: skip
+    text = (ROBOTS / "finger.yaml").read_text("utf-8")
+    for prefix in ("", "prefix: lift_\n"):
+        wrong = tmp_path / "wrong.yaml"
+        wrong.write_text(prefix + text, "utf-8")
+        with pytest.raises(cdrj.BagError, match="prefix: left_ in the robot file would fit"):
+            cdrj.validate(wrong, recording, uncertainty=False)
