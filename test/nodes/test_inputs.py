@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from support.estimators import (
     Bench,
     diagnosed,
     feed,
-    hear_diagnostics,
     own_parameters,
     sample_at,
     values_of,
@@ -58,8 +56,6 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
 ) -> None:
     estimator = bench.estimator()
     true = load_model(ROBOT, "29,26.26")
-    said: list[Any] = []
-    hear_diagnostics(bench, said)
     both = Template(JOINT_STATE, ("winch",), ("position", "effort"))
     state = initial_state(true)
     for k in range(0, 9000, 5):
@@ -68,9 +64,8 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
         estimator.joint(JOINT.encode(sample.stamp_ns, position=sample.joint_angle))
         estimator.motor(both.encode(sample.stamp_ns, position=sample.motor_angle,
                                effort=estimate.motor_effort))  # fmt: skip
-    estimator.diagnose()
-    assert bench.until(lambda: any(one.name.endswith(": health") for one in said))
-    status = next(one for one in said if one.name.endswith(": health"))
+    status = diagnosed(estimator)[1]
+    assert status.name.endswith(": health")
     assert status.level == status.WARN
     assert status.message.startswith("preload of upper has lost 7.")
     assert estimator.latest is not None
@@ -81,9 +76,7 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     assert named == "none", "the standard deviations contain what is open"
     quiet = bench.estimator(ignored_sensors="*")
     quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))
-    quiet.diagnostics = SimpleNamespace(publish=said.append)
-    quiet.diagnose()
-    assert len(said[-1].status) == 1
+    assert len(diagnosed(quiet)) == 1
 
 
 # missing and refused ---------------------------------------------------------------------------
