@@ -254,8 +254,7 @@ def cross_validated(
     lines = []
     settings = task.settings
     rough = Settings(
-        found.channels, settings.weights, settings.sigmas, settings.loss,
-        settings.settle_s, coarse=True,
+        found.channels, settings.weights, settings.loss, settings.settle_s, coarse=True
     )  # fmt: skip
     begin = with_numbers(task.document, found.by_path)
     again = [replace(u, start=float(v)) for u, v in zip(found.unknowns, found.values, strict=True)]

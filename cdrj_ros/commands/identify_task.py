@@ -226,7 +226,6 @@ def _settings(chosen: Document, quick: bool) -> Settings:
     return Settings(
         tuple(chosen.get("channels", usual.channels)),
         usual.weights,
-        chosen.get("sigmas"),
         chosen.get("loss", usual.loss),
         float(chosen.get("settle", usual.settle_s)),
         coarse=quick,

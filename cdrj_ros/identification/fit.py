@@ -31,7 +31,6 @@ from cdrj_ros.identification.nuisance import Nuisance
 from cdrj_ros.identification.observations import (
     Recorded,
     chosen_channels,
-    given_sigmas,
     residual_scales,
     samples_of,
 )
@@ -125,7 +124,6 @@ def identify(
     document = dict(model.robot.document)  # all trials have the contact cells of the first
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = residual_scales(recordings, channels, settings.weights)
-    sigmas |= given_sigmas(channels, settings.sigmas or {})
     with thread_pool(os.cpu_count() or 1) as threads:
         samples = tuple(threads.map(partial(samples_of, model), recordings))
         rounds = Rounds(

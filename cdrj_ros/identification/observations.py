@@ -390,20 +390,3 @@ def noise_of(values: Vector) -> float:
 def _white(values: Vector) -> float:
     bend = np.abs(np.diff(values, 2))
     return float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0
-
-
-def given_sigmas(channels: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
-    """Divisors of the residuals of some channels, by patterns of their names [N] or [N m].
-
-    Raises:
-        UsageError: a pattern matches none of the channels.
-    """
-    result: dict[str, float] = {}
-    for pattern, sigma in given.items():
-        matching = [name for name in channels if fnmatchcase(name, pattern)]
-        if not matching:
-            raise UsageError(
-                f"no fitted reference is called {pattern}; there are {', '.join(channels)}"
-            )
-        result |= dict.fromkeys(matching, sigma)
-    return result

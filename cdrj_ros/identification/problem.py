@@ -37,7 +37,7 @@ from cdrj_ros.robot.groups import Owners, joints_of, motors_of
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 
-Loss = Literal["linear", "soft_l1", "huber"]
+Loss = Literal["linear", "huber"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 
 Progress = Callable[[str], None]
@@ -51,8 +51,6 @@ class Settings:
     """Patterns of the references to fit; if empty, all are fitted."""
     weights: Weights = "spread"
     """Rule for the divisor of a channel's residuals, see ``residual_scales``."""
-    sigmas: Mapping[str, float] | None = None
-    """Divisors by channel pattern, which override that rule [N] or [N m]."""
     loss: Loss = "linear"
     """Loss of the residuals after the first round."""
     settle_s: float = 0.0

@@ -332,8 +332,4 @@ def robust_weights(problem: Problem, loss: Loss, residuals: Vector) -> Vector:
     if loss == "linear":
         return np.ones(residuals.size)
     z = (residuals / _thresholds(problem, residuals)) ** 2
-    if loss == "huber":
-        weights: Vector = np.where(z <= 1.0, 1.0, 1.0 / np.sqrt(np.maximum(z, 1.0)))
-    else:
-        weights = 1.0 / np.sqrt(1.0 + z)
-    return weights
+    return np.asarray(1.0 / np.sqrt(np.maximum(z, 1.0)))

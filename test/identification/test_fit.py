@@ -201,8 +201,7 @@ def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(
     assert found.stddev[1] == pytest.approx(0.005, rel=0.01)
 
 
-@pytest.mark.parametrize("loss", ["soft_l1", "huber"])
-def test_outliers_hardly_affect_a_robust_fit(document: Document, loss: str) -> None:
+def test_outliers_hardly_affect_a_robust_fit(document: Document) -> None:
     whole = recording(document, 10.0)
     spoilt = dict(whole.references)
     for channel, series in whole.references.items():
@@ -211,7 +210,9 @@ def test_outliers_hardly_affect_a_robust_fit(document: Document, loss: str) -> N
         spoilt[channel] = replace(series, value=bad)
     rec = replace(whole, references=spoilt)
     plain = found_from(document, "rho", {"friction.rho": 0.24}, [rec])
-    robust = found_from(document, "rho", {"friction.rho": 0.24}, [rec], replace(QUICK, loss=loss))
+    robust = found_from(
+        document, "rho", {"friction.rho": 0.24}, [rec], replace(QUICK, loss="huber")
+    )
     truth = np.array([0.2, 0.2])
     assert np.abs(plain.values - truth).max() > 5.0 * np.abs(robust.values - truth).max()
     np.testing.assert_allclose(robust.values, truth, atol=4e-3)
