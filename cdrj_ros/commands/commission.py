@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,9 +38,6 @@ from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.writer import moved, refuse_aliases, with_section
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 ASKED: Final = {
     "rest": "1. Tare: record the robot at rest in its reference pose for 3 s. Better go on to two "
     "or three further poses and back, rest for 3 s in each, and read every cable's tension on a "
@@ -60,13 +57,6 @@ LIVE_S: Final = {"rest": 3.0, "motion": 60.0, "cells": 60.0}
 
 Record = Callable[[Path, Topics, float, bool], None]
 """Records the topics of a robot into a new bag, for some seconds, and on until Enter or not."""
-
-
-class Step(NamedTuple):
-    """A step that was taken."""
-
-    name: str
-    judged: Judged
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -108,9 +98,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
-    parser.add_argument(
-        "--png", metavar="FILE", help="draw standard deviation over tension, step by step"
-    )
     add_topic_options(parser)
     return parser
 
@@ -129,14 +116,13 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     path = robot_path(arguments.robot)
     named = (arguments.rest, *arguments.motion, *arguments.cells)
     bags = [bag for bag in named if bag and bag != LIVE]
-    outputs = {"--out": arguments.out, "--png": arguments.png}
-    check_outputs(outputs, [*bags, path])
+    check_outputs({"--out": arguments.out}, [*bags, path])
     check_new({"--out": arguments.out}, force=arguments.force)
     text = path.read_text(encoding="utf-8")
     refuse_aliases(text, str(path))
     now = begin(text, str(path))
-    steps = [Step("new file", judged(now.model, now.heard))]
-    _show(steps[-1])
+    known = judged(now.model, now.heard)
+    say(f"new file: {words_of(known)}")
     topics = topics_of(arguments)
     for name, take in _measurements(topics):
         given = getattr(arguments, name)
@@ -150,15 +136,14 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             on = name == "rest" and not arguments.yes
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
         now = take(now, given)
-        steps.append(Step(name, judged(now.model, now.heard)))
+        known = judged(now.model, now.heard)
         for note in _notes(now, suspected=bool(arguments.preload)):
             say(f"note: {note}")
-        _show(steps[-1])
-    _write(arguments, now, steps)
-    say_cables(steps[-1].judged)
-    for name, written in outputs.items():
-        if written:
-            say(f"{name[2:]}: {written}")
+        say(f"{name}: {words_of(known)}")
+    text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text
+    write_text(arguments.out, moved(text, now.source, arguments.out))
+    say_cables(known)
+    say(f"out: {arguments.out}")
     return DONE
 
 
@@ -294,10 +279,6 @@ def _asked(question: str) -> str:
         return ""
 
 
-def _show(step: Step) -> None:
-    say(f"{step.name}: {words_of(step.judged)}")
-
-
 FEW: Final = 4
 """Cables up to which each is named after every step."""
 
@@ -321,35 +302,6 @@ def say_cables(one: Judged) -> None:
         say("standard deviation over tension:")
         for name, share in sorted(one.relative.items(), key=lambda item: -item[1]):
             say(f"  {name}: {share:.1%}")
-
-
-def _write(arguments: argparse.Namespace, now: Commissioned, steps: Sequence[Step]) -> None:
-    text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text
-    write_text(arguments.out, moved(text, now.source, arguments.out))
-    if arguments.png:
-        figure_of(steps).savefig(arguments.png, format="png", dpi=120)
-
-
-def figure_of(steps: Sequence[Step]) -> Figure:
-    """Standard deviation over tension of every cable, step by step."""
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    figure = Figure((7.0, 4.0), layout="constrained")
-    axes = figure.add_subplot()
-    places = range(len(steps))
-    for name in steps[0].judged.relative:
-        shares = [100.0 * one.judged.relative[name] for one in steps]
-        axes.plot(places, shares, marker="o", label=name)
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.set_ylabel("standard deviation over tension [%]")
-    axes.set_xticks(list(places), [f"{one.name}\nOK {one.judged.ok:.0%}" for one in steps])
-    axes.grid(alpha=0.3)
-    axes.legend()
-    return figure
 
 
 def main(argv: Sequence[str] | None = None) -> int:

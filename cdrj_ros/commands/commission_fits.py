@@ -180,7 +180,6 @@ def fit_parts(
     robot: Robot,
     text: str,
     recordings: Sequence[Recorded],
-    before: Sequence[PartFit],
     say: Progress | None,
 ) -> tuple[PartFit, ...]:
     """Fit every part of a robot to its references, if it has any.
@@ -189,18 +188,12 @@ def fit_parts(
         robot: the robot before the first fit.
         text: of its file.
         recordings: all are fitted together.
-        before: the last fits, where these start; the priors stay.
         say: called with each progress line.
 
     Raises:
         UsageError: no part has a reference, or all numbers are exact.
     """
     chosen_channels(prepare(robot).layout, recordings, ())
-    starts = {
-        (one.part.cables, unknown.paths, unknown.factors): value
-        for one in before
-        for unknown, value in zip(one.found.unknowns, one.found.values.tolist(), strict=True)
-    }
     found, parts = [], parts_of(robot)
     for number, part in enumerate(parts, 1):
         own = [part.recorded(one) for one in recordings]
@@ -209,9 +202,6 @@ def fit_parts(
             continue
         heard = {name for one in own for name in one.references}
         unknowns = unknowns_of(part.robot, text, part.elsewhere, heard)
-        keys = [(part.cables, one.paths, one.factors) for one in unknowns]
-        pairs = zip(unknowns, keys, strict=True)
-        unknowns = tuple(replace(one, start=starts.get(key, one.start)) for one, key in pairs)
         told = partial(_say_of, say, "" if part.alone else f"part {number} of {len(parts)}, ")
         found.append(PartFit(part, _fitted(part, unknowns, own, told)))
     return tuple(found)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -48,7 +49,7 @@ class Judged(NamedTuple):
     """Median of standard deviation over tension, by cable."""
 
 
-def judged(model: Model, efforts: Collection[str] = ()) -> Judged:
+def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) -> Judged:
     """How well a file knows the tensions if it is right but for what it says of its accuracy.
 
     The estimator of the node reads what the sensors of such a robot would read.  Parts of the robot
@@ -56,13 +57,14 @@ def judged(model: Model, efforts: Collection[str] = ()) -> Judged:
 
     Args:
         model: the robot.
-        efforts: names of the motors whose efforts it publishes.
+        efforts: noise of those that it publishes, by motor [N m].
     """
     parts, ok, relative = parts_of(model.robot), list[NDArray[np.bool_]](), dict[str, float]()
     with ProgressBar("judging", len(parts)) as progress:
         for part in parts:
             own = model if part.alone else prepare(part.robot, check_range=False)
-            known, deviation = _estimated(own, [one for one in own.layout.motors if one in efforts])
+            read = {name: efforts[name] for name in own.layout.motors if name in efforts}
+            known, deviation = _estimated(own, read)
             ok.append(known)
             for cable, span in zip(own.robot.cables, own.robot.parts, strict=True):
                 relative[cable.name] = float(np.median(deviation[:, span]))
@@ -71,17 +73,17 @@ def judged(model: Model, efforts: Collection[str] = ()) -> Judged:
     return Judged(share, {name: relative[name] for name in names})
 
 
-def _estimated(model: Model, efforts: Sequence[str]) -> tuple[NDArray[np.bool_], Table]:
+def _estimated(model: Model, efforts: Mapping[str, float]) -> tuple[NDArray[np.bool_], Table]:
     """Whether tensions are OK, and their relative deviations, shape (samples, elements) each."""
-    elements, noise = len(model.layout.elements), _effort_noise(model)
-    read = _made_up(model, _sweep(model), {name: noise[name] for name in map(_effort, efforts)})
+    elements = len(model.layout.elements)
+    read = _made_up(model, _sweep(model), {_effort(name): efforts[name] for name in efforts})
     axes = {**read.motors, **read.joints}
     angles = np.stack([one.value for one in axes.values()], axis=1)
     heard = np.array([one.value for one in read.references.values()])
     estimator, made = LiveEstimator(model), list[Estimate]()
     for k, stamp in enumerate(next(iter(axes.values())).stamp_ns.tolist()):
         if efforts:
-            estimator.feed_efforts(stamp, efforts, heard[:, k])
+            estimator.feed_efforts(stamp, [*efforts], heard[:, k])
         made += estimator.feed("both", stamp, list(axes), angles[k])[1]
     after = made[round(KNOWN_FROM * len(made)) :]
     tension = np.stack([one.tension for one in after])
@@ -122,7 +124,8 @@ def foretold(now: Commissioned, step: str) -> Judged:
         sizes = {motor: 2.0 * find_number(document, paths[0]).value
                  for motor, paths in drum_radii(document).items()}  # fmt: skip
         return judged(drums_measured(now, sizes).model, heard)
-    noise = _effort_noise(now.model)
+    noise = {_effort(motor.name): motor.effort_noise for motor in robot.motors}
+    noise |= {_effort(name): read for name, read in heard.items()}
     if step == "cells":
         noise[f"{TENSION}/{robot.cables[0].element_names[-1]}"] = CELL_NOISE
     right = replace(now, text=now.base, fits=(), recordings=())
@@ -134,11 +137,6 @@ def foretold(now: Commissioned, step: str) -> Judged:
 
 def _effort(name: str) -> str:
     return f"{EFFORT}/{name}"
-
-
-def _effort_noise(model: Model) -> dict[str, float]:
-    """Standard deviations of the motors' efforts [N m], by channel."""
-    return {_effort(motor.name): motor.effort_noise for motor in model.robot.motors}
 
 
 def _scale_made_up(now: Commissioned) -> list[dict[str, float]]:

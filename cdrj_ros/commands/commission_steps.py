@@ -33,7 +33,7 @@ from cdrj_ros.estimation.changes import (
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.identification.observations import Recorded, ScaleReading, samples_of
+from cdrj_ros.identification.observations import Recorded, ScaleReading, noise_of, samples_of
 from cdrj_ros.identification.problem import Progress
 from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.model.packing import EFFORT, TENSION
@@ -78,12 +78,19 @@ class Commissioned:
         return prepare(parse_robot(self.text, self.source))
 
     @property
-    def heard(self) -> tuple[str, ...]:
-        """Motors whose efforts the robot publishes; all if the estimate needs them."""
-        robot = self.model.robot
-        there = {name for one in (*self.recordings, self.rest) if one for name in one.references}
-        names = [motor.name for motor in robot.motors]
-        return tuple(one for one in names if robot.unmeasured or f"{EFFORT}/{one}" in there)
+    def heard(self) -> dict[str, float]:
+        """Noise of the efforts that the robot publishes, as they were recorded [N m], by motor.
+
+        That of the file where the estimate needs efforts that were not recorded.
+        """
+        robot, recorded = self.model.robot, [one for one in (*self.recordings, self.rest) if one]
+        found = {}
+        for motor in robot.motors:
+            name = f"{EFFORT}/{motor.name}"
+            read = [one.references[name].value for one in recorded if name in one.references]
+            if read or robot.unmeasured:
+                found[motor.name] = max(map(noise_of, read), default=motor.effort_noise)
+        return found
 
     @property
     def measured(self) -> Model:
@@ -214,7 +221,7 @@ def fitted(
     """
     recordings = (*now.recordings, *recorded)
     robot = parse_robot(now.base, now.source)
-    fits = fit_parts(robot, now.base, recordings, now.fits, say)
+    fits = fit_parts(robot, now.base, recordings, say)
     values = {path: value for one in fits for path, value in one.values.items()}
     text = with_section(_with_fitted(now, robot, values), "uncertainty", section_of(robot, fits))
     names = ", ".join(one.name for one in recordings)

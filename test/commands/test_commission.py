@@ -15,7 +15,7 @@ from truth import scenes
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_judged import Judged, foretold, judged
+from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
@@ -103,7 +103,6 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
             "--preload", "upper=32.3,lower=26.8", "--drum", "winch=30.08",
             "--motion", write(tmp_path / "motion", stamps, readings, effort),
             "--cells", write(tmp_path / "cells", stamps, readings, effort, cell),
-            "--png", str(tmp_path / "steps.png"),
         ]
     )  # fmt: skip
     assert code == 0
@@ -115,7 +114,6 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
     assert ok[0] == 0.0
     assert ok[-1] > 85.0
     assert "The cable holds on its drums" in said
-    assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
     written = yaml.safe_load(out.read_text(encoding="utf-8"))
     origin = written["identified"]["numbers"]
     assert origin["motors.winch.reference_angle"] == "tare, rest"
@@ -125,19 +123,6 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
     inside = covered(model, other, {"winch": read["winch"]}, {"elbow": read["elbow"]},
                      wanted.tension)  # fmt: skip
     assert inside > 0.95
-
-
-def test_the_picture_has_plain_numbers_at_its_axis() -> None:
-    taken = [
-        commission.Step(name, Judged(0.0, {"upper": share, "lower": 0.9 * share}))
-        for name, share in (("new file", 2.2), ("rest", 0.3), ("motion", 0.04))
-    ]
-    axes = commission.figure_of(taken).axes[0]
-    low, high = axes.get_ylim()
-    shown = [one for one in axes.get_yticks() if low <= one <= high]
-    assert [axes.yaxis.get_major_formatter()(one) for one in shown] == [
-        "3", "5", "10", "20", "30", "50", "100", "200"
-    ]  # fmt: skip
 
 
 def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() -> None:

@@ -32,7 +32,7 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
     alone = hand(finger("b"))
     right = recorded(alone)
     more = {name: replace(one, value=1.05 * one.value) for name, one in right.references.items()}
-    (fit,) = fit_parts(alone, text_of(alone), [replace(right, references=more)], (), None)
+    (fit,) = fit_parts(alone, text_of(alone), [replace(right, references=more)], None)
     known = dict(zip(fit.numbers.paths, fit.numbers.stddev, strict=True))
     for one in alone.cables:
         path = f"cables.{one.name}.preload"
@@ -42,8 +42,8 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
 
 def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> None:
     alone = hand(finger("b"))
-    (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)], (), None)
-    _, part = fit_parts(two, text_of(two), [recorded(two)], (), None)
+    (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)], None)
+    _, part = fit_parts(two, text_of(two), [recorded(two)], None)
     np.testing.assert_array_equal(part.found.values, whole.found.values)
     np.testing.assert_array_equal(part.found.correlation, whole.found.correlation)
     own = {path: value for path, value in whole.values.items() if path in part.values}
@@ -52,9 +52,16 @@ def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> 
 
 def test_an_unrelated_finger_changes_no_bit_of_how_another_is_judged(two: Robot) -> None:
     one = hand(finger("b"))
-    alone, whole = (judged(prepare(r), [motor.name for motor in r.motors]) for r in (one, two))
+    alone, whole = (judged(prepare(r), {axis.name: 0.01 for axis in r.motors}) for r in (one, two))
     assert alone.relative == {name: whole.relative[name] for name in alone.relative}
     assert [*whole.relative] == [cable.name for cable in two.cables]
+
+
+def test_a_file_is_judged_with_efforts_as_noisy_as_those_that_were_recorded(two: Robot) -> None:
+    now, motion = steps.begin(text_of(two), "hand"), recorded(two)
+    heard = replace(now, recordings=(motion,)).heard
+    assert heard == pytest.approx({motor.name: 0.005 for motor in two.motors}, rel=0.25)
+    assert replace(now, recordings=(replace(motion, references={}),)).heard == {}
 
 
 def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two: Robot) -> None:
