@@ -7,7 +7,7 @@ first one on.  The estimates are interpolated at the references' stamps as in ev
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, get_args
@@ -218,12 +218,11 @@ def residuals_together(
 ) -> list[list[Vector]]:
     """Residuals of several problems at several coordinates each, all computed in parallel.
 
-    The long runs of one problem and the short ones of another thus share the processors.
+    The long runs of one problem and the short ones of another thus share the processors, as do
+    runs and the preparation of further robots.
     """
-    pool, places = requests[0][0].pool, []
-    models: list[Model] = []
-    observed: list[Observations] = []
     found: dict[tuple[int, bytes], Vector] = {}
+    running: list[tuple[Problem, Vector, list[Future[Vector]]]] = []
     for problem, many in requests:
         for coordinates in many:
             key = id(problem), coordinates.tobytes()
@@ -236,13 +235,15 @@ def residuals_together(
             found[key] = np.full(problem.size, np.inf)
             problem.evaluations += 1
             if model is not None:
-                places.append((problem, coordinates, key))
-                models += [model] * len(problem.observations)
-                observed += problem.observations
-    parts = iter(list(pool.map(residuals_of_one, models, observed)))
-    for problem, coordinates, key in places:
-        found[key] = np.concatenate([next(parts) for _ in problem.observations])
-        problem.remember(coordinates, found[key])
+                parts = [
+                    problem.pool.submit(residuals_of_one, model, one)
+                    for one in problem.observations
+                ]
+                running.append((problem, coordinates, parts))
+    for problem, coordinates, parts in running:
+        residuals = np.concatenate([part.result() for part in parts])
+        found[id(problem), coordinates.tobytes()] = residuals
+        problem.remember(coordinates, residuals)
     return [[found[id(one), at.tobytes()] for at in many] for one, many in requests]
 
 
