@@ -72,6 +72,10 @@ LOOP: Final = (0.128, 0.127, 0.851, 0.786)
 """Left, bottom, width and height of axes, in shares of the picture."""
 
 
+BAND: Final = f"±{COVERAGE_SIGMAS:g}σ"
+"""Name of the band."""
+
+
 class Picture(NamedTuple):
     """One figure of the page."""
 
@@ -100,7 +104,7 @@ def channel_pictures(
         whole = over_time(channel, origin_ns, tinted=worst)
         near = over_time(channel, origin_ns, worst)
         made = [
-            (whole, "over time", "Whole recording; the tinted part is enlarged."),
+            (whole, "over time", "Whole recording; the grey part is enlarged."),
             (near, f"over time, {span}", "Around the largest error."),
         ]
     if closer and not channel.is_vector and np.isfinite(channel.angle[worst]).any():
@@ -214,12 +218,14 @@ def _add_axes(figure: Figure, box: tuple[float, float, float, float]) -> Axes:
 
 
 def _dress(axes: Axes, channel: Channel, unit: str) -> None:
-    """Add the title, and the names of both lines in their colours."""
+    """Add the title, and the names of both lines and of the band in their colours."""
     title = QUANTITIES[quantity_of(channel.name)].title.lower()
     _title(axes, f"{title} [{unit}]", "left", "muted")
+    lines = axes.get_lines()[:: max(len(axes.get_lines()) // 2, 1)][:2]
+    bands = [one for one in axes.collections if one.get_label() == BAND]
     axes.legend(
-        axes.get_lines()[:: max(len(axes.get_lines()) // 2, 1)][:2], ("recorded", "estimated"),
-        loc="lower right", bbox_to_anchor=(1.02, 0.97), ncols=2, frameon=False,
+        [*lines, *bands], ("recorded", "estimated", BAND)[: 2 + len(bands)],
+        loc="lower right", bbox_to_anchor=(1.02, 0.97), ncols=3, frameon=False,
         fontsize=FONT_SIZE, handlelength=1.0, columnspacing=1.0, labelcolor=COLOURS["muted"],
     )  # fmt: skip
 
@@ -249,7 +255,7 @@ def _draw_band(axes: Axes, x: Floats, centre: Floats, half: Floats, room: float)
     usual = min(float(half.max()), USUAL_BANDS * float(np.median(half)), room)
     kept = envelope(BUCKETS // 2, centre - half, centre + half)
     edges = (centre - half)[kept], (centre + half)[kept]
-    axes.fill_between(x[kept], *edges, color=COLOURS["band"], linewidth=0, zorder=1.5)
+    axes.fill_between(x[kept], *edges, color=COLOURS["band"], linewidth=0, zorder=1.5, label=BAND)
     axes.set_ylim(min(low, float(centre.min()) - usual), max(high, float(centre.max()) + usual))
 
 

@@ -47,6 +47,7 @@ from cdrj_ros.model.packing import EFFORT, NODAL_FORCE, TENSION
 from cdrj_ros.report.table import (
     HEADINGS,
     OUTSIDE_HEADINGS,
+    WORST_ALONE,
     cause_in_words,
     headings_of,
     health_lines,
@@ -54,6 +55,7 @@ from cdrj_ros.report.table import (
     outside_rows,
     r2_remark,
     table_groups,
+    worst_channels,
 )
 
 PICTURE_BUDGET: Final = 2_700_000
@@ -181,7 +183,7 @@ def usable_share(bags: Sequence[BagComparison]) -> list[dict[str, str]]:
             "label": "Status OK",
             "value": format_percent(sum(bag.ok for bag in bags) / judged),
             "meaning": "of the estimated tensions",
-            "detail": "the others are marked, and not to be used unseen",
+            "detail": "the others have a flag, most of a new robot UNSURE",
         }
     ]
 
@@ -198,9 +200,11 @@ def _direction(error: ChannelError) -> str:
 
 def _table(errors: Mapping[str, ChannelError], anchors: Mapping[str, str]) -> dict[str, Any]:
     """The figures, one table per quantity, with names linked to their pictures."""
-    headings = headings_of(errors)
+    headings, shown = headings_of(errors), worst_channels(errors)
     return {
-        "groups": table_groups(errors),
+        "groups": table_groups(errors, shown),
+        "every": table_groups(errors) if shown else (),
+        "caption": f"{WORST_ALONE[0].upper()}{WORST_ALONE[1:]}." if shown else "",
         "headings": headings,
         "many": len(headings) > len(HEADINGS),
         "anchors": anchors,

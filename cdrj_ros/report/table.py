@@ -94,6 +94,9 @@ SMALL_ERROR: Final = 0.02
 LOW_R2: Final = 0.9
 """R² that needs an explanation beside a small error."""
 
+WORST_ALONE: Final = f"the worst element of every cable, and the {WORST} worst of other quantities"
+"""What a short table shows."""
+
 HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
 """Headings of the figures in every table, in the order of metrics.FIGURES."""
 
@@ -144,11 +147,14 @@ def _more(errors: Mapping[str, ChannelError]) -> tuple[str, ...]:
     )
 
 
-def table_groups(errors: Mapping[str, ChannelError]) -> tuple[Group, ...]:
+def table_groups(
+    errors: Mapping[str, ChannelError], shown: Sequence[str] | None = None
+) -> tuple[Group, ...]:
     """The table's text, grouped by quantity in the order of QUANTITIES.
 
     Args:
         errors: figures by channel name.
+        shown: names of the channels with a line, in their order; None: all.
 
     Raises:
         ValueError: a channel name without a known prefix.
@@ -163,22 +169,27 @@ def table_groups(errors: Mapping[str, ChannelError]) -> tuple[Group, ...]:
         factor, scaled_unit = scale_for(overall.max_abs_error, overall.unit or known.unit)
         decimals = _decimals(members.values(), factor)
         rows = tuple(
-            Row(name, name.removeprefix(f"{quantity}/"), _cells(error, factor, decimals, more))
-            for name, error in members.items()
-        )
+            Row(name, name.removeprefix(f"{quantity}/"),
+                _cells(members[name], factor, decimals, more))
+            for name in shown or members
+            if name in members
+        )  # fmt: skip
         summary = None
-        if len(rows) > 1:
+        if len(members) > 1:
             cells = _cells(overall, factor, decimals, more)
             summary = Row("", f"all {known.place}s", cells)
         groups.append(Group(f"{known.title} [{scaled_unit}]", rows, summary))
     return tuple(groups)
 
 
-def worst_channels(errors: Mapping[str, ChannelError]) -> list[str]:
+def worst_channels(errors: Mapping[str, ChannelError]) -> list[str] | None:
     """The worst element of every cable, and the ``WORST`` worst channels of other quantities.
 
     Elements are compared by their mean relative error, others by their RMSE; the worst is first.
+    None if all channels fit on one screen.
     """
+    if len(errors) <= MOST_ROWS:
+        return None
     found: list[str] = []
     for quantity in QUANTITIES:
         figure = "mean_relative_error" if quantity == TENSION else "rmse"
@@ -212,12 +223,10 @@ def errors_table(
     table.add_column("")
     for heading in headings_of(errors):
         table.add_column(heading, justify="right", no_wrap=True)
-    for group in table_groups(errors):
+    for group in table_groups(errors, shown):
         table.add_row(Text(group.title, style="bold"))
-        rows = {row.name: row for row in group.rows}
-        for name in rows if shown is None else shown:
-            if name in rows:
-                table.add_row(*_columns(rows[name]))
+        for row in group.rows:
+            table.add_row(*_columns(row))
         if group.summary is not None:
             table.add_row(*_columns(group.summary), style="bold")
         table.add_section()
@@ -246,14 +255,10 @@ def print_errors(
         title: line above the table.
         every: whether all channels are printed, even if they are more than ``MOST_ROWS``.
     """
-    brief = not every and len(errors) > MOST_ROWS
-    shown = worst_channels(errors) if brief else None
+    shown = None if every else worst_channels(errors)
     print_table(errors_table(errors, title=title, shown=shown))
-    if brief:
-        say(
-            f"the worst element of every cable, and the {WORST} worst of other quantities; --all "
-            f"prints all {len(errors)} channels"
-        )
+    if shown is not None:
+        say(f"{WORST_ALONE}; --all prints all {len(errors)} channels")
     if remark := r2_remark(errors):
         say(remark)
 

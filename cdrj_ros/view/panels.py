@@ -298,8 +298,8 @@ def paragraphs(texts: Iterable[object]) -> str:
 
 
 ROW: Final = (
-    "<tr style='{weight}'><td style='white-space:nowrap;max-width:9em;overflow:hidden;"
-    "text-overflow:ellipsis'>{name}</td>"
+    "<tr style='{weight}'><td style='white-space:nowrap;max-width:130px;overflow:hidden;"
+    "text-overflow:ellipsis;font-size:{size:.2f}em'>{name}</td>"
     "<td style='width:100%;padding:0 .5em'><div style='height:.6em;border-radius:.3em;"
     "background:rgba(128,128,128,.2);overflow:hidden'>"
     "<div style='height:100%;width:{share:.0f}%;background:{colour}'></div></div></td>"
@@ -307,6 +307,12 @@ ROW: Final = (
     "<td style='font-size:.8em;white-space:nowrap;padding-left:.5em'>{status}</td></tr>"
 )
 """One element."""
+
+WHOLE_NAME: Final = 16
+"""Characters of a name that fit into its column; longer names are smaller,"""
+
+SMALLEST: Final = 0.7
+"""down to this share of the size of the others."""
 
 
 def css(colour: Colour) -> str:
@@ -364,6 +370,7 @@ def _row(look: DrawnCable, shown: Snapshot, e: int, limit: float, chosen: bool) 
     return ROW.format(
         weight="font-weight:700;" if chosen else "",
         name=plain(look.name),
+        size=min(max(WHOLE_NAME / len(look.name), SMALLEST), 1.0),
         share=100.0 * min(max(tension / limit, 0.0), 1.0) if known else 0.0,
         colour=css(look.colour),
         value=f"{tension:.1f}{spread} N" if known else "–",

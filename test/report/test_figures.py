@@ -52,7 +52,7 @@ def test_a_recording_of_few_reversals_is_not_drawn_twice() -> None:
     ]
     assert captions[0] == ["Whole recording.", "Over the angle of elbow, 0.0 to 0.6 s."]
     assert captions[1][:2] == [
-        "Whole recording; the tinted part is enlarged.", "Around the largest error."
+        "Whole recording; the grey part is enlarged.", "Around the largest error."
     ]  # fmt: skip
 
 

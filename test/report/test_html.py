@@ -164,6 +164,23 @@ def test_a_page_without_channels_has_the_drawing_alone(written: Callable[..., st
 
 
 @pytest.mark.usefixtures("few_pictures")
+def test_of_many_channels_the_worst_are_shown_and_all_are_folded(
+    written: Callable[..., str],
+) -> None:
+    stamps = np.arange(1, 4, dtype=np.int64) * 1_000_000
+    true = np.linspace(9.0, 10.0, 3)
+    names = {f"tension/c{c}/{e}": 0.1 * e for c in range(25) for e in (1, 2)}
+    many = compare(
+        stamps, {name: true + off for name, off in names.items()},
+        dict.fromkeys(names, (stamps, true)), max_gap_ns=20_000_000,
+    )  # fmt: skip
+    page = written(BagComparison("hand", 1.0, many))
+    shown, _, folded = page.partition("<summary>All channels</summary>")
+    assert [f'title="tension/c7/{e}"' in shown for e in (1, 2)] == [False, True]
+    assert all(f'title="{name}"' in folded for name in names)
+    assert "The worst element of every cable" in shown
+
+
 def test_the_share_of_usable_tensions_stands_beside_the_errors(
     made_up: Callable[..., BagComparison], written: Callable[..., str]
 ) -> None:
