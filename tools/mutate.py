@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 PHYSICS = ("test/model", "test/estimation")
 CONDITIONING = (
-    "test/estimation/test_time_line.py test/estimation/test_conditioner.py", "test/estimation",
+    "test/estimation/test_reading_rules.py test/estimation/test_time_line.py", "test/estimation",
     "test/model",
 )  # fmt: skip
 SOURCES = {
