@@ -35,7 +35,7 @@ CONDITIONING = (
 SOURCES = {
     "cdrj_ros/core/(cable|cells|friction|guide|law)": PHYSICS,
     "cdrj_ros/core/(report|residual|robot[.]|route|tangents|vectors)": PHYSICS,
-    "cdrj_ros/core/(channel|conditioner|motion|step_detector|time_line)": CONDITIONING,
+    "cdrj_ros/core/(channel|conditioner|lag|motion|step_detector|time_line|units)": CONDITIONING,
     "cdrj_ros/estimation/(conditioner|beliefs|corrections|sensors)": CONDITIONING,
 }
 """Beginnings of the files that are mutated, and their tests, likely killers first."""

@@ -272,8 +272,13 @@ void bind_conditioner(nb::module_& core) {
     nb::class_<Conditioner>(core, "Conditioner",
         "Gates and time line of one robot.")
         .def(
-            nb::init<std::vector<Axis>, std::size_t, bool, Nanoseconds>(),
-            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a, "Start without readings.")
+            "__init__",
+            [](Conditioner* self, std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns,
+               const std::vector<double>& bends) {
+                new (self) Conditioner(std::move(axes), motors, predict, horizon_ns, bends);
+            },
+            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a, "bends"_a = std::vector<double>(),
+            "Start without readings.")
         .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a,
              "arrival_ns"_a = NEVER_NS, "by_arrival"_a = false,
             "Take a message; returns the fields of every ``Sample`` that is now complete.")
@@ -335,7 +340,8 @@ void bind_conditioner(nb::module_& core) {
         .def_prop_ro("misfitting", [](const Conditioner& c) {
             List<nb::str> found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {
-                if (c.channels()[k].misfits) found.append(c.axes()[k].name);
+                const bool doubted = c.channels()[k].misfits || c.time_line().units().doubts(k);
+                if (doubted) found.append(c.axes()[k].name);
             }
             return found;
         })

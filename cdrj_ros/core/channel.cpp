@@ -23,12 +23,6 @@ constexpr double DEGREES = 180.0 / std::numbers::pi;  // in a radian
 constexpr double BETWEEN = 0.1;            // a change is no multiple if it is so far from the nearest one
 constexpr double FINER = 0.22;             // logarithm of 1.25
 
-/// The next of few values, each a quarter above the one before, so that changes are few.
-double level(double value) {
-    if (!(value > 0.0)) return 0.0;
-    return std::exp(FINER * std::ceil(std::log(value) / FINER));
-}
-
 /// The nearest whole number, the even one of two; the current rounding mode is the default.
 std::int64_t nearest(double number) {
     return static_cast<std::int64_t>(std::nearbyint(number));
@@ -51,6 +45,11 @@ double correction_at(const Axis& axis, double angle) {
 }
 
 }  // namespace
+
+double level(double value) {
+    if (!(value > 0.0)) return 0.0;
+    return std::exp(FINER * std::ceil(std::log(value) / FINER));
+}
 
 void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
     if (others_.size() <= axis) others_.resize(axis + 1);

@@ -64,6 +64,9 @@ struct Unwrapped {
     double angle;
 };
 
+/// The next of few values, each a quarter above the one before, so that changes are few.
+double level(double value);
+
 /// Result of comparing a stamp with the last one accepted.
 enum class Timing { usable, repeated, contradictory, late, another_time };
 
@@ -175,16 +178,15 @@ public:
     /// Notes whether a reading shows that counts are not degrees, (C15).
     void look_at_counts(const Axis& axis, double reading);
 
-    /// Whether nothing excludes another unit yet.
-    bool is_unit_open(const Axis& axis) const { return !axis.pull.empty() && !(fits && counted); }
+    /// Whether its counts do not exclude degrees yet.
+    bool is_unit_open(const Axis& axis) const { return !axis.pull.empty() && !counted; }
 
     /// What its motion so far is wrong by if its unit is.
     double unit_error(const Axis& axis) const {
         return is_unit_open(axis) ? std::abs(moved()) : 0.0;
     }
 
-    /// Notes whether it has moved so far that the others must have moved as well, or its counts have shown
-    /// its unit, which they have not.
+    /// Notes whether it has moved so far that its counts must have shown its unit, which they have not.
     void doubt_unit(const Axis& axis) {
         misfits = is_unit_open(axis) && (misfits || unit_error(axis) > axis.worth);
     }
@@ -231,9 +233,7 @@ public:
     std::optional<Raw> off;       // a reading that the next one is to judge
     bool in_doubt = false;        // whether the time line has been told so
     std::optional<double> first;  // its first angle
-    double furthest = 0.0;        // its greatest motion since then, while that is of use
-    bool fits = false;            // whether motors and joints have moved together, (C15)
-    bool misfits = false;         // whether its unit is in doubt, since it has moved too far
+    bool misfits = false;         // whether its counts leave its unit in doubt, and it has moved too far
     bool alone = false;           // whether there is only the first reading
     bool counted = false;         // whether a change was no multiple of a count in degrees, (C15)
     bool lost_way = false;        // whether the motion up to the next reading is unknown

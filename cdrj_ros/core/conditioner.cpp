@@ -6,17 +6,10 @@
 #include <utility>
 
 namespace cdrj {
-namespace {
-
-// Motors and joints that move together take at least this share of each other's effect on a cable; in
-// degrees instead of radians they take 1/57.
-constexpr double LEAST_SHARE = 0.3;
-
-}  // namespace
-
 Conditioner::Conditioner(
-    std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns)
-    : axes_(std::move(axes)), motors_(motors), time_line_(predict, horizon_ns) {
+    std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns,
+    std::span<const double> bends)
+    : axes_(std::move(axes)), motors_(motors), time_line_(axes_, bends, predict, horizon_ns) {
     for (std::size_t k = 0; k < axes_.size(); ++k) index_.emplace(axes_[k].name, k);
     take_refused();
     begin();
@@ -155,33 +148,10 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
     channel.alone = !channel.first;
     if (channel.alone) channel.first = unwrapped.angle;
     channel.look_at_counts(axes_[k], raw.reading);
-    if (!channel.fits && !axes_[k].pull.empty()) look_for_fit(k);
     channel.doubt_unit(axes_[k]);
     tell_doubt(k, since_ns, raw.stamp_ns);
     time_line_.take(axes_[k], channel, raw, unwrapped, shown_by_others(k, raw.stamp_ns));
     ++accepted;
-}
-
-/// Notes whether an axis, as far away as it has ever been, has moved together with those of the other kind
-/// on one of its cables, (C15).
-///
-/// On its way back its motion is small, and the others may be where a third axis has taken them.
-void Conditioner::look_for_fit(std::size_t k) {
-    Channel& channel = channels_[k];
-    if (std::abs(channel.moved()) < channel.furthest) return;
-    channel.furthest = std::abs(channel.moved());
-    const std::vector<double>& pull = axes_[k].pull;
-    for (std::size_t cable = 0; cable < pull.size(); ++cable) {
-        const double own = std::abs(pull[cable] * channel.moved());
-        if (own <= 1.0) continue;
-        double others = 0.0;
-        for (std::size_t i = 0; i < channels_.size(); ++i) {
-            const bool other_kind = (i < motors_) != (k < motors_);
-            if (!other_kind || axes_[i].pull.empty()) continue;
-            others += axes_[i].pull[cable] * channels_[i].moved();
-        }
-        if (std::abs(others) > LEAST_SHARE * own) channel.fits = true;
-    }
 }
 
 /// Notes that a refused reading contradicts an accepted one, which may be wrong as well.

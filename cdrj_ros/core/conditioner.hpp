@@ -39,7 +39,10 @@ public:
     /// axes: of all motors, then all joints, in the robot's order.
     /// motors: how many of them are motors.
     /// predict: whether lagging channels are extrapolated, by up to `horizon_ns`.
-    Conditioner(std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns);
+    /// bends: of every cable, see `Units`; empty for none.
+    Conditioner(
+        std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns,
+        std::span<const double> bends = {});
     Conditioner(const Conditioner&) = delete;  // recordings refer to it
     Conditioner& operator=(const Conditioner&) = delete;
 
@@ -100,7 +103,6 @@ private:
     bool judge(std::size_t k, Raw raw);
     void note_contradiction(std::size_t k, Nanoseconds stamp_ns);
     void tell_doubt(std::size_t k, Nanoseconds since_ns, Nanoseconds stamp_ns);
-    void look_for_fit(std::size_t k);
     LeastMotion shown_by_others(std::size_t k, Nanoseconds stamp_ns) const;
     void append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off);
     void refuse(std::size_t k, Cause cause, Raw raw);

@@ -23,7 +23,7 @@ from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import Model, lengths_at, prepare, shape_at
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
 NOISE_BAND: Final = 3.0
@@ -182,6 +182,9 @@ def _worth(model: Model) -> list[float]:
 def pulls_of(robot: Robot) -> list[list[float]]:
     """Change of every cable's tension per angle of every axis, by what makes it ``UNSURE`` [1/rad].
 
+    Positive where a greater angle lengthens the cable's path or winds in cable; zero for cables
+    without a motor.
+
     Empty for joints that no cable hinders to move through their ranges while the motors stand
     still, for motors of such joints alone, and for robots with joints without encoder.
     """
@@ -192,19 +195,49 @@ def pulls_of(robot: Robot) -> list[list[float]]:
     ranges = np.array([joint.upper - joint.lower for joint in robot.joints])
     held = _stiffness(model)[:, motors:] * ranges > np.array(most)[:, None]
     shape = shape_at(model, robot.reference_pose)
-    pull = (
-        _share(model)
-        / UNSURE_SHARE
-        * np.hstack([np.ones((len(robot.cables), motors)), _signs(robot, shape.lever_arm)])
-    )
-    shared = (pull[:, :motors] > 0.0).T @ held.any(axis=1)
+    arm, size = _by_joint(robot, shape.lever_arm), _by_joint(robot, np.abs(shape.lever_arm))
+    sign = np.hstack([np.sign(robot.drums), arm / np.maximum(size, np.finfo(float).tiny)])
+    pull = _share(model) / UNSURE_SHARE * sign
+    pull[~np.any(robot.drums, axis=1)] = 0.0
+    shared = (pull[:, :motors] != 0.0).T @ held.any(axis=1)
     bound = [*shared.tolist(), *held.any(axis=0).tolist()]
     return [one if is_bound else [] for one, is_bound in zip(pull.T.tolist(), bound, strict=True)]
 
 
-def _signs(robot: Robot, lever_arm: Table) -> Table:
-    """Sign with which every joint lengthens every cable, shape (cables, joints)."""
-    return np.sign([lever_arm[own].sum(axis=0) for own in robot.parts])
+POSES: Final = 40
+"""Random poses between which cables are compared with what is linear in the angles."""
+
+TYPICAL: Final = 0.8
+"""Share of the motions between them that are no less linear than is assumed."""
+
+MOST_BENT: Final = 0.5
+"""What is assumed at most: a stretch of the whole motion is always noticed."""
+
+
+def bends_of(robot: Robot) -> list[float]:
+    """By what share of the greatest part of an axis in it each cable's length is not linear.
+
+    Lever arms are those of the reference pose, as in ``pulls_of``; shape (cables,).
+    """
+    if robot.unmeasured or not robot.joints:
+        return []
+    model = prepare(robot, check_range=False)
+    arm = _by_joint(robot, shape_at(model, robot.reference_pose).lever_arm)
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    random = np.random.default_rng(0).random((POSES, len(robot.joints)))
+    pose = lower + random * (upper - lower)
+    length = np.stack([lengths_at(model, pose)[:, own].sum(axis=1) for own in robot.parts])
+    change = np.diff(length)
+    parts = arm[:, :, None] * np.diff(pose, axis=0).T
+    greatest = np.maximum(np.abs(parts).max(axis=1), np.abs(change))
+    bent = np.abs(change - parts.sum(axis=1)) / np.maximum(greatest, np.finfo(float).tiny)
+    return np.fmin(np.quantile(bent, TYPICAL, axis=1), MOST_BENT).tolist()
+
+
+def _by_joint(robot: Robot, lever_arm: Table) -> Table:
+    """Lever arm of every joint on every cable, shape (cables, joints)."""
+    return np.array([lever_arm[own].sum(axis=0) for own in robot.parts])
 
 
 def _share(model: Model) -> Table:
@@ -266,7 +299,7 @@ class Conditioner(_core.Conditioner):
         self._robot, self.worth = robot.as_read, worth_of(robot)
         self._pulls = pulls_of(robot)
         axes = axes_of(self._robot, tracking, self.worth, self._pulls)
-        super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS)
+        super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS, bends_of(robot))
 
     def memory(self) -> dict[str, Vector]:
         """Values that outlast a restart, for ``recall``: motion so far and the sensors' steps."""

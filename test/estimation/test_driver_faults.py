@@ -22,7 +22,9 @@ from support.driver_faults import (
     older,
     repeated,
     run,
+    scaled,
     second,
+    swapped,
     twice,
 )
 from support.places import ROBOTS
@@ -219,6 +221,38 @@ def test_angles_in_degrees_are_unsure_before_a_tension_is_wrong(
         wrong, total = wrong + int((good & off).sum()), total + int(good.sum())
     assert wrong <= LAW * total
     assert named & set(names_of(robot, which))
+
+
+FACTORS = {"negated": -1.0, "half": 0.5, "double": 2.0, "turns": 0.5 / np.pi, "still": 0.0}
+
+
+@pytest.mark.parametrize("which", ["first joint", "first motor", "joints", "motors"])
+@pytest.mark.parametrize("what", FACTORS)
+def test_wrong_signs_and_factors_are_unsure_before_a_tension_is_wrong(
+    what: str, which: str, robot: Model, course: Course
+) -> None:
+    """About the angle at which the sensors were zeroed."""
+    first = course._replace(angle=course.angle - course.angle[0])
+    names = {
+        "first joint": [first_joint(robot)],
+        "first motor": [robot.robot.motors[0].name],
+    }.get(which) or names_of(robot, which)
+    named: set[str] = set()
+    sent, wrong = messages_of(robot, first, 200), scaled(names, FACTORS[what])
+    begin = course.angle[0].tolist()
+    messages = [
+        m._replace(positions=tuple(a + b for a, b in zip(m.positions, begin, strict=True)))
+        for m in wrong(sent)
+    ]
+    outputs = run(robot, messages, watch=lambda live, _: named.update(live.conditioner.misfitting))
+    assert judge(course, outputs).beyond(5.0) <= LAW
+    assert named & set(names)
+
+
+def test_axes_with_each_other_s_name_are_unsure(robot: Model, course: Course) -> None:
+    motor, joint = robot.robot.motors[0].name, first_joint(robot)
+    outputs = run(robot, swapped(motor, joint)(messages_of(robot, course, 200)))
+    assert judge(course, outputs).beyond(5.0) <= LAW
 
 
 def test_readings_that_leave_the_range_leave_those_within_it_in_doubt(

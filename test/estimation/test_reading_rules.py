@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import exp, hypot
 
 import numpy as np
@@ -12,6 +12,7 @@ from support.wound import robot_of
 from cdrj_ros.estimation.conditioner import Conditioner, Mode
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.reader import parse_robot
 
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -84,8 +85,10 @@ def test_a_displacement_is_a_step_if_no_motion_of_its_neighbours_explains_it(
     assert heard.offset() == pytest.approx(level(0.35 * 2.0 * B))
     heard.both(moving(60, begin=1.5 + by))
     assert heard.gate.displaced == ({"m": pytest.approx(by)} if is_step else {})
-    # a step of more than w takes all status 0 away, a smaller one raises U, by 4 u / n with n = 4
-    assert heard.samples[-1].doubtful == is_step
+    # a step of more than w takes all status 0 away, from the first sample that has it
+    doubtful = [one.doubtful for one in heard.samples]
+    assert doubtful[1:] == [False] * 149 + [is_step] * 60
+    # a smaller one raises U, by 4 u / n with n = 4
     wanted = hypot(0.35 * 2.0 * B, by) if is_step else 0.35 * abs(by)
     assert heard.offset() == pytest.approx(level(wanted))
 
@@ -196,6 +199,7 @@ def test_two_values_for_one_time_leave_a_doubt_that_a_hundred_good_readings_end(
     doubtful = [one.doubtful for one in heard.samples[1:]]
     assert sum(doubtful) == 102
     assert not doubtful[-1]
+    assert np.isinf(heard.samples[-1].unseen[1][0]), "the friction history is unknown"
 
 
 @pytest.mark.parametrize(("by", "cause"), [(0.0021, "contradictory"), (0.0019, "repeated")])
@@ -277,6 +281,15 @@ def test_a_predicted_angle_has_the_deviation_of_the_motion_so_far() -> None:
     assert ahead.unseen[0][1] == pytest.approx(hypot(drift, noise), rel=1e-3)
 
 
+def test_a_gap_is_not_the_rate_of_a_channel() -> None:
+    heard = Heard().both([0.0] * 20)
+    for _ in range(2):
+        heard.at_ms += 60_000.0
+        heard.both([0.0] * 20)
+    assert heard.gate.gaps == 4, "two for each of both axes"
+    assert heard.gate.refused["future"] == 0
+
+
 # --- clocks ---------------------------------------------------------------------------------------
 
 STATED = robot_of(
@@ -328,6 +341,80 @@ def test_times_of_arrival_are_as_certain_as_they_are_even() -> None:
         most = 8e-3 if late == 0.0 else 2e-3
         wanted = [hypot(1e-3, 0.35 * one, arrival) for one in (8e-3, most)]
         assert any(heard.lag() == pytest.approx(level(one)) for one in wanted)
+
+
+# --- units ----------------------------------------------------------------------------------------
+
+PAIR = parse_robot(
+    """
+name: pair
+motors: [{name: m}]
+joints: [{name: q, range: [-3, 3]}]
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 10
+    max_tension: 100
+    nodes: [{type: winch, motor: m, winding: -1, radius: 0.1}, {type: anchor}]
+    spans: [[1, {joint: q, slope: 0.1}]]
+uncertainty: {others: exact}
+"""
+)
+"""The cable takes 100 N/rad of both axes, so 10 mrad are worth a tenth of its preload."""
+
+
+def moved_together(
+    motor: Callable[[float], float], joint: Callable[[float], float], until: float = 1.0
+) -> tuple[Heard, list[bool]]:
+    """Readings of both axes by their true angle, 10 mrad apart; which samples are in doubt."""
+    heard = Heard(PAIR)
+    for k in range(round(100 * until)):
+        heard.hear("m", motor(0.01 * k), 10.0 * k)
+        heard.hear("q", joint(0.01 * k), 10.0 * k)
+    return heard, [one.doubtful for one in heard.samples[1:]]
+
+
+def same(angle: float) -> float:
+    return angle
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 0.1, 0.5, 0.65, 1.6, 2.0, 57.3])
+@pytest.mark.parametrize("of_motor", [True, False])
+def test_an_axis_of_another_unit_is_in_doubt_once_it_is_worth_a_tenth(
+    factor: float, of_motor: bool
+) -> None:
+    def wrong(angle: float) -> float:
+        return factor * angle
+
+    axes = (wrong, same) if of_motor else (same, wrong)
+    heard, doubtful = moved_together(*axes, until=0.05 if factor > 50.0 else 1.0)
+    first = doubtful.index(True)
+    assert all(doubtful[first:])
+    assert abs(factor - 1.0) * first <= 1.0 + 1e-9 < abs(factor - 1.0) * (first + 1) + 1e-6
+    assert heard.gate.misfitting == ["m", "q"], "nothing tells which"
+
+
+@pytest.mark.parametrize("factor", [0.78, 1.0, 1.28])
+def test_a_stretch_of_less_than_three_tenths_of_the_motion_is_a_load(factor: float) -> None:
+    heard, doubtful = moved_together(same, lambda angle: factor * angle)
+    assert not any(doubtful)
+    assert heard.gate.misfitting == []
+    assert max(heard.offset(), heard.offset(1)) < 1e-9
+
+
+def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_stretch() -> None:
+    """The motor has wound in 20 mrad while the joint stood; after 67 mrad that is three tenths."""
+    heard, doubtful = moved_together(same, lambda angle: max(angle - 0.02, 0.0))
+    assert doubtful == [k in range(2, 9) for k in range(1, 100)]
+    assert heard.gate.misfitting == []
+
+
+def test_units_that_motion_has_shown_are_not_doubted_for_what_loads_do_later() -> None:
+    heard, _ = moved_together(same, same)
+    for k in range(100):
+        heard.hear("m", 0.99 - 0.01 * k, 1000.0 + 10.0 * k)
+        heard.hear("q", 0.99 + 1e-5 * k, 1000.0 + 10.0 * k)
+    assert not any(one.doubtful for one in heard.samples[1:])
 
 
 # --- what lasts -----------------------------------------------------------------------------------

@@ -137,15 +137,15 @@ def twice(axis: str, value: float = 0.0, *, first: bool = True) -> Fault:
     return spoil
 
 
-def in_degrees(axes: Iterable[str]) -> Fault:
-    """The angles of some axes are in degrees."""
+def scaled(axes: Iterable[str], factor: float) -> Fault:
+    """The angles of some axes are multiplied."""
     chosen = frozenset(axes)
 
     def spoil(messages: list[Message]) -> list[Message]:
         return [
             m._replace(
                 positions=tuple(
-                    float(np.degrees(value)) if name in chosen else value
+                    factor * value if name in chosen else value
                     for name, value in zip(m.names, m.positions, strict=True)
                 )
             )
@@ -153,6 +153,19 @@ def in_degrees(axes: Iterable[str]) -> Fault:
         ]
 
     return spoil
+
+
+def in_degrees(axes: Iterable[str]) -> Fault:
+    """The angles of some axes are in degrees."""
+    return scaled(axes, 180.0 / np.pi)
+
+
+def swapped(one: str, other: str) -> Fault:
+    """Two axes have each other's name."""
+    names = {one: other, other: one}
+    return lambda messages: [
+        m._replace(names=tuple(names.get(name, name) for name in m.names)) for m in messages
+    ]
 
 
 def older(axis: str, messages_ago: int) -> Fault:
