@@ -1,6 +1,8 @@
 """Lengths, wraps and lever arms of cables by positions, by section 13 of docs/model.md.
 
-A robot in the plane is one in space whose axes are z.
+A robot in the plane is one in space whose axes are z.  The contact with a node follows from the
+points of its neighbours, which are given: where all contacts are those that were given, the sweeps
+of 13.3 would change nothing any more.
 
 Every vector with an index of a body is in that body's own axes: z is its axis.  The derivatives of
 the frames are complex steps.  Drums have no pitch (G10).  Speed does not matter.
@@ -10,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from model.reference_geometry import STEP, Complex, Geometry, Vector, by_tables, tabled
@@ -19,7 +22,6 @@ from cdrj_ros.robot.description import Cable, Node, Pulley, Robot, Winch
 from cdrj_ros.robot.space import Place
 
 Z = np.array([0.0, 0.0, 1.0])
-SWEEPS = 80
 LEAST_SHARE = 1e-3
 """Least distance along a line of the nodes that it misses, as a share of the line, (G9)."""
 
@@ -228,64 +230,62 @@ class Path:
     """Of either end: angle of its point of contact about its axis, and turn of its frame [rad]."""
 
 
-FOUND: dict[tuple[int, str, bytes], tuple[Robot, Path]] = {}
-"""Paths by robot, cable and pose, with the robot, so that it keeps its ``id``."""
+Paths = tuple[Path | None, ...]
+"""Of all cables in one pose; None for those by tables."""
 
 
-def path_at(robot: Robot, cable: Cable, q: Vector) -> Path:
-    """``path`` in a pose, searched once: lengths, arms and motions need the same."""
-    key = id(robot), cable.name, q.tobytes()
-    if key not in FOUND:
-        rest = id(robot), cable.name, b"rest"
-        if rest not in FOUND:
-            FOUND[rest] = robot, path(robot, cable, robot.reference_pose, None)
-        FOUND[key] = robot, path(robot, cable, q, FOUND[rest][1])
-    return FOUND[key][1]
+def paths(robot: Robot, q: Vector, touches: Any, rest: Paths | None) -> Paths:
+    """Paths in a pose; ``touches``: those of the estimator, ``rest``: in the reference pose."""
+    found: list[Path | None] = []
+    first = 0
+    for c, cable in enumerate(robot.cables):
+        own = touches[first : first + len(cable.nodes)]
+        first += len(cable.nodes)
+        found.append(
+            path(robot, cable, q, own, rest[c] if rest else None) if cable.placed else None
+        )
+    return tuple(found)
 
 
-def path(robot: Robot, cable: Cable, q: Vector, rest: Path | None) -> Path:
-    """Points of contact, by sweeps; ``rest``: in the reference pose, None for that pose itself."""
+def path(robot: Robot, cable: Cable, q: Vector, touches: Any, rest: Path | None) -> Path:
+    """Points of contact, each from those of the neighbours, which are the estimator's.
+
+    ``rest`` is the path in the reference pose, None for that pose itself.
+    """
     poses, last = frames(robot, q + 0j), len(cable.nodes) - 1
     spots = [node.place for node in cable.nodes if node.place]
     bases = [poses[p.frame][0].real @ own_axes(p) for p in spots]
-    centres = [point(poses, p.frame, p.position).real for p in spots]
-    far = [point(poses, p.exit_frame, p.exit).real for p in spots]
-    turns = [frame_turn(robot, spots[k].frame, q, bases[k][:, 2]) for k in (0, last)]
-    contacts = [
-        Contact(centres[k], far[k] if p.kind == "sheath" else centres[k])
-        for k, p in enumerate(spots)
+    turns = [
+        frame_turn(robot, spots[k].frame, q, bases[k][:, 2]) if spots[k].kind == "pulley" else 0.0
+        for k in (0, last)
     ]
-    angles = [0.0, 0.0]
-    for _ in range(SWEEPS):
-        moved = 0.0
-        for k, (node, p) in enumerate(zip(cable.nodes, spots, strict=True)):
-            if p.kind in ("point", "sheath"):
-                continue
-            before = [one.exit for one in contacts[:k] if one.touches]
-            after = [one.entry for one in contacts[k + 1 :] if one.touches]
-            ways = ((before or after[:1])[-1], (after or before[-1:])[0])
-            a, b = (bases[k].T @ (one - centres[k]) for one in ways)
-            side = bases[k].T @ (far[k] - centres[k])
-            if p.kind == "pulley":
-                new = grooved(node, a, b, rest.contacts[k].wrap if rest else np.pi)
-            elif p.kind == "swivel":
-                new = swivel(node, b)
-            elif min(np.linalg.norm(a), np.linalg.norm(b)) <= node.radius:
-                new = Contact(Z, Z, touches=False)  # ignored_inside
-            else:
-                new = (cylinder if p.kind == "cylinder" else sphere)(node, a, b, side)
-            if k in (0, last):
-                x, y, _ = new.normal[0 if k else 1]
-                angles[k == last] = float(np.arctan2(y, x))
-            entry, leaves = (centres[k] + bases[k] @ one for one in (new.entry, new.exit))
-            if not new.touches:
-                entry = leaves = centres[k]
-            way = max(np.linalg.norm(entry - contacts[k].entry),
-                      np.linalg.norm(leaves - contacts[k].exit))  # fmt: skip
-            moved = max(moved, float(way), float(new.touches != contacts[k].touches))
-            contacts[k] = replace(new, entry=entry, exit=leaves)
-        if moved < 1e-15:
-            break
+    contacts, angles = [], [0.0, 0.0]
+    for k, (node, p) in enumerate(zip(cable.nodes, spots, strict=True)):
+        centre = point(poses, p.frame, p.position).real
+        far = point(poses, p.exit_frame, p.exit).real
+        if p.kind in ("point", "sheath"):
+            contacts.append(Contact(centre, far if p.kind == "sheath" else centre))
+            continue
+        before = [one["exit"] for one in touches[:k] if one["touching"]]
+        after = [one["entry"] for one in touches[k + 1 :] if one["touching"]]
+        ways = ((before or after[:1])[-1], (after or before[-1:])[0])
+        a, b = (bases[k].T @ (one - centre) for one in ways)
+        if p.kind == "pulley":
+            new = grooved(node, a, b, rest.contacts[k].wrap if rest else np.pi)
+        elif p.kind == "swivel":
+            new = swivel(node, b)
+        elif min(np.linalg.norm(a), np.linalg.norm(b)) <= node.radius:
+            new = Contact(Z, Z, touches=False)  # ignored_inside
+        else:
+            side = bases[k].T @ (far - centre)
+            new = (cylinder if p.kind == "cylinder" else sphere)(node, a, b, side)
+        if k in (0, last):
+            x, y, _ = new.normal[0 if k else 1]
+            angles[k == last] = float(np.arctan2(y, x))
+        entry, leaves = (centre + bases[k] @ one for one in (new.entry, new.exit))
+        if not new.touches:
+            entry = leaves = centre
+        contacts.append(replace(new, entry=entry, exit=leaves))
     return Path(tuple(contacts), tuple(zip(angles, turns, strict=True)))
 
 
@@ -364,20 +364,19 @@ def arms(robot: Robot, cable: Cable, found: Path, q: Vector, direction: Vector) 
     return arm
 
 
-def geometry(robot: Robot, q: Vector) -> Geometry:
+def geometry(robot: Robot, q: Vector, now: Paths, rest: Paths) -> Geometry:
     """All cables of a robot; ``middle`` of cables by positions is left at 0, see ``moved``."""
     parts = [
-        by_positions(robot, cable, q) if cable.placed else by_tables(robot, cable, q)
-        for cable in robot.cables
+        by_positions(robot, cable, q, found, then) if found and then else by_tables(robot, cable, q)
+        for cable, found, then in zip(robot.cables, now, rest, strict=True)
     ]
     return Geometry(
         *(np.concatenate(part) for part in zip(*(vars(one).values() for one in parts), strict=True))
     )
 
 
-def by_positions(robot: Robot, cable: Cable, q: Vector) -> Geometry:
+def by_positions(robot: Robot, cable: Cable, q: Vector, found: Path, rest: Path) -> Geometry:
     """Section 13 for one cable."""
-    rest, found = path_at(robot, cable, robot.reference_pose), path_at(robot, cable, q)
     length, direction = elements(cable, found)
     wrap, arcs = np.zeros((2, len(cable.pulleys)))
     for k, (node, one) in enumerate(zip(cable.pulleys, found.contacts[1:-1], strict=True)):
@@ -418,16 +417,16 @@ def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
 # --- motion of the middle of an arc, 13.4 ---------------------------------------------------------
 
 
-def moved(robot: Robot, before: Vector, now: Vector) -> Vector:
+def moved(robot: Robot, before: tuple[Vector, Paths], now: tuple[Vector, Paths]) -> Vector:
     """(G13), (E26): motion of the middles of all arcs on their bodies between two poses [m]."""
     found = []
-    for cable in robot.cables:
-        if not cable.placed:
-            places = [by_tables(robot, cable, q).middle for q in (before, now)]
+    for cable, one, other in zip(robot.cables, before[1], now[1], strict=True):
+        if one is None or other is None:
+            places = [by_tables(robot, cable, q).middle for q, _ in (before, now)]
             found.extend((places[1] - places[0]).tolist())
             continue
-        one, other = (path_at(robot, cable, q).contacts for q in (before, now))
-        for node, c, d in zip(cable.pulleys, one[1:-1], other[1:-1], strict=True):
+        both = one.contacts[1:-1], other.contacts[1:-1]
+        for node, c, d in zip(cable.pulleys, *both, strict=True):
             if not (c.touches and d.touches) or not node.radius:
                 found.append(0.0)
                 continue
