@@ -88,26 +88,36 @@ class Slip(CableFault):
 
 
 @dataclass(frozen=True)
-class Freeze:
-    """An encoder repeats its last reading."""
+class EncoderFault:
+    """A fault of the readings of one encoder."""
 
     begin: float
     """Start of the fault [s]."""
     encoder: str
     """Motor or joint."""
 
-    kind: ClassVar[str] = "freeze"
+    kind: ClassVar[str]
 
     def apply(self, times: Vector, values: Vector) -> Vector:
         """Readings, of which the first has been sent before; all arrays of shape (n,)."""
-        first = max(int(np.searchsorted(times, self.begin)), 1)
-        return np.concatenate([values[:first], np.full(times.size - first, values[first - 1])])
+        raise NotImplementedError
 
     def __str__(self) -> str:
         return f"{self.kind} of {self.encoder}"
 
 
-Fault = CableFault | Freeze
+class Freeze(EncoderFault):
+    """The encoder repeats its last reading."""
+
+    kind = "freeze"
+
+    def apply(self, times: Vector, values: Vector) -> Vector:
+        """Readings, the last before the fault in place of all later ones."""
+        first = max(int(np.searchsorted(times, self.begin)), 1)
+        return np.concatenate([values[:first], np.full(times.size - first, values[first - 1])])
+
+
+Fault = CableFault | EncoderFault
 
 KINDS: Final[Mapping[str, type[Fault]]] = {one.kind: one for one in (Slack, Snap, Slip, Freeze)}
 """All faults, by their names in a rig file."""

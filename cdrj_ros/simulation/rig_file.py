@@ -9,7 +9,7 @@ from typing import Final
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.prepared import installed_path
 from cdrj_ros.robot.document import check_document, load_schema, read_text, si_document
-from cdrj_ros.simulation.faults import CableFault, Freeze, fault_of
+from cdrj_ros.simulation.faults import CableFault, EncoderFault, fault_of
 from cdrj_ros.simulation.load import Load, LoadKind, make_load
 from cdrj_ros.simulation.sensors import IDEAL_SENSORS, LOAD_CELLS, SensorSettings
 
@@ -82,14 +82,14 @@ def parse_rig(text: str, source: str = "rig file") -> RigDescription:
     if "stops" in load:
         load["stops"] = tuple(map(float, load["stops"]))
     return RigDescription(
-        _sensors(document, tuple(one for one in faults if isinstance(one, Freeze))),
+        _sensors(document, tuple(one for one in faults if isinstance(one, EncoderFault))),
         LoadChoice(**load),
         document.get("drives", {}),
         tuple(one for one in faults if isinstance(one, CableFault)),
     )
 
 
-def _sensors(document: Document, faults: tuple[Freeze, ...]) -> SensorSettings:
+def _sensors(document: Document, faults: tuple[EncoderFault, ...]) -> SensorSettings:
     cells = document.get("load_cells", {})
     given = {key: value for key, value in cells.items() if key != "elements"}
     efforts, control = document.get("motor_efforts"), document.get("ros2_control")

@@ -17,7 +17,7 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Sensor
-from cdrj_ros.simulation.faults import Freeze
+from cdrj_ros.simulation.faults import EncoderFault
 
 MOST_JITTER: Final = 0.45
 """Largest jitter of a stamp as a share of the period, so that stamps keep their order."""
@@ -169,7 +169,7 @@ class SensorSettings:
     update_rate: float | None = None
     """Rate of messages with motors and joints together, as ros2_control's joint_state_broadcaster
     publishes them [Hz]; None: motors and joints have messages of their own."""
-    faults: tuple[Freeze, ...] = ()
+    faults: tuple[EncoderFault, ...] = ()
 
 
 IDEAL_SENSORS = SensorSettings()
