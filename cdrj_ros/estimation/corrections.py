@@ -178,7 +178,7 @@ class Corrections:
             for k, sensor in enumerate(group.beliefs.sensors):
                 bias, gain, friction = group.beliefs.errors_of(k)
                 _, used, frozen, _ = group.beliefs.core.heard(k)
-                unit = "N" if sensor.axis < 0 else "N m"
+                unit = sensor.unit
                 words = (
                     f"right with {right[sensor.name]:.0%}; {used} readings; "
                     f"bias {mean[bias]:.3g} +- {stddev[bias]:.2g} {unit}, "

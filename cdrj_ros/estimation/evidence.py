@@ -19,7 +19,7 @@ import numpy as np
 
 from cdrj_ros.estimation.sensors import Sensor
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.robot.description import Robot, Winch, turns_of
+from cdrj_ros.robot.description import Robot
 
 FADES_S: Final = 5.0
 """Time after which a reading weighs a third [s]: a few strokes of a slow joint."""
@@ -103,20 +103,12 @@ def nothing(unknowns: int, contributions: Table) -> Sums:
 def contributions(robot: Robot, sensor: Sensor) -> Table:
     """What every element's tension contributes to a reading, per cable of the sensor.
 
-    Those to the effort of a joint depend on its angle and are left at zero.
-
     Returns:
         Shape (cables of the sensor, elements of the robot).
     """
     found = np.zeros((len(sensor.cables), robot.parts[-1].stop))
     for row, c in zip(found, sensor.cables, strict=True):
-        cable, part = robot.cables[c], robot.parts[c]
-        if sensor.axis < 0:
-            row[sensor.column] = 1.0
-        elif sensor.axis < len(robot.motors):
-            motor = robot.motors[sensor.axis]
-            for node, element in ((cable.nodes[0], part.start), (cable.nodes[-1], part.stop - 1)):
-                if isinstance(node, Winch):
-                    winding = turns_of(node).get(motor.name, 0.0)
-                    row[element] -= motor.effort_sign * winding * node.reel
+        part = robot.parts[c]
+        for element, share in sensor.pulls:
+            row[element] += share * (part.start <= element < part.stop)
     return found

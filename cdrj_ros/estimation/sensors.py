@@ -17,7 +17,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, shape_at
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Robot, Winch, turns_of
 
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N] or [N m]."""
@@ -73,6 +73,10 @@ class Sensor:
 
     name: str
     """``cable/element``, or a motor or joint."""
+    title: str
+    """The same in words: ``load cell upper/8``."""
+    unit: str
+    """Of its readings: ``N`` or ``N m``."""
     column: int
     """Index of the quantity that it reads, in ``stddev_columns``."""
     cables: tuple[int, ...]
@@ -88,6 +92,9 @@ class Sensor:
     """Random walk of the bias after 1 s [N] or [N m]."""
     model: tuple[float, float]
     """Error of the model: as a share of the reading, and at least [N] or [N m]."""
+    pulls: tuple[tuple[int, float], ...] = ()
+    """Elements whose tensions it reads, and the reading per newton of each [-] or [m]; none where
+    that depends on angles."""
     axis: int = -1
     """Axis whose friction the reading contains, of motors, then joints; -1 for none."""
     clock_offset_ns: int = 0
@@ -124,8 +131,10 @@ def _cells(model: Model) -> Iterator[Sensor]:
     for c, cable in enumerate(model.robot.cables):
         for name in cable.element_names:
             column = places[f"tension/{name}"]
+            title, scale = f"load cell {name}", preload_of(cable)
             yield replace(
-                _sensor(name, column, (c,), cable.sensor_noise, preload_of(cable), CELL),
+                _sensor(name, title, "N", column, (c,), cable.sensor_noise, scale, CELL),
+                pulls=((column, 1.0),),
                 verified=cable.sensor_verified,
             )
 
@@ -144,24 +153,44 @@ def _efforts(model: Model) -> Iterator[Sensor]:
         if axis.effort_noise is None or not cables:
             continue
         scale = float(own @ preload)
+        name = axis.name
         one = _sensor(
-            axis.name, places[f"effort/{axis.name}"], cables, axis.effort_noise, scale, EFFORT
-        )
+            name, f"effort of {name}", "N m", places[f"effort/{name}"], cables, axis.effort_noise,
+            scale, EFFORT,
+        )  # fmt: skip
         yield replace(
             one,
             prior=(*one.prior[:2], _friction_stddev(robot, a, scale)),
+            pulls=tuple(_winding(robot, name)),
             axis=a,
             clock_offset_ns=axis.sensor.clock_offset_ns,
             verified=axis.effort_verified,
         )
 
 
+def _winding(robot: Robot, motor: str) -> Iterator[tuple[int, float]]:
+    """Elements at the drums of a motor, and the effort per newton of each [m]; none of a joint."""
+    for cable, part in zip(robot.cables, robot.parts, strict=True):
+        for node, element in ((cable.nodes[0], part.start), (cable.nodes[-1], part.stop - 1)):
+            turns = turns_of(node).get(motor, 0.0)
+            if isinstance(node, Winch) and turns:
+                sign = next(one.effort_sign for one in robot.motors if one.name == motor)
+                yield element, -sign * turns * node.reel
+
+
 def _sensor(
-    name: str, column: int, cables: tuple[int, ...], noise: float, scale: float, accuracy: Accuracy
+    name: str,
+    title: str,
+    unit: str,
+    column: int,
+    cables: tuple[int, ...],
+    noise: float,
+    scale: float,
+    accuracy: Accuracy,
 ) -> Sensor:
     """A sensor whose axis, if it has one, is without friction."""
     return Sensor(
-        name, column, cables, noise, scale,
+        name, title, unit, column, cables, noise, scale,
         prior=(accuracy.bias * scale, accuracy.gain, 0.0),
         drift=accuracy.drift * scale,
         model=(accuracy.model, accuracy.model_least * scale),

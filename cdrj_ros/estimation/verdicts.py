@@ -279,14 +279,12 @@ def _of_sensors(count: int, sensors: Sequence[Sensor], used: Sequence[int]) -> I
         yield Change(ALL_EFFORTS, "gain", "%", 100.0, direction, GAIN)
     for k in used:
         sensor = sensors[k]
-        of_cell = sensor.axis < 0
-        name, unit = f"{'load cell' if of_cell else 'effort of'} {sensor.name}", "N"
-        rows = [("gain", f"scale of {name}", "%", 100.0, 1, GAIN),
-                ("bias", f"zero of {name}", unit if of_cell else "N m", 1.0, 0,
+        rows = [("gain", f"scale of {sensor.title}", "%", 100.0, 1, GAIN),
+                ("bias", f"zero of {sensor.title}", sensor.unit, 1.0, 0,
                  BIAS * sensor.scale)]  # fmt: skip
-        if not of_cell:
-            rows.append(("axis friction", f"friction of the axis {sensor.name}", "N m", 1.0, 2,
-                         AXIS_FRICTION * sensor.scale))  # fmt: skip
+        if sensor.axis >= 0:
+            rows.append(("axis friction", f"friction of the axis {sensor.name}", sensor.unit, 1.0,
+                         2, AXIS_FRICTION * sensor.scale))  # fmt: skip
         for kind, what, words, factor, place, least in rows:
             direction = np.zeros(size)
             direction[count + 3 * k + place] = 1.0

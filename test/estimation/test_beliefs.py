@@ -26,8 +26,8 @@ def _unknowns(count: int, jump: float = 0.0) -> list[Unknown]:
 def _sensor(name: str, **changes: Any) -> Sensor:
     """A sensor without errors that last."""
     given: dict[str, Any] = {
-        "name": name, "column": 0, "cables": (0,), "noise": NOISE, "scale": 10.0,
-        "prior": (0.0, 0.0, 0.0), "drift": 0.0, "model": (0.0, 0.0),
+        "name": name, "title": name, "unit": "N", "column": 0, "cables": (0,), "noise": NOISE,
+        "scale": 10.0, "prior": (0.0, 0.0, 0.0), "drift": 0.0, "model": (0.0, 0.0),
     }  # fmt: skip
     return Sensor(**given | changes)
 
