@@ -1,4 +1,4 @@
-"""What is drawn follows from estimates alone: colours, meshes, curves and the table."""
+"""What is drawn follows from estimates alone: colours, meshes, curves, the table and the page."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing
 from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known
-from cdrj_ros.view.panels import table_of
+from cdrj_ros.view.page import Page
+from cdrj_ros.view.panels import TimeAxis, table_of
 from cdrj_ros.view.picture import (
     PALE,
     SLIPPING,
@@ -150,3 +151,24 @@ def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
     # the middle of the bone, 19.89 mm from the joint, moves on a circle by 0.8 rad
     assert np.linalg.norm(end - start) == pytest.approx(scale * 2 * 0.01989 * np.sin(0.4))
     assert proximal.any()
+
+
+def test_the_first_estimate_appears_in_table_and_picture_at_once() -> None:
+    pytest.importorskip("viser")
+    model = load_model("davinci_jaw")
+    page = Page(model, "localhost", 0, "title", TimeAxis("t", 0.0, 1.0))
+    try:
+        assert page._table.content == "", "no estimate is not an invalid one"
+        page.show(nothing_known(model), None, ())
+        n = len(model.layout.elements)
+        first = nothing_known(model)._replace(
+            stamp_ns=1, tension=np.full(n, 14.9), stddev=np.full(n, 0.25),
+            status=np.zeros(n, np.uint8),
+        )  # fmt: skip
+        page.show(first, None, ())
+        assert page._table.content.count("14.9 ± 0.5 N") == n
+        assert "INVALID" not in page._table.content
+        (label,) = page.drawing._labels.values()
+        assert label.text == f"{model.layout.elements[0]} 14.9 ± 0.5 N", "others would cover it"
+    finally:
+        page.close()
