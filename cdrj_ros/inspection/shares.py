@@ -24,8 +24,9 @@ from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
 
-SAMPLES: Final = 400
-"""Samples of the motion, two cycles of the first joint."""
+SAMPLES: Final = 100
+"""Samples of the motion, two cycles of the first joint; with four times as many, the standard
+deviations of the shipped hand change by 0.7 % at most."""
 
 REACH: Final = 0.45
 """Amplitude of the motion as a fraction of each joint's range."""
