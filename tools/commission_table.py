@@ -26,7 +26,6 @@ import argparse
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from time import perf_counter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -351,7 +350,7 @@ def finger_course(seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
     print(f"    OK foretold {before:.1%}, of the file {after:.1%}, live {found.ok:.1%}")
 
 
-def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[str, Figures]]:
+def course(name: str, seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
     """The steps for one truth."""
     text = file_text(name, hold)
     document: Any = load_document(ROOT / "config" / "robots" / f"{name}.yaml")[0]
@@ -370,9 +369,7 @@ def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[st
     yield "fresh", compared(now.model, other)
     now = steps.tared(now, poses)
     yield "tare, preloads", compared(steps.preloaded(now, readings[:1]).model, other)
-    now = steps.preloaded(now, readings, print if verbose else None)
-    if verbose:
-        print(*(f"    {one.found.drums}" for one in now.fits), sep="\n")
+    now = steps.preloaded(now, readings)
     yield "in three poses", compared(now.model, other)
     drums = {
         node.motors[0][0]: 2.0 * (node.radius + CALLIPER_NOISE * float(generator.standard_normal()))
@@ -384,12 +381,7 @@ def course(name: str, seed: int, hold: bool, verbose: bool) -> Iterator[tuple[st
     yield "+ drums", compared(now.model, other)
     for what, recorded in (("+ efforts", motion), ("+ one cell", with_cells[0]),
                            ("+ two cells", with_cells[1])):  # fmt: skip
-        begin = perf_counter()
-        after = steps.fitted(now, [recorded], print if verbose else None)
-        if verbose:
-            found = [one.found.drums for one in after.fits]
-            print(f"    {what}: {perf_counter() - begin:.0f} s; {found}")
-        yield what, compared(after.model, other)
+        yield what, compared(steps.fitted(now, [recorded]).model, other)
 
 
 def main() -> None:
@@ -401,12 +393,11 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument("--hold", action="store_true", help="the file states that drums hold")
-    parser.add_argument("--verbose", action="store_true")
     arguments = parser.parse_args()
     rows: dict[str, list[Figures]] = {}
     for seed in range(arguments.first, arguments.first + arguments.draws):
         taken = (finger_course(seed, arguments.hold) if arguments.robot == "finger" else
-                 course(arguments.robot, seed, arguments.hold, arguments.verbose))  # fmt: skip
+                 course(arguments.robot, seed, arguments.hold))  # fmt: skip
         for what, figures in taken:
             rows.setdefault(what, []).append(figures)
             print(f"    {what}: " + ", ".join(f"{k} {v:.1%}" for k, v in

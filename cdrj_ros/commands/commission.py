@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final
@@ -29,10 +28,9 @@ from cdrj_ros.commands.shared import add_topic_options, topics_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
-from cdrj_ros.foundation.output import ProgressBar, say
+from cdrj_ros.foundation.output import say
 from cdrj_ros.identification.fit import lacking
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.problem import Progress
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
@@ -196,12 +194,11 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
 
     def preload(now: Commissioned, texts: Sequence[str]) -> Commissioned:
         readings = [_numbers(text, "--preload", "CABLE=N") for text in texts]
-        return _fitting(partial(preloaded, now, readings))
+        return preloaded(now, readings)
 
     def drum(now: Commissioned, text: str) -> Commissioned:
         given = _numbers(text, "--drum", "MOTOR=MM")
-        sizes = {name: 1e-3 * size for name, size in given.items()}
-        return _fitting(partial(drums_measured, now, sizes))
+        return drums_measured(now, {name: 1e-3 * size for name, size in given.items()})
 
     def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
         read = [_read(now, bag, topics) for bag in bags]
@@ -209,18 +206,12 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
             refuse_signs(now.measured, one)
             if pair := swapped(now.measured, one, now.weighed):
                 say(f"note: {SWAPPED.format(*pair, one.name)}")
-        return _fitting(partial(fitted, now, read))
+        return fitted(now, read)
 
     return [
         ("rest", rest), ("preload", preload), ("drum", drum),
         ("motion", recordings), ("cells", recordings),
     ]  # fmt: skip
-
-
-def _fitting(take: Callable[[Progress], Commissioned]) -> Commissioned:
-    """What a step makes of the file, with the progress of its fit on standard error."""
-    with ProgressBar("fitting") as progress:
-        return take(partial(progress, 0.0))
 
 
 def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:

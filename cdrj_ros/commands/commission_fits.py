@@ -26,16 +26,16 @@ from cdrj_ros.commands.identify_entries import (
 )
 from cdrj_ros.estimation.sensors import sensors_of
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.identification.alternatives import DrumFinding
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.observations import Recorded, chosen_channels
 from cdrj_ros.identification.priors import unknown_causes
-from cdrj_ros.identification.problem import Progress, Settings
+from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import Unknown
 from cdrj_ros.inspection.shares import tension_effects
-from cdrj_ros.model.packing import EFFORT, TENSION
+from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import channels_of, connected_cables, joints_of, part_of
@@ -68,11 +68,6 @@ class Part:
     """Uncertain numbers of the part that are not fitted with it."""
     alone: bool = True
     """Whether it is the whole robot."""
-
-    @property
-    def document(self) -> Document:
-        """Its robot file."""
-        return dict(self.robot.document)
 
     def recorded(self, one: Recorded) -> Recorded:
         """A recording with its own axes and references alone."""
@@ -176,52 +171,34 @@ class PartFit:
         return ", ".join(cable.name for cable in self.part.robot.cables)
 
 
-def fit_parts(
-    robot: Robot,
-    text: str,
-    recordings: Sequence[Recorded],
-    say: Progress | None,
-) -> tuple[PartFit, ...]:
+def fit_parts(robot: Robot, text: str, recordings: Sequence[Recorded]) -> tuple[PartFit, ...]:
     """Fit every part of a robot to its references, if it has any.
 
     Args:
         robot: the robot before the first fit.
         text: of its file.
         recordings: all are fitted together.
-        say: called with each progress line.
 
     Raises:
         UsageError: no part has a reference, or all numbers are exact.
     """
     chosen_channels(prepare(robot).layout, recordings, ())
-    found, parts = [], parts_of(robot)
-    for number, part in enumerate(parts, 1):
-        own = [part.recorded(one) for one in recordings]
-        own = [one for one in own if one.references]
-        if not own:
-            continue
-        heard = {name for one in own for name in one.references}
-        unknowns = unknowns_of(part.robot, text, part.elsewhere, heard)
-        told = partial(_say_of, say, "" if part.alone else f"part {number} of {len(parts)}, ")
-        found.append(PartFit(part, _fitted(part, unknowns, own, told)))
-    return tuple(found)
-
-
-def _say_of(say: Progress | None, part: str, line: str) -> None:
-    if say is not None:
-        say(part + line)
-
-
-def _fitted(
-    part: Part, unknowns: Sequence[Unknown], recordings: Sequence[Recorded], say: Progress | None
-) -> Identification:
-    there = {name for one in recordings for name in one.references}
-    wanted = tuple(name for name in sorted(there) if name.startswith((EFFORT, TENSION)))
     settings = Settings(
-        wanted, weights="noise", mean_s=MEAN_S, coarse=True, samples=FIT_SAMPLES,
-        compares_drums=True,
-    )  # fmt: skip
-    return identify(part.document, part.robot.source, unknowns, recordings, settings, say)
+        weights="noise", mean_s=MEAN_S, coarse=True, samples=FIT_SAMPLES, compares_drums=True
+    )
+    found, parts = [], parts_of(robot)
+    with ProgressBar("fitting", len(parts)) as progress:
+        for number, part in enumerate(parts):
+            own = [part.recorded(one) for one in recordings]
+            own = [one for one in own if one.references]
+            if own:
+                heard = {name for one in own for name in one.references}
+                unknowns = unknowns_of(part.robot, text, part.elsewhere, heard)
+                document, source = dict(part.robot.document), part.robot.source
+                say = partial(progress, number)
+                fit = identify(document, source, unknowns, own, settings, say)
+                found.append(PartFit(part, fit))
+    return tuple(found)
 
 
 def unknowns_of(

@@ -34,7 +34,6 @@ from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.observations import Recorded, ScaleReading, noise_of, samples_of
-from cdrj_ros.identification.problem import Progress
 from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, prepare
@@ -119,16 +118,13 @@ def tared(now: Commissioned, recorded: Recorded) -> Commissioned:
     return replace(after, rest=recorded, poses=poses)
 
 
-def preloaded(
-    now: Commissioned, readings: Sequence[Mapping[str, float]], say: Progress | None = None
-) -> Commissioned:
+def preloaded(now: Commissioned, readings: Sequence[Mapping[str, float]]) -> Commissioned:
     """The file after a spring scale was read on some cables in some poses.
 
     Args:
         now: the file.
         readings: tensions [N]: by cable in the reference pose, by element in every further one of
             the tare's recording.
-        say: called with each progress line of a fit.
 
     Raises:
         UsageError: there is no such cable, element or pose, or a value is out of range.
@@ -138,18 +134,15 @@ def preloaded(
     values = preloads_of(now.model, preloads).values
     after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.1%}")
     after = replace(after, weighed=(*preloads,))
-    return after if recorded is None else fitted(after, [recorded], say)
+    return after if recorded is None else fitted(after, [recorded])
 
 
-def drums_measured(
-    now: Commissioned, diameters: Mapping[str, float], say: Progress | None = None
-) -> Commissioned:
+def drums_measured(now: Commissioned, diameters: Mapping[str, float]) -> Commissioned:
     """The file after the drums of some motors were measured by a calliper.
 
     Args:
         now: the file.
         diameters: from middle to middle of the wound cable [m], by motor.
-        say: called with each progress line of a fit.
 
     Raises:
         UsageError: no drum belongs to such a motor.
@@ -160,7 +153,7 @@ def drums_measured(
     if unknown := [name for name in diameters if name not in drums]:
         raise UsageError(f"there is no drum of {unknown[0]!r}; there are {', '.join(drums)}")
     values = {path: 0.5 * size for name, size in diameters.items() for path in drums[name]}
-    return _measured(now, values, list(values), f"calliper, {1e3 * CALLIPER:g} mm", say)
+    return _measured(now, values, list(values), f"calliper, {1e3 * CALLIPER:g} mm")
 
 
 def _measured(
@@ -168,7 +161,6 @@ def _measured(
     values: Mapping[str, float],
     paths: Sequence[str],
     origin: str,
-    say: Progress | None = None,
 ) -> Commissioned:
     """The file with numbers that were measured, and what their standard deviations are now."""
     robot = parse_robot(now.base, now.source)
@@ -179,7 +171,7 @@ def _measured(
         text = with_section(text, "uncertainty", _stated(robot, known, paths))
     origins = {**now.origins, **dict.fromkeys(values, origin)}
     after = replace(now, base=text, text=text, origins=origins, fits=())
-    return fitted(after, [], say) if now.recordings else after
+    return fitted(after, []) if now.recordings else after
 
 
 def _of_one_scale(known: Uncertainty, values: Mapping[str, float]) -> Uncertainty:
@@ -211,9 +203,7 @@ def _stated(robot: Robot, known: Uncertainty, paths: Sequence[str]) -> str:
     return "\n".join(["uncertainty:", *head, *stated_lines(numbers)])
 
 
-def fitted(
-    now: Commissioned, recorded: Sequence[Recorded], say: Progress | None = None
-) -> Commissioned:
+def fitted(now: Commissioned, recorded: Sequence[Recorded]) -> Commissioned:
     """The file after a fit to all recordings so far and some more.
 
     Raises:
@@ -221,7 +211,7 @@ def fitted(
     """
     recordings = (*now.recordings, *recorded)
     robot = parse_robot(now.base, now.source)
-    fits = fit_parts(robot, now.base, recordings, say)
+    fits = fit_parts(robot, now.base, recordings)
     values = {path: value for one in fits for path, value in one.values.items()}
     text = with_section(_with_fitted(now, robot, values), "uncertainty", section_of(robot, fits))
     names = ", ".join(one.name for one in recordings)

@@ -32,7 +32,7 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
     alone = hand(finger("b"))
     right = recorded(alone)
     more = {name: replace(one, value=1.05 * one.value) for name, one in right.references.items()}
-    (fit,) = fit_parts(alone, text_of(alone), [replace(right, references=more)], None)
+    (fit,) = fit_parts(alone, text_of(alone), [replace(right, references=more)])
     known = dict(zip(fit.numbers.paths, fit.numbers.stddev, strict=True))
     for one in alone.cables:
         path = f"cables.{one.name}.preload"
@@ -42,8 +42,8 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
 
 def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> None:
     alone = hand(finger("b"))
-    (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)], None)
-    _, part = fit_parts(two, text_of(two), [recorded(two)], None)
+    (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)])
+    _, part = fit_parts(two, text_of(two), [recorded(two)])
     np.testing.assert_array_equal(part.found.values, whole.found.values)
     np.testing.assert_array_equal(part.found.correlation, whole.found.correlation)
     own = {path: value for path, value in whole.values.items() if path in part.values}

@@ -60,7 +60,7 @@ def fitted_with(count: float) -> PartFit:
         series([f"effort/{one.name}" for one in robot.motors], truth.motor_effort + noise),
     )
     text = yaml.safe_dump(dict(robot.document))
-    (fit,) = fit_parts(robot, text, [recorded], (), None)
+    (fit,) = fit_parts(robot, text, [recorded])
     return fit
 
 
