@@ -167,6 +167,15 @@ void spread_evenly(const Cable& cable) {
     }
 }
 
+/// Whether no segment of a cable had tension before, to the accuracy of a solution, and none has.
+bool stays_slack(const Cable& cable) {
+    return std::ranges::all_of(cable.segments, [&](const Segment& one) {
+        const double before =
+            tension_of(cable.elastic, one.length_before, one.material_before);
+        return before <= acceptable(cable.elastic) && !(one.tension > 0.0);
+    });
+}
+
 /// Advance a cable with a friction history; false if its fluxes could not be solved.
 bool move_cable(Step& step, Index c, std::span<const double> motor_angle, double dt) {
     auto& [topology, constants, before, after, estimate, work] = step;
@@ -188,7 +197,7 @@ bool move_cable(Step& step, Index c, std::span<const double> motor_angle, double
         work.segments.subspan(first, beyond - first), work.contacts.subspan(contact, own.contacts),
     };
     const Effort effort = cable.solve();
-    const bool solved =
+    bool solved =
         effort.imbalance <= acceptable(cable.elastic) &&
         std::ranges::all_of(cable.segments, [](const Segment& one) { return one.material > 0.0; });
     if (!solved) {
@@ -197,6 +206,7 @@ bool move_cable(Step& step, Index c, std::span<const double> motor_angle, double
             one.bristle = 0.0;
             one.flux = -one.shift;
         }
+        solved = stays_slack(cable);  // wherever its material lies
     }
     for (Index e = first; e < beyond; ++e) after.material[e] = work.segments[e].material;
     for (Index q = contact; q < last; ++q) {

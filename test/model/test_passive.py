@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.packing import SLACK
+from cdrj_ros.model.packing import INVALID, SLACK
 from cdrj_ros.model.prepared import Model, load_model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.simulation.assembly import make_rig
 
 STIFFNESS = 350.0
 REST = 0.09
@@ -106,6 +108,42 @@ def test_it_is_slack_where_it_is_shorter_than_its_rest_length_whatever_the_refer
             # the mean over the elements: friction holds differences between them
             assert estimate.tension.mean() == pytest.approx(expected, rel=0.2)
             assert (estimate.status == SLACK).all() == (q == slack)
+
+
+SLACKENED = """
+name: slackened
+motors: []
+joints: [{name: q, range: [-1.2, 1.2], reference_angle: 1.1}]
+frames: [{name: f, motion: revolute, joint: q, origin: [0.05, 0, 0], axis: [0, 0, 1]}]
+friction: {mu_c: 0.15}
+cables:
+  - name: c
+    axial_stiffness: 10000
+    preload: 6
+    nodes:
+      - {type: anchor, frame: f, position: [0.03, 0.004, 0]}
+      - {type: cylinder, radius: 0.0025, frame: f, position: [0.015, 0.0012, 0], axis: [0, 0, 1],
+         side: [0.015, 0.01, 0]}
+      - {type: eyelet, frame: f, position: [0.012, 0.0035, 0]}
+      - {type: cylinder, radius: 0.003, position: [0.05, 0, 0], axis: [0, 0, 1],
+         side: [0.05, -0.01, 0]}
+      - {type: anchor, position: [0.03, 0.004, 0]}
+"""
+
+
+def test_a_cable_that_stays_slack_has_no_tension_wherever_its_material_lies() -> None:
+    """Nothing decides where it lies; one of a thousand of these samples would not be solved."""
+    model = make_rig(parse_robot(SLACKENED), 8).fine
+    angle = np.random.default_rng(0).uniform(-1.2, 1.1, (16000, 1))
+    estimates = np.empty((len(angle), model.layout.size))
+    model.core.run(
+        _core.State(_core.NEVER, np.zeros(model.state_size)), 10**6 * np.arange(len(angle)),
+        np.zeros((len(angle), 0)), angle, estimates,
+    )  # fmt: skip
+    slack = (estimates[:, model.layout.tension] <= 0.0).all(axis=1)
+    invalid = estimates[:, model.layout.status].astype(int) & INVALID
+    assert 0.2 < slack.mean() < 0.8
+    assert not invalid.any()
 
 
 def test_its_standard_deviation_follows_from_rest_length_and_stiffness() -> None:
