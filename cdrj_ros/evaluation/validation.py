@@ -219,6 +219,7 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
             for channel in channels
             if channel.name.startswith(f"{TENSION}/{cable.name}/")
             and np.sum(channel.estimate) > 0.0
+            and np.mean(np.abs([channel.reference, channel.estimate])) > cable.slack_tension
         ]
         if not ratios:
             continue
