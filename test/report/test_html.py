@@ -181,6 +181,7 @@ def test_of_many_channels_the_worst_are_shown_and_all_are_folded(
     assert "The worst element of every cable" in shown
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_the_share_of_usable_tensions_stands_beside_the_errors(
     made_up: Callable[..., BagComparison], written: Callable[..., str]
 ) -> None:
