@@ -24,7 +24,7 @@ from cdrj_ros.commands.commission_steps import (
     tared,
 )
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
-from cdrj_ros.commands.shared import add_topic_options, topics_of
+from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
@@ -34,6 +34,7 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
+from cdrj_ros.recordings.table import Columns
 from cdrj_ros.robot.writer import moved, refuse_aliases, with_section
 
 ASKED: Final = {
@@ -97,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
     add_topic_options(parser)
+    add_columns_option(parser)
     return parser
 
 
@@ -121,7 +123,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     now = begin(text, str(path))
     known = judged(now.model, now.heard)
     say(f"new file: {words_of(known)}")
-    topics = topics_of(arguments)
+    topics = channels_of(arguments)
     for name, take in _measurements(topics):
         given = getattr(arguments, name)
         if not given and not arguments.yes:
@@ -169,12 +171,14 @@ SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the t
 """Where the residual of a fit is large although preloads were measured."""
 
 
-def _bag(given: str, name: str, out: str, topics: Topics, record: Record | None, on: bool) -> str:
+def _bag(
+    given: str, name: str, out: str, topics: Topics | Columns, record: Record | None, on: bool
+) -> str:
     """The bag of a step, which is recorded beside the new robot file if it is to be ``live``."""
     if given != LIVE:
         return given
-    if record is None:
-        raise UsageError(f"--{name} {LIVE} needs ROS 2; give a bag")
+    if record is None or isinstance(topics, Columns):
+        raise UsageError(f"--{name} {LIVE} needs ROS 2 and no --columns; give a bag")
     first = Path(out).with_name(f"{Path(out).stem}_{name}")
     later = (first.with_name(f"{first.name}_{k}") for k in count(2))
     path = next(one for one in chain([first], later) if not one.exists())
@@ -186,7 +190,7 @@ def _bag(given: str, name: str, out: str, topics: Topics, record: Record | None,
 Taken = Callable[[Commissioned, Any], Commissioned]
 
 
-def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
+def _measurements(topics: Topics | Columns) -> list[tuple[str, Taken]]:
     """The steps in their order, each with the function that takes what was measured."""
 
     def rest(now: Commissioned, bags: Sequence[str]) -> Commissioned:
@@ -214,7 +218,7 @@ def _measurements(topics: Topics) -> list[tuple[str, Taken]]:
     ]  # fmt: skip
 
 
-def _read(now: Commissioned, bag: str, topics: Topics) -> Recorded:
+def _read(now: Commissioned, bag: str, topics: Topics | Columns) -> Recorded:
     """A bag; where no reference has a motor's effort, that on the topic of its angle is taken."""
     read = read_inputs(bag, topics, now.model, motor_efforts=True)
     for note in doubts_of(now.model, condition_recording(now.model, read)):

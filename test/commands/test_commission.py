@@ -217,6 +217,25 @@ def test_a_measurement_that_is_none_is_refused_in_one_line(
         assert words in capsys.readouterr().err
 
 
+def test_a_log_without_ros_is_taken_as_a_bag_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [f"{0.01 * k:.2f},0.5,-0.01" for k in range(300)]
+    (tmp_path / "rest.csv").write_text("\n".join(["t,m,j", *rows]) + "\n", "utf-8")
+    columns = tmp_path / "columns.yaml"
+    columns.write_text("{time: t, motors: {winch: m}, joints: {elbow: j}}", "utf-8")
+    given = ["--robot", str(PROTOTYPE), "--yes", "--columns", str(columns)]
+    out = tmp_path / "out.yaml"
+    assert commission.main([*given, "--out", str(out), "--rest", str(tmp_path / "rest.csv")]) == 0
+    document = load_document(out)[0]
+    assert document["motors"][0]["reference_angle"] == pytest.approx(0.5)
+    assert document["joints"][0]["reference_angle"] == pytest.approx(-0.01)
+    capsys.readouterr()
+    other = str(tmp_path / "other.yaml")
+    assert commission.main([*given, "--out", other, "--rest", "live"]) == 2
+    assert "--rest live needs ROS 2 and no --columns" in capsys.readouterr().err
+
+
 URDF = """<robot name="lever"><link name="base"/><link name="arm"/>
 <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
 <origin xyz="0.1 0 0"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="1" velocity="1"/>
