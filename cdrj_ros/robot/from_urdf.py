@@ -33,6 +33,9 @@ FASTER: Final = 2.0
 MOST_LINKS: Final = 8
 """Number of links that the file, or a remark, names."""
 
+MOST_GEARS: Final = 3
+"""Number of gears of motors that remarks name one by one."""
+
 TURN: Final = (-pi, pi)
 """Assumed range of a joint without limits [rad]."""
 
@@ -121,38 +124,45 @@ class _Begun:
         """Joints that are not published, as functions of the actuators."""
         self._leading = {name: one for by in followed for name, one in by.actuators.items()}
         """These actuators, as functions of those joints."""
-        behind = [one for by in self._transmissions for one in by.joints]
-        driven = self._control.driven or behind
+        driven = self._control.driven or [*self._undriven()]
         self.motors = [one for one in driven if one not in self._leading]
         taken = {*self._following, *self._leading, *self.motors}
         for one in self._transmissions:  # to drums, whose angles are not read
-            taken |= set() if one.refused else one.joints.keys() - {*self._control.measured}
+            if not one.refused and (self._control.driven or not self._moves_links(one)):
+                taken |= one.joints.keys() - {*self._control.measured}
         own = [one for one in self._moving if one not in taken]
         self._measured = [one for one in self._control.measured or own if one in own]
         self._still = [one for one in own if one not in self._measured]
 
-    def _follows(self, one: Transmission) -> bool:
-        """Whether joints are not published, move links of the robot, and follow the actuators.
+    def _undriven(self) -> Iterator[str]:
+        """Motors where nothing is said to be driven: actuators of the robot's joints, and drums."""
+        for one in self._transmissions:
+            yield from one.actuators if self._moves_links(one) else one.joints
 
-        The joint of a drum carries no other joint.
-        """
+    def _moves_links(self, one: Transmission) -> bool:
+        """Whether joints of a transmission are of the robot: that of a drum carries no other."""
+        return any(name in self._joints and self._carries(name) for name in one.joints)
+
+    def _follows(self, one: Transmission) -> bool:
+        """Whether joints of the robot are not published, and follow actuators that are."""
         published = {*self._control.driven, *self._control.measured}
         return (
             not one.refused
             and {*one.actuators} <= {*self._control.driven}
             and not published.intersection(one.joints)
             and {*one.joints} <= {*self._moving}
-            and any(map(self._carried, one.joints))
+            and self._moves_links(one)
         )
 
-    def _carried(self, name: str) -> list[str]:
-        """Links of moving joints that the link of a joint carries."""
-        links, found = {self._joints[name].child}, []
+    def _carries(self, name: str) -> bool:
+        """Whether the link of a joint carries that of another moving joint."""
+        links = {self._joints[name].child}
         for one in self._joints.values():  # parents first
             if one.parent in links:
+                if one.name in self._moving:
+                    return True
                 links.add(one.child)
-                found += [one.child] if one.name in self._moving else []
-        return found
+        return False
 
     def links(self) -> list[str]:
         """Links that nodes of cables may be on: not those of drums."""
@@ -215,29 +225,35 @@ class _Begun:
 
     def remarks(self) -> Iterator[str]:
         """What has to be checked or added."""
+        yield from self._of_joints()
+        if self.motors and not self._control.driven:
+            yield "there is no ros2_control: motors and joints are those of the transmissions"
+        for one in self._transmissions:
+            yield from self._of_transmission(one)
+        yield from self._of_gears()
+        if not self.motors:
+            yield "no joint has a command interface: add the motors under their names"
+        if not self._measured and not self._leading:
+            yield "all moving joints are driven: list those that cables move under joints"
+        yield "the cables are not in a URDF: add them"
+
+    def _of_joints(self) -> Iterator[str]:
         for name in self._still:
             yield f"{name} is not in ros2_control: it stands at 0"
         for name in self._measured:
             if self._joints[name].limits is None:
                 yield f"{name} has no limits: a range of one turn is assumed"
         for name in self.motors:
-            if name in self._joints and (carried := self._carried(name)):
+            if name in self._joints and self._carries(name):
                 yield (
-                    f"{name} is a motor here: what it carries ({_some(carried)}) stands still with "
-                    "it; if it moves a link without a cable, list it under joints instead"
+                    f"{name} is a motor here: the links that it carries stand still with it; if it "
+                    "moves them without a cable, list it under joints instead"
                 )
-        for one in self._transmissions:
-            yield from self._of_transmission(one)
         for name in self._held:
             yield (
                 f"{printable(name)} is a floating or planar joint: it is held at its place in the "
                 "model"
             )
-        if not self.motors:
-            yield "no joint has a command interface: add the motors under their names"
-        if not self._measured and not self._leading:
-            yield "all moving joints are driven: list those that cables move under joints"
-        yield "the cables are not in a URDF: add them"
 
     def _of_transmission(self, one: Transmission) -> Iterator[str]:
         """How a transmission is carried over, or why it is not."""
@@ -256,7 +272,7 @@ class _Begun:
                 "joints with measured: false"
             )
         elif len(joints) == 1:
-            yield from self._of_gear(*one.joints, *one.actuators)
+            return
         elif actuators <= {*self.motors}:
             yield f"{couples}: {_drums(one.joints)}"
         elif joints <= {*self.motors}:
@@ -265,13 +281,27 @@ class _Begun:
             missing = sorted((actuators or joints) - {*self.motors})
             yield f"{couples}: {', '.join(missing)} is not published: {left_out}"
 
-    def _of_gear(self, joint: str, actuator: str) -> Iterator[str]:
-        reduction = self._gear(actuator)[1]
-        if joint in self.motors and reduction != 1.0:
+    def _of_gears(self) -> Iterator[str]:
+        """What is said of simple transmissions whose joints are the motors."""
+        gears = [
+            (*one.joints, *one.actuators)
+            for one in self._transmissions
+            if not one.refused and len(one.joints) == 1 and {*one.joints} <= {*self.motors}
+        ]
+        geared = [(joint, name) for joint, name in gears if self._gear(name)[1] != 1.0]
+        if len(geared) > MOST_GEARS:
+            yield (
+                f"{_some([joint for joint, _ in geared])} are published behind their "
+                "transmissions, as ros2_control does; if the hardware publishes the actuators "
+                "themselves, scale: 1/N and effort_scale: N"
+            )
+            return
+        for joint, actuator in geared:
+            reduction = self._gear(actuator)[1]
             yield (
                 f"{joint} is published behind its transmission of {reduction:g}, as ros2_control "
-                f"does; if the hardware publishes {actuator} itself, scale: {1.0 / reduction:.6g} "
-                f"and effort_scale: {reduction:g}"
+                f"does; if the hardware publishes {actuator} itself, scale: "
+                f"{1.0 / reduction:.6g} and effort_scale: {reduction:g}"
             )
 
 

@@ -98,6 +98,9 @@ def transmissions_of(root: Xml.Element, path: Path) -> Iterator[Transmission]:
         simple = kind == "SimpleTransmission"
         if simple:
             joints, actuators = _with_one_reduction(element, joints, actuators, path)
+        if kind in _TYPES and element.find("plugin") is None:  # ROS 1 goes by the roles
+            joints = sorted(joints, key=_place_in(_TYPES[kind].joints))
+            actuators = sorted(actuators, key=_place_in(_TYPES[kind].actuators))
         known = kind in _TYPES and (simple or package in _PACKAGES)
         named = f"{kind} of {package}" if kind in _TYPES else kind
         reason = _reason(kind, joints, actuators) if known else f"{named} is not known"
@@ -109,6 +112,11 @@ def transmissions_of(root: Xml.Element, path: Path) -> Iterator[Transmission]:
             {one.name: maps[1].get(one.name, Coupling(())) for one in actuators},
             reason,
         )
+
+
+def _place_in(roles: tuple[str, ...]) -> Callable[[_Shaft], int]:
+    """Place of a shaft among roles; after all of them for other roles."""
+    return lambda shaft: roles.index(shaft.role) if shaft.role in roles else len(roles)
 
 
 def _kind(element: Xml.Element) -> str:
@@ -127,7 +135,7 @@ def _shafts(element: Xml.Element, kind: str, path: Path) -> list[_Shaft]:
             _number(one, "offset", path) or 0.0,
         )
         for one in element
-        if (tag := one.tag.lower()).endswith(kind)
+        if (tag := one.tag.lower()).endswith(kind) and one.get("name")
     ]
 
 

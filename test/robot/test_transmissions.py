@@ -57,13 +57,20 @@ def ros2(kind: str) -> str:
     return f'<transmission name="t">{plugin}{actuators}{joints}</transmission>'
 
 
-ROS1 = """<transmission name="t"><type>transmission_interface/DifferentialTransmission</type>
+ACTUATORS = """<type>transmission_interface/DifferentialTransmission</type>
   <actuator name="a1"><role>actuator1</role><mechanicalReduction>50</mechanicalReduction></actuator>
-  <actuator name="a2"><role>actuator2</role><mechanicalReduction>-40</mechanicalReduction></actuator>
-  <joint name="j1"><role>joint1</role><offset>0.1</offset><mechanicalReduction>2</mechanicalReduction>
-  </joint>
-  <joint name="j2"><role>joint2</role><offset>-0.3</offset>
-    <mechanicalReduction>0.8</mechanicalReduction></joint></transmission>"""  # noqa: E501
+  <actuator name="a2"><role>actuator2</role><mechanicalReduction>-40</mechanicalReduction></actuator>"""  # noqa: E501
+JOINTS = [
+    f"""<joint name="j{k}"><role>joint{k}</role><offset>{OFF[k - 1]}</offset>
+    <mechanicalReduction>{JR[k - 1]}</mechanicalReduction></joint>"""
+    for k in (1, 2)
+]
+"""Of a transmission of ROS 1, whose order does not count."""
+
+
+def ros1(*joints: str) -> str:
+    return f'<transmission name="t">{ACTUATORS}{"".join(joints)}</transmission>'
+
 
 PR2 = """<transmission name="t" type="pr2_mechanism_model/WristTransmission">
   <rightActuator mechanicalReduction="50" name="a1"/><leftActuator mechanicalReduction="-40" name="a2"/>
@@ -76,7 +83,8 @@ MAPS = {
     "with roles that give no order": (UNORDERED, differential),
     "DifferentialTransmission": (ros2("DifferentialTransmission"), differential),
     "FourBarLinkageTransmission": (ros2("FourBarLinkageTransmission"), four_bar),
-    "of ROS 1": (ROS1, differential),
+    "of ROS 1": (ros1(*JOINTS), differential),
+    "of ROS 1, in another order": (ros1(*reversed(JOINTS)), differential),
     "of the PR2": (PR2, wrist),
 }
 
@@ -99,7 +107,9 @@ def test_the_map_is_the_documented_one_and_its_inverse_leads_back(name: str) -> 
         angles = np.random.default_rng(seed).uniform(-30.0, 30.0, 2)
         given = dict(zip(("a1", "a2"), angles, strict=True))
         joints = {one: at(linear, given) for one, linear in found.joints.items()}
-        np.testing.assert_allclose([*joints.values()], joints_of(angles), rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(
+            [joints["j1"], joints["j2"]], joints_of(angles), rtol=1e-13, atol=1e-14
+        )
         back = {one: at(linear, joints) for one, linear in found.actuators.items()}
         np.testing.assert_allclose([back["a1"], back["a2"]], angles, rtol=1e-12, atol=1e-12)
 
@@ -208,7 +218,7 @@ def test_drums_before_a_linkage_are_sums_of_its_joints(
     found = dict(re.findall(r"turns with (a\d) has motor: ({[^}]*})", said))
     assert load_yaml(found["a1"], "a1") == {"j1": 100.0}
     assert load_yaml(found["a2"], "a2") == {"j1": -40.0, "j2": -32.0}
-    assert "j1 is a motor here: what it carries (hand) stands still with it" in said
+    assert "j1 is a motor here: the links that it carries stand still with it" in said
 
 
 def test_joints_that_are_not_published_follow_the_actuators(tmp_path: Path) -> None:
@@ -244,6 +254,22 @@ def test_joints_that_are_not_published_follow_the_actuators(tmp_path: Path) -> N
         change = rng.normal(size=2)
         moved = differential(actuators + change) - differential(actuators)
         np.testing.assert_allclose(one.lever_arm @ change, two.lever_arm @ moved, atol=1e-15)
+
+
+def test_without_ros2_control_joints_and_motors_are_those_of_the_transmissions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = (ARM % "").replace('<ros2_control name="s" type="system"></ros2_control>', PR2)
+    (tmp_path / "arm.urdf").write_text(bare)
+    out = tmp_path / "arm.yaml"
+    assert import_robot.main([str(tmp_path / "arm.urdf"), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    document = load_yaml(out.read_text(), "arm")
+    assert document["motors"] == [{"name": "a1"}, {"name": "a2"}]
+    assert [joint["name"] for joint in document["joints"]] == ["j1", "j2"]
+    assert "there is no ros2_control: motors and joints are those of the transmissions" in said
+    (given,) = re.findall(r"turns with j1 has motor: ({[^}]*})", said)
+    assert load_yaml(given, "j1") == {"a1": 0.005, "a2": 0.00625}
 
 
 def test_a_transmission_whose_axes_are_not_published_is_named(

@@ -209,7 +209,7 @@ def imported_document(text: str, folder: Path) -> Any:
     return load_yaml(out.read_text(), str(out))
 
 
-def test_joints_of_a_transmission_of_another_kind_are_published_behind_it(
+def test_joints_and_actuators_of_a_transmission_of_another_kind_have_no_gear(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = LINKED[: LINKED.index("<ros2_control")] + (
@@ -219,8 +219,8 @@ def test_joints_of_a_transmission_of_another_kind_are_published_behind_it(
         "</transmission></robot>"
     )
     document = imported_document(text, tmp_path)
-    assert [sorted(motor) for motor in document["motors"]] == [["max_speed", "name"]] * 2
-    assert [motor["name"] for motor in document["motors"]] == ["pitch", "roll"]
+    assert document["motors"] == [{"name": "r"}, {"name": "l"}]
+    assert [sorted(joint) for joint in document["joints"]] == [["max_speed", "name"]] * 2
     said = capsys.readouterr().out
     assert "transmission w (WristTransmission) couples pitch, roll to r, l: Wrist" in said
     assert "Transmission of some_robot is not known: none of its reductions is in the file" in said
