@@ -14,15 +14,7 @@ import numpy as np
 from cdrj_ros.commands.commission_checks import refuse_signs, swapped
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
 from cdrj_ros.commands.commission_rests import pose_words
-from cdrj_ros.commands.commission_steps import (
-    Commissioned,
-    begin,
-    drums_measured,
-    fitted,
-    preloaded,
-    provenance,
-    tared,
-)
+from cdrj_ros.commands.commission_steps import TAKE, Commissioned, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
@@ -124,7 +116,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     known = judged(now.model, now.heard)
     say(f"new file: {words_of(known)}")
     topics = channels_of(arguments)
-    for name, take in _measurements(topics):
+    for name, take in TAKE.items():
         given = getattr(arguments, name)
         if not given and not arguments.yes:
             say(f"the next step would bring: {words_of(foretold(now, name))}")
@@ -135,7 +127,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             words = [given] if isinstance(given, str) else given
             on = name == "rest" and not arguments.yes
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
-        now = take(now, given)
+        now = take(now, _measured(now, name, given, topics))
         known = judged(now.model, now.heard)
         for note in _notes(now, suspected=bool(arguments.preload)):
             say(f"note: {note}")
@@ -187,35 +179,20 @@ def _bag(
     return str(path)
 
 
-Taken = Callable[[Commissioned, Any], Commissioned]
-
-
-def _measurements(topics: Topics | Columns) -> list[tuple[str, Taken]]:
-    """The steps in their order, each with the function that takes what was measured."""
-
-    def rest(now: Commissioned, bags: Sequence[str]) -> Commissioned:
-        return tared(now, _read(now, bags[0], topics))
-
-    def preload(now: Commissioned, texts: Sequence[str]) -> Commissioned:
-        readings = [_numbers(text, "--preload", "CABLE=N") for text in texts]
-        return preloaded(now, readings)
-
-    def drum(now: Commissioned, text: str) -> Commissioned:
-        given = _numbers(text, "--drum", "MOTOR=MM")
-        return drums_measured(now, {name: 1e-3 * size for name, size in given.items()})
-
-    def recordings(now: Commissioned, bags: Sequence[str]) -> Commissioned:
-        read = [_read(now, bag, topics) for bag in bags]
-        for one in read:
-            refuse_signs(now.measured, one)
-            if pair := swapped(now.measured, one, now.weighed):
-                say(f"note: {SWAPPED.format(*pair, one.name)}")
-        return fitted(now, read)
-
-    return [
-        ("rest", rest), ("preload", preload), ("drum", drum),
-        ("motion", recordings), ("cells", recordings),
-    ]  # fmt: skip
+def _measured(now: Commissioned, name: str, given: Any, topics: Topics | Columns) -> Any:
+    """What a step takes, from its option or from its answers."""
+    if name == "rest":
+        return _read(now, given[0], topics)
+    if name == "preload":
+        return [_numbers(text, "--preload", "CABLE=N") for text in given]
+    if name == "drum":
+        return {motor: 1e-3 * size for motor, size in _numbers(given, "--drum", "MOTOR=MM").items()}
+    read = [_read(now, bag, topics) for bag in given]
+    for one in read:
+        refuse_signs(now.measured, one)
+        if pair := swapped(now.measured, one, now.weighed):
+            say(f"note: {SWAPPED.format(*pair, one.name)}")
+    return read
 
 
 def _read(now: Commissioned, bag: str, topics: Topics | Columns) -> Recorded:

@@ -11,13 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.commands.commission_fits import parts_of
-from cdrj_ros.commands.commission_steps import (
-    Commissioned,
-    drums_measured,
-    fitted,
-    preloaded,
-    tared,
-)
+from cdrj_ros.commands.commission_steps import TAKE, Commissioned, preloaded
 from cdrj_ros.estimation.estimator import Estimate, Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Series, Stamps, Table
@@ -112,27 +106,34 @@ def foretold(now: Commissioned, step: str) -> Judged:
 
     Args:
         now: the file.
-        step: ``rest``, ``preload``, ``drum``, ``motion`` or ``cells``.
+        step: one of ``TAKE``.
     """
-    robot, heard = now.model.robot, now.heard
+    if step in ("motion", "cells") and now.recordings:
+        right = replace(now, text=now.base, fits=(), recordings=())
+        if any(one.scales for one in now.recordings):
+            right = preloaded(right, _scale_made_up(right))
+    else:
+        right = now
+    after = TAKE[step](right, _expected(right, step, now.heard))
+    return judged(after.model, {**after.heard, **now.heard})
+
+
+def _expected(now: Commissioned, step: str, heard: Mapping[str, float]) -> Any:
+    """What would be measured if the file were right; ``heard`` is the noise of efforts."""
+    robot = now.model.robot
     if step == "rest":
-        return judged(tared(now, _made_up(now.model, _at_rest(now.model), {})).model, heard)
+        return _made_up(now.model, _at_rest(now.model), {})
     if step == "preload":
-        return judged(preloaded(now, _scale_made_up(now)).model, heard)
+        return _scale_made_up(now)
     if step == "drum":
         document: Any = robot.document
-        sizes = {motor: 2.0 * find_number(document, paths[0]).value
-                 for motor, paths in drum_radii(document).items()}  # fmt: skip
-        return judged(drums_measured(now, sizes).model, heard)
+        return {motor: 2.0 * find_number(document, paths[0]).value
+                for motor, paths in drum_radii(document).items()}  # fmt: skip
     noise = {_effort(motor.name): motor.effort_noise for motor in robot.motors}
     noise |= {_effort(name): read for name, read in heard.items()}
     if step == "cells":
         noise[f"{TENSION}/{robot.cables[0].element_names[-1]}"] = CELL_NOISE
-    right = replace(now, text=now.base, fits=(), recordings=())
-    if any(one.scales for one in now.recordings):
-        right = preloaded(right, _scale_made_up(right))
-    after = fitted(right, [_made_up(right.model, _sweep(right.model), noise)])
-    return judged(after.model, after.heard)
+    return [_made_up(now.model, _sweep(now.model), noise)]
 
 
 def _effort(name: str) -> str:

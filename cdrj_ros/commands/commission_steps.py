@@ -13,10 +13,11 @@ docs/commission.md.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from math import sqrt
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -240,6 +241,12 @@ def _with_fitted(now: Commissioned, robot: Robot, fitted: Mapping[str, float]) -
             if share == BACK[-1]:
                 raise
     return text
+
+
+TAKE: Final[Mapping[str, Callable[[Commissioned, Any], Commissioned]]] = MappingProxyType(
+    {"rest": tared, "preload": preloaded, "drum": drums_measured, "motion": fitted, "cells": fitted}
+)
+"""The steps in their order, each with the function that takes what was measured."""
 
 
 def provenance(now: Commissioned) -> str:
