@@ -65,10 +65,11 @@ def _nodes():
     """Start every node with all its topics; yields name and node."""
     from cdrj_ros.nodes.estimator import ManagedEstimator
     from cdrj_ros.nodes.markers import MarkersNode
-    from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
+    from cdrj_ros.nodes.replay_node import ReplayNode
     from cdrj_ros.nodes.rig import RigNode
     from cdrj_ros.nodes.view import ViewNode
     from cdrj_ros.nodes.watch import WatchNode
+    from cdrj_ros.recordings.recording import Topics
 
     estimator = ManagedEstimator(parameter_overrides=_overrides(robot="prototype"))
     estimator.trigger_configure()
@@ -80,7 +81,7 @@ def _nodes():
         )
     )
     yield "rig", rig
-    yield "replay", ReplayNode(Wiring(clock_hz=10.0))
+    yield "replay", ReplayNode(Topics(), clock_hz=10.0)
     yield "watch", WatchNode()
     markers = MarkersNode(parameter_overrides=_overrides(robot="prototype"))
     markers.inputs.listen(True)

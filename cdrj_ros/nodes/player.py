@@ -23,7 +23,7 @@ from cdrj_ros.nodes.replay_node import NoEstimatorError, ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest
 from cdrj_ros.recordings.source import Playback, RawMessage, rate_in_words
 
-Routes = dict[str, list[tuple[Any, Callable[[bytes, int], None] | None]]]
+Routes = dict[str, list[tuple[Any, Callable[[bytes, int], None]]]]
 """By topic in the bag: functions that publish a message, each with one to predict the answers."""
 
 WINDOW: Final = 64
@@ -211,9 +211,6 @@ class Player:
         """Publish messages and record the answers that they lead to."""
         for message in messages:
             for send, ask in routes[message.topic]:
-                if ask is None:
-                    send(message.data)
-                    continue
                 data = stamped(message.data, message.log_ns)
                 ask(data, message.log_ns)
                 send(data)
@@ -242,10 +239,7 @@ class Player:
 
     def _routes(self, run: Run) -> Routes:
         """Build the routes of a run, see ``Routes``."""
-        node, topics = self.node, self.node.wiring.topics
-        routes: Routes = {
-            topic: [(publisher.publish, None)] for topic, publisher in node.extras.items()
-        }
+        node, topics, routes = self.node, self.node.topics, Routes()
         shared = len(node.inputs) == 1
         kinds: tuple[Kind, Kind] = ("both", "both") if shared else ("motors", "joints")
         for topic, publisher, kind in (
@@ -260,7 +254,7 @@ class Player:
     def _do_chores(self, now: float, playback: Playback, run: Run) -> None:
         """Handle clock, display and missing answers, which may wait some milliseconds."""
         self._chores_s = now + CHORES_S
-        hertz = self.node.wiring.clock_hz
+        hertz = self.node.clock_hz
         if hertz > 0:
             if now >= self._clock_s:
                 self.node.publish_clock(playback.position_ns(now))

@@ -31,9 +31,8 @@ from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.nodes.player import Ending, Player
-from cdrj_ros.nodes.replay_node import Extra, ReplayNode, Wiring, message_class, was_latched
+from cdrj_ros.nodes.replay_node import ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, serving, starting
-from cdrj_ros.recordings.batch import Channel
 from cdrj_ros.recordings.recording import Recording, Topics
 from cdrj_ros.recordings.source import (
     MAX_RATE,
@@ -113,14 +112,6 @@ def _add_playback_options(parser: argparse.ArgumentParser) -> None:
         "--clock", type=_hertz, nargs="?", const=CLOCK_HZ, default=0.0, metavar="HZ",
         help=f"publish the recording's time on {CLOCK} (default {CLOCK_HZ:g} Hz)",
     )  # fmt: skip
-    group.add_argument(
-        "--topics", nargs="+", default=[], metavar="TOPIC",
-        help="play these topics in addition to the estimator's inputs",
-    )  # fmt: skip
-    group.add_argument(
-        "-m", "--remap", nargs="+", default=[], metavar="OLD:=NEW",
-        help="publish topic OLD of the bag as NEW",
-    )  # fmt: skip
 
 
 def _seconds(text: str) -> float:
@@ -135,50 +126,6 @@ def _hertz(text: str) -> float:
     if not 0.0 < value <= 1e4:
         raise argparse.ArgumentTypeError(f"must be in (0, 10000] Hz, got {text}")
     return value
-
-
-def _extras(arguments: argparse.Namespace, topics: Topics) -> list[Extra]:
-    """Topics that are played in addition to the estimator's inputs.
-
-    Raises:
-        UsageError: a topic does not exist in the bags, or its type is not installed.
-    """
-    there: dict[str, Channel] = {}
-    for path in arguments.bags:
-        there |= open_source(path).all_channels()
-    extras = []
-    for topic in sorted({*arguments.topics} - {topics.motors, topics.joints}):
-        if topic == CLOCK and arguments.clock:
-            continue
-        if topic not in there:
-            raise UsageError(f"--topics: {', '.join(arguments.bags)} has no {topic}")
-        try:
-            message_class(there[topic].msgtype)
-        except UsageError as error:
-            raise UsageError(f"--topics: {topic}: {error}") from None
-        offered = dict(there[topic].metadata).get("offered_qos_profiles", "")
-        extras.append(Extra(topic, there[topic].msgtype, was_latched(offered)))
-    return extras
-
-
-def _wiring(arguments: argparse.Namespace) -> Wiring:
-    """Check the topics and their names.
-
-    Raises:
-        UsageError: as ``_extras``, or --remap is malformed or names a topic that is not played.
-    """
-    topics = topics_of(arguments)
-    extras = _extras(arguments, topics) if arguments.topics else []
-    played = {topics.motors, topics.joints, *(extra.topic for extra in extras)}
-    remap = {}
-    for rule in arguments.remap:
-        old, sign, new = rule.partition(":=")
-        if not (old and sign and new):
-            raise UsageError(f"--remap takes OLD:=NEW, got {rule!r}")
-        if old not in played:
-            raise UsageError(f"--remap: {old} is not played, only {', '.join(sorted(played))}")
-        remap[old] = new
-    return Wiring(topics, tuple(extras), remap, arguments.clock)
 
 
 def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
@@ -200,8 +147,7 @@ def _play_all(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
 ) -> tuple[list[Outcome], Ending]:
     """Play all bags in turn, pass after pass; returns an outcome for each bag and the ending."""
-    wiring = player.node.wiring
-    topics = [wiring.topics.motors, wiring.topics.joints, *(one.topic for one in wiring.extras)]
+    topics = [player.node.topics.motors, player.node.topics.joints]
     outcomes = [Outcome(player.model) for _ in bags]
     passes = arguments.loop or math.inf
     ending, done = Ending.END, 0
@@ -229,11 +175,11 @@ def _play_all(
 
 
 def _replay(
-    arguments: argparse.Namespace, model: Model, wiring: Wiring, bags: Sequence[Bag],
+    arguments: argparse.Namespace, model: Model, topics: Topics, bags: Sequence[Bag],
     stop: StopRequest,
 ) -> int:  # fmt: skip
     with starting():
-        node = ReplayNode(wiring)
+        node = ReplayNode(topics, arguments.clock)
     with serving(node) as executor:
         return _play_and_report(arguments, Player(model, node, executor, stop), bags, stop)
 
@@ -307,10 +253,7 @@ def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
 
 
 def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Split the arguments into the replay's own and those between ``--ros-args`` and ``--``.
-
-    rclpy's own parser would treat ``--remap OLD:=NEW`` as a deprecated remapping rule.
-    """
+    """Split the arguments into the replay's own and those between ``--ros-args`` and ``--``."""
     own: list[str] = []
     ros: list[str] = []
     inside = False
@@ -331,10 +274,10 @@ def _body(argv: Sequence[str]) -> int:
     if arguments.loop < 0:
         raise UsageError(f"--loop must be at least 1, got {arguments.loop}")
     model = load_model(arguments.robot, arguments.preload)
-    wiring = _wiring(arguments)
-    bags = [_open(arguments, model, wiring.topics, path) for path in arguments.bags]
+    topics = topics_of(arguments)
+    bags = [_open(arguments, model, topics, path) for path in arguments.bags]
     with ros_context(["replay", *ros]) as stop, stop.listening(), _second_signal_aborts(stop):
-        return _replay(arguments, model, wiring, bags, stop)
+        return _replay(arguments, model, topics, bags, stop)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

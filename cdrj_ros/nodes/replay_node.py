@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from importlib import import_module
+from collections.abc import Callable
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
@@ -13,7 +11,6 @@ from cdrj_msgs.msg import CableTensions, NodalForces
 from rcl_interfaces.srv import GetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -21,8 +18,7 @@ from std_srvs.srv import Trigger
 from cdrj_ros.estimation.conditioner import MODES
 from cdrj_ros.evaluation.answers import ANSWER_TOPICS, Run
 from cdrj_ros.evaluation.replayed import NodeSettings
-from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.foundation.yaml import YamlError, load_yaml
+from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE
 from cdrj_ros.nodes.settings import default_profile, publishing_nodes
 from cdrj_ros.recordings.recording import Topics
@@ -35,46 +31,22 @@ class NoEstimatorError(CdrjError):
     """No estimator node answered."""
 
 
-@dataclass(frozen=True)
-class Extra:
-    """A topic that is played although the estimator does not subscribe to it."""
-
-    topic: str
-    msgtype: str
-    latched: bool = False
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """Topics and names of a replay."""
-
-    topics: Topics = field(default_factory=Topics)
-    extras: tuple[Extra, ...] = ()
-    remap: Mapping[str, str] = field(default_factory=dict)
-    """Names under which topics are published, by name in the bag."""
-    clock_hz: float = 0.0
-    """Rate of /clock [Hz]; 0: it is not published."""
-
-
 class ReplayNode(Node):
     """Publishes inputs, subscribes to the estimator's outputs and calls its services."""
 
-    def __init__(self, wiring: Wiring, **options: Any) -> None:
+    def __init__(self, topics: Topics, clock_hz: float = 0.0, **options: Any) -> None:
         """Create publishers, subscriptions and clients.
 
-        Raises:
-            UsageError: the type of an extra topic is not installed, or an extra topic has the name
-                of an output of the estimator.
+        Args:
+            topics: those of the bags.
+            clock_hz: rate of /clock [Hz]; 0: it is not published.
+            options: of the node.
         """
         super().__init__("replay", namespace=NAMESPACE, **options)
-        self.wiring = wiring
-        topics, qos = wiring.topics, default_profile()
-
-        def publisher(message: Any, topic: str, default: str, profile: QoSProfile = qos) -> Any:
-            return self.create_publisher(message, wiring.remap.get(topic, default), profile)
-
-        self.motors = publisher(JointState, topics.motors, MOTOR_STATES)
-        self.joints = publisher(JointState, topics.joints, JOINT_STATES)
+        self.topics, self.clock_hz = topics, clock_hz
+        qos = default_profile()
+        self.motors = self.create_publisher(JointState, MOTOR_STATES, qos)
+        self.joints = self.create_publisher(JointState, JOINT_STATES, qos)
         self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
         self.outputs = tuple(self.resolve_topic_name(topic.name) for topic in ANSWER_TOPICS)
         self._listeners: list[Callable[[bytes], None]] = [_ignore] * len(ANSWER_TOPICS)
@@ -82,19 +54,7 @@ class ReplayNode(Node):
             self.create_subscription(
                 message, ANSWER_TOPICS[number].name, self._listener(number), qos, raw=True
             )
-        self.extras: dict[str, Any] = {}
-        for extra in wiring.extras:
-            name = self.resolve_topic_name(wiring.remap.get(extra.topic, extra.topic))
-            if name in self.outputs:
-                raise UsageError(
-                    f"the estimator publishes on {extra.topic}: give the recorded topic another "
-                    f"name with --remap {extra.topic}:=/recorded{extra.topic}"
-                )
-            self.extras[extra.topic] = publisher(
-                message_class(extra.msgtype), extra.topic, extra.topic,
-                default_profile(latched=extra.latched),
-            )  # fmt: skip
-        self.clock = self.create_publisher(Clock, CLOCK, FEW) if wiring.clock_hz > 0 else None
+        self.clock = self.create_publisher(Clock, CLOCK, FEW) if clock_hz > 0 else None
         self.estimator = self.resolve_service_name("estimator")
         """Full name of the estimator's node, which is in the same namespace."""
         self._reset = self.create_client(Trigger, f"{self.estimator}/reset")
@@ -126,7 +86,7 @@ class ReplayNode(Node):
         """Played topics with a discovered subscriber that is not connected yet."""
         return [
             p.topic_name
-            for p in (*self.inputs, *self.extras.values())
+            for p in self.inputs
             if p.get_subscription_count() < self.count_subscribers(p.topic_name)
         ]
 
@@ -196,28 +156,3 @@ def _ignore(_payload: bytes) -> None:
 
 def _matched(publisher: Any) -> bool:
     return bool(publisher.get_subscription_count())
-
-
-def was_latched(offered: str) -> bool:
-    """Whether a recording's `offered_qos_profiles`, a list in YAML, include a latched one."""
-    try:
-        profiles = load_yaml(offered, "offered_qos_profiles") if offered else None
-    except YamlError:
-        return False
-    if not isinstance(profiles, list):
-        return False
-    latched = (int(DurabilityPolicy.TRANSIENT_LOCAL), "transient_local")
-    return any(isinstance(p, Mapping) and p.get("durability") in latched for p in profiles)
-
-
-def message_class(msgtype: str) -> Any:
-    """The Python class of a message type such as ``sensor_msgs/msg/Imu``.
-
-    Raises:
-        UsageError: the type is not installed.
-    """
-    package, _, name = msgtype.replace("/msg/", "/").partition("/")
-    try:
-        return getattr(import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, ValueError):
-        raise UsageError(f"messages of type {msgtype or '(none)'} are not installed here") from None

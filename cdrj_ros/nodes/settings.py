@@ -17,7 +17,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.messages.topics import TRUTH
@@ -203,10 +203,9 @@ DEPTH: Final = 1000
 """Queue depth of a topic [messages]."""
 
 
-def default_profile(*, latched: bool = False) -> QoSProfile:
+def default_profile() -> QoSProfile:
     """A reliable profile whose queue holds all messages in flight."""
-    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def remapping(node: Node, topic: str, msgtype: str) -> str:

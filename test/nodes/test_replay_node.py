@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
-from cdrj_msgs.msg import CableTensions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from support.places import ROBOT
@@ -23,7 +22,6 @@ from support.processes import Output, end
 from support.restamped import SECOND, restamped
 
 from cdrj_ros.nodes.replay import main
-from cdrj_ros.nodes.replay_node import was_latched
 from cdrj_ros.recordings.recording import read_recording
 
 PATIENCE_S = 120.0
@@ -127,37 +125,22 @@ def test_replay_evaluates_the_node_and_writes_json_and_report(
     assert "rate achieved" in report.read_text()
 
 
-def test_another_topic_is_played_under_another_name_and_the_clock_follows(
+def test_the_clock_follows_the_recording(
     estimator: Any, replay: Any, short_bag: str, node: Any
 ) -> None:
-    heard: list[float] = []
     clocks: list[float] = []
-
-    def seconds(stamp: Any) -> float:
-        return float(stamp.sec + stamp.nanosec * 1e-9)
-
     node.create_subscription(
-        CableTensions, "/recorded", lambda m: heard.append(seconds(m.header.stamp)), 1000
+        Clock, "/clock", lambda m: clocks.append(m.clock.sec + m.clock.nanosec * 1e-9), 1000
     )
-    node.create_subscription(Clock, "/clock", lambda m: clocks.append(seconds(m.clock)), 1000)
-    one = replay(
-        short_bag, "--topics", "/reference/tensions", "--remap", "/reference/tensions:=/recorded",
-        "--clock", "50", "--rate", "0.5", "--playback-duration", "2",
-    )  # fmt: skip
+    one = replay(short_bag, "--clock", "50", "--rate", "0.5", "--playback-duration", "2")
     assert _spun_until(node, lambda: one.process.poll() is not None), one.output
     code, out = one.finish()
     assert code == 0, out
-    recording = read_recording(short_bag)
-    stamps = next(iter(recording.references.values())).stamp_ns
-    expected = stamps[stamps <= recording.start_ns + 2_000_000_000] * 1e-9
-    assert _spun_until(node, lambda: bool(heard) and heard[-1] > expected[-1] - 1e-4), heard
-    # Fast DDS announces a participant again after 3 s where its first announcements are lost: the
-    # subscriber misses the beginning then, and nothing after it.
-    assert heard == pytest.approx(expected[-len(heard) :].tolist())
+    begin = read_recording(short_bag).start_ns * 1e-9
     assert clocks == sorted(clocks)
     assert np.median(np.diff(clocks)) == pytest.approx(0.01, abs=0.003)
-    assert expected[0] - 0.1 < clocks[0]
-    assert clocks[-1] < expected[-1] + 0.1
+    assert begin - 0.1 < clocks[0]
+    assert begin + 1.9 < clocks[-1] < begin + 2.1
     assert "ms behind the recorded time" in out
 
 
@@ -245,9 +228,6 @@ def test_a_recording_is_not_played_into_the_readings_of_a_robot(
         (("--rate", "nan"), "--rate"),
         (("--loop", "-1"), "--loop"),
         (("--start-offset", "1e6"), "--start-offset"),
-        (("--remap", "/a:=/b"), "--remap: /a is not played"),
-        (("--remap", "nonsense"), "--remap takes OLD:=NEW"),
-        (("--topics", "/nothing"), "has no /nothing"),
         (("--html", "no/such/report.html"), "there is no folder no/such"),
     ],
 )
@@ -261,17 +241,3 @@ def test_invalid_options_of_replay_are_refused_in_one_line(
     errors = capsys.readouterr().err
     assert words in errors
     assert errors.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("offered", "latched"),
-    [
-        ("- history: 1\n  durability: 1\n", True),
-        ("- durability: transient_local\n", True),
-        ("- durability: 2\n", False),
-        ("", False),
-        ("{", False),
-    ],
-)
-def test_a_latched_topic_is_recognised(offered: str, latched: bool) -> None:
-    assert was_latched(offered) is latched

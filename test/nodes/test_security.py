@@ -21,11 +21,12 @@ from visualization_msgs.msg import MarkerArray
 
 from cdrj_ros.nodes.estimator import ManagedEstimator
 from cdrj_ros.nodes.markers import MarkersNode
-from cdrj_ros.nodes.replay_node import ReplayNode, Wiring
+from cdrj_ros.nodes.replay_node import ReplayNode
 from cdrj_ros.nodes.rig import RigNode
 from cdrj_ros.nodes.robot_description import listener_of
 from cdrj_ros.nodes.spinning import RANGE, REACH, ros_context, stay_on_this_machine
 from cdrj_ros.nodes.watch import WatchNode
+from cdrj_ros.recordings.recording import Topics
 
 PACKAGE = ROOT / "cdrj_ros"
 POLICY = ROOT / "config" / "sros2" / "cdrj_ros.policy.xml"
@@ -86,7 +87,7 @@ def nodes(bench: Bench) -> Bench:
     bench.listen(WrenchStamped, "/cdrj/wrenches/upper_3")
     bench.listen(MarkerArray, "/cdrj/markers")
     listeners = [listener_of(node, MagicMock()) for node in (estimator, rig, markers)]
-    replay = ReplayNode(Wiring(clock_hz=10.0))
+    replay = ReplayNode(Topics(), clock_hz=10.0)
     for node in (estimator, replay, watch, rig, markers, *listeners):
         bench.add(node)
     return bench
