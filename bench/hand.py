@@ -9,8 +9,9 @@ import numpy as np
 import yaml
 
 from bench.figures import ROOT, Row, alone, compared, in_turn, processor_seconds, turns
+from bench.update import stepping
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
-from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
@@ -59,19 +60,6 @@ def motion(model: Model, rate: int, frequency: float = 1.0) -> Samples:
     stamp_ns = START_NS + np.round(time * 1e9).astype(np.int64)
     motor = np.tile(np.outer(angle, WINDING), (1, count))
     return Samples(stamp_ns, motor, np.tile(angle[:, None], (1, 2 * count)))
-
-
-def plain(model: Model) -> Callable[[], None]:
-    """``step`` alone."""
-    whole = motion(model, PLAIN_RATE)
-    samples = [whole.at(k) for k in range(whole.stamp_ns.size)]
-
-    def stepped() -> None:
-        state = initial_state(model)
-        for sample in samples:
-            state, _ = step(model, state, sample)
-
-    return stepped
 
 
 def fed(
@@ -127,7 +115,8 @@ def measure() -> list[Row]:
     rows = []
     for count, name in ((1, "one finger"), (5, "five fingers")):
         model = fingers(count)
-        once, *found = in_turn(ROUNDS, plain(model), fed(model, 500), fed(model, 100))
+        stepped = stepping(model, motion(model, PLAIN_RATE))
+        once, *found = in_turn(ROUNDS, stepped, fed(model, 500), fed(model, 100))
         steps = np.array(once) * 1e6 / PLAIN_RATE
         for rate, times, aim in zip((500, 100), found, ("≤ 4", "≤ 10"), strict=True):
             ours = np.array(times) * 1e6 / rate

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,28 +30,17 @@ def recorded_motion(model: Model) -> Samples:
     return condition_recording(model, read_inputs(str(BAG), Topics(), model)).segments[0]
 
 
-def stepping(model: Model, motion: Samples) -> Callable[[], None]:
-    """``step`` over the samples, one call each."""
+def stepping(model: Model, motion: Samples, ensemble: Ensemble | None = None) -> Callable[[], None]:
+    """``step`` over the samples, one call each; that of an ensemble adds standard deviations."""
     readings = [motion.at(k) for k in range(motion.stamp_ns.size)]
+    advance = partial(step, model) if ensemble is None else ensemble.step
 
     def stepped() -> None:
+        if ensemble is not None:
+            ensemble.reset()
         state = initial_state(model)
         for sample in readings:
-            state, _ = step(model, state, sample)
-
-    return stepped
-
-
-def with_spread(model: Model, motion: Samples) -> Callable[[], None]:
-    """``step`` of an ensemble, which adds standard deviations."""
-    readings = [motion.at(k) for k in range(motion.stamp_ns.size)]
-    ensemble = Ensemble(model)
-
-    def stepped() -> None:
-        ensemble.reset()
-        state = initial_state(model)
-        for sample in readings:
-            state, _ = ensemble.step(state, sample)
+            state, _ = advance(state, sample)
 
     return stepped
 
@@ -94,7 +84,7 @@ def measure() -> list[Row]:
             ROUNDS,
             evaluating(poses),
             stepping(model, motion),
-            with_spread(model, motion),
+            stepping(model, motion, Ensemble(model)),
             stepping(imported(), in_space),
         )
     )
