@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros._core import Axis
+from cdrj_ros.estimation.draws import Streams
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.model.following import whole_lengths
 from cdrj_ros.model.prepared import Model, lengths_at, prepare, shape_at
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
@@ -225,10 +227,9 @@ def bends_of(robot: Robot) -> list[float]:
     arm = _by_joint(robot, shape_at(model, robot.reference_pose).lever_arm)
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])
-    random = np.random.default_rng(0).random((POSES, len(robot.joints)))
-    pose = lower + random * (upper - lower)
-    length = np.stack([lengths_at(model, pose)[:, own].sum(axis=1) for own in robot.parts])
-    change = np.diff(length)
+    shares = [Streams(0).of("bend", joint.name).random(POSES) for joint in robot.joints]
+    pose = lower + np.stack(shares, axis=1) * (upper - lower)
+    change = np.diff(whole_lengths(robot, lengths_at(model, pose)).T)
     parts = arm[:, :, None] * np.diff(pose, axis=0).T
     greatest = np.maximum(np.abs(parts).max(axis=1), np.abs(change))
     bent = np.abs(change - parts.sum(axis=1)) / np.maximum(greatest, np.finfo(float).tiny)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import hypot, pi
 from types import MappingProxyType
 from typing import Any, Final, Literal
@@ -427,7 +428,7 @@ class Robot:
         """Angles of all motors in that pose [rad], shape (motors,)."""
         return np.array([motor.reference_angle for motor in self.motors], dtype=np.float64)
 
-    @property
+    @cached_property
     def parts(self) -> tuple[slice, ...]:
         """For every cable, the slice of its elements among those of all cables."""
         ends = np.cumsum([0, *(len(cable.nodes) - 1 for cable in self.cables)]).tolist()
@@ -437,15 +438,16 @@ class Robot:
         """One value or row for every element, from those of the cables."""
         return np.repeat(values, [len(cable.nodes) - 1 for cable in self.cables], axis=0)
 
-    @property
+    @cached_property
     def drums(self) -> NDArray[np.float64]:
-        """Cable that every motor winds in per radian [m], shape (cables, motors)."""
+        """Cable that every motor winds in per radian [m], shape (cables, motors); read-only."""
         drums = np.zeros((len(self.cables), len(self.motors)))
         names = [motor.name for motor in self.motors]
         for c, cable in enumerate(self.cables):
             for node in cable.nodes:
                 for motor, winding in turns_of(node).items():
                     drums[c, names.index(motor)] += winding * node.reel  # type: ignore[union-attr]
+        drums.flags.writeable = False
         return drums
 
     @property

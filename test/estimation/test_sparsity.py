@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.fingers import WRIST, finger, hand
 
+from cdrj_ros.estimation.conditioner import bends_of
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state
@@ -68,6 +69,11 @@ def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequen
     if rate >= 500.0 or frequency <= 1.0:
         cables = len(model.robot.cables)
         assert max(taken) <= 4 * cables, "only the member in turn, and where axes have turned"
+
+
+def test_what_readings_of_a_finger_are_held_to_is_its_own() -> None:
+    one, three = (fingers(count).robot for count in (1, 3))
+    assert bends_of(three)[: len(one.cables)] == bends_of(one)
 
 
 def test_twenty_fingers_take_twenty_times_the_steps_of_one() -> None:
