@@ -1,13 +1,11 @@
 """Measure what each controller achieves, on the true tensions and angles of the rig.
 
-python tools/measure_controllers.py                     # a line per controller
-python tools/measure_controllers.py --png effects.png   # and a picture
+python tools/measure_controllers.py
 """
 
-import argparse
 import sys
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from closed_loop import FIRST_NS, STEP_NS, ClosedLoop
@@ -19,15 +17,13 @@ from friction_feedforward import FrictionFeedforward
 from keep_taut import KeepTaut
 from tension_limiter import TensionLimiter
 
-from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.load import make_load
 
 DT = 1e-3  # [s]
 
 
-@dataclass
-class Effect:
+class Effect(NamedTuple):
     """Result of one controller beside that without it."""
 
     name: str
@@ -35,12 +31,8 @@ class Effect:
     """What the values are, with the unit."""
     without: float
     having: float
-    time_s: np.ndarray
-    curves: dict[str, np.ndarray]
-    """Over time, without it first."""
-    axis: str
-    line: float | None = None
-    """Limit, threshold or floor."""
+    least: float = np.nan
+    """Smallest true tension with it [N]."""
 
 
 def limiter(seconds=5.0, limit=60.0):
@@ -49,21 +41,16 @@ def limiter(seconds=5.0, limit=60.0):
     def peak(limited):
         loop = ClosedLoop("prototype", upper=0.2, max_torque=20.0)
         law = TensionLimiter(loop.model, limit, creep_speed=0.3)
-        largest = []
+        largest = 0.0
         for k in range(round(seconds / DT)):
             wished = np.array([1.0 if 0.2 < k * DT < 0.8 * seconds else 0.0])
             speed = law.allowed(wished, *loop.tensions()[1:])[0] if limited else wished
             loop.command("velocity", speed)
             loop.step()
-            largest.append(loop.rig.tension.max())
-        return np.array(largest)
+            largest = max(largest, loop.rig.tension.max())
+        return largest
 
-    curves = {"without": peak(False), "with": peak(True)}
-    return Effect(
-        "tension_limiter", "largest true tension [N]", curves["without"].max(),
-        curves["with"].max(), np.arange(len(curves["with"])) * DT, curves,
-        "largest tension [N]", limit,
-    )  # fmt: skip
+    return Effect("tension_limiter", "largest true tension [N]", peak(False), peak(True))
 
 
 def smooth_target(time_s, amplitude=0.4, frequency_hz=0.4):
@@ -74,20 +61,14 @@ def smooth_target(time_s, amplitude=0.4, frequency_hz=0.4):
     return angle, speed, np.gradient(speed, DT)
 
 
-def feedforward(seconds=6.0, wrong=None):
-    """The prototype's joint follows a sine of 23 degrees with a payload of 0.3 kg.
-
-    Args:
-        seconds: length of the run.
-        wrong: numbers of the robot file that the controller gets wrong, by path.
-    """
+def feedforward(seconds=6.0):
+    """The prototype's joint follows a sine of 23 degrees with a payload of 0.3 kg."""
     time_s = np.arange(round(seconds / DT) + 1) * DT
     target, speed, acceleration = smooth_target(time_s)
 
     def error(compensated):
         loop = ClosedLoop("prototype")
-        model = with_other_numbers(loop.model, wrong) if wrong else loop.model
-        law = FrictionFeedforward(model, loop.rig.load)
+        law = FrictionFeedforward(loop.model, loop.rig.load)
         found = [0.0]
         for k in range(1, time_s.size):
             motion = target[k], speed[k], acceleration[k]
@@ -96,14 +77,9 @@ def feedforward(seconds=6.0, wrong=None):
             loop.command("position", [angle])
             loop.step()
             found.append(np.degrees(loop.rig.joint_angle[0] - target[k]))
-        return np.array(found)
+        return np.sqrt(np.mean(np.square(found[500:])))
 
-    curves = {"without": error(False), "with": error(True)}
-    rms = {name: np.sqrt(np.mean(curve[500:] ** 2)) for name, curve in curves.items()}
-    return Effect(
-        "friction_feedforward", "tracking error, rms [deg]", rms["without"], rms["with"], time_s,
-        curves, "error of the joint [deg]",
-    )  # fmt: skip
+    return Effect("friction_feedforward", "tracking error, rms [deg]", error(False), error(True))
 
 
 def brief_load(loop, time_s):
@@ -144,11 +120,8 @@ def taut(seconds=12.0, floor=2.0, share=-0.5):
     adaptive = tensions(None)
     while (constant := tensions(share)).min() < adaptive.min():
         share += 0.1
-    return Effect(
-        "keep_taut", "mean true tension [N]", constant.mean(), adaptive.mean(), time_s[2001:],
-        {"without": constant.min(axis=1), "with": adaptive.min(axis=1)}, "smallest tension [N]",
-        floor,
-    )  # fmt: skip
+    return Effect("keep_taut", "mean true tension [N]", constant.mean(), adaptive.mean(),
+                  adaptive.min())  # fmt: skip
 
 
 def push(seconds=8.0, torque=1.0, threshold=0.5, pushed_s=5.2):
@@ -177,46 +150,15 @@ def push(seconds=8.0, torque=1.0, threshold=0.5, pushed_s=5.2):
                 detected = min(detected, (k - begin) * DT)
         torques.append(observer.torque)
     quiet = np.abs(torques[1000 : begin - 1])
-    return Effect(
-        "collision_stop", "largest torque before the push [N m] | time to detection [s]",
-        quiet.max(), detected, np.arange(1, len(torques) + 1) * DT,
-        {"with": np.array(torques)}, "external torque [N m]", threshold,
-    )  # fmt: skip
-
-
-EFFECTS = (limiter, feedforward, taut, push)
-
-
-def draw(effects, path):
-    """Draw every effect over time."""
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 2, figsize=(11.0, 6.5), layout="constrained")
-    colours = {"without": "#b0402c", "with": "#1f6fb4"}
-    for box, effect in zip(axes.flat, effects, strict=True):
-        for name, curve in effect.curves.items():
-            box.plot(effect.time_s[: curve.size], curve, color=colours[name], label=name, lw=1.2)
-        if effect.line is not None:
-            box.axhline(effect.line, color="#555555", lw=0.8, ls="--")
-        box.set(title=effect.name, xlabel="time [s]", ylabel=effect.axis)
-        box.spines[["top", "right"]].set_visible(False)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False)
-    figure.savefig(path, dpi=110)
+    measure = "largest torque before the push [N m] | time to detection [s]"
+    return Effect("collision_stop", measure, quiet.max(), detected)
 
 
 def main():
-    """Measure, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--png", help="picture to write")
-    arguments = parser.parse_args()
-    effects = []
-    for measured in EFFECTS:
-        effect = measured()
-        effects.append(effect)
-        print(f"{effect.name}: {effect.measure}: {effect.without:.4g} | {effect.having:.4g}")
-    if arguments.png:
-        draw(effects, arguments.png)
+    """Measure and print."""
+    for measured in (limiter, feedforward, taut, push):
+        name, measure, without, having, _ = measured()
+        print(f"{name}: {measure}: {without:.4g} | {having:.4g}", flush=True)
 
 
 if __name__ == "__main__":

@@ -265,7 +265,7 @@ void bind_robot(nb::module_& core) {
 
             Args:
                 stamp_ns: stamp of the sample [ns]; ``NEVER`` before the first.
-                values: shape (state_size,), see ``cdrj_ros.model.packing``; copied.)")
+                values: shape (state_size,), see ``State`` in core/layout.hpp; copied.)")
         .def("__getstate__", [](const HeldState& one) { return std::tuple(one.stamp_ns, one.numbers); })
         .def("__setstate__", [](HeldState* made, const std::tuple<Nanoseconds, std::vector<double>>& parts) {
             new (made) HeldState{std::get<0>(parts), std::get<1>(parts)};

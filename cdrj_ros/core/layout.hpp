@@ -1,7 +1,7 @@
 // Where the parts of a robot, its state, its estimate and its workspace lie in flat arrays.
 //
 // `cdrj_ros.model` makes the arrays, and lays them out in the same order: packing.py has views of a
-// robot's topology and constants, of states and of workspaces.
+// robot's topology and constants and of workspaces.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-"""Flat vectors of a prepared robot, its state, scratch and estimates, and names of their parts.
+"""Flat vectors of a prepared robot, its scratch and estimates, and names of their parts.
 
 ``topology`` holds integers: how many parts there are, and their connections.  ``constants`` holds
 reals; the members of an ensemble differ in them and share one topology.  The compiled core reads
@@ -188,39 +188,6 @@ def views(vector: NDArray[Any], parts: Mapping[str, Part], begin: int = 0) -> Vi
 
 OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
 """Bit flags of an element's status; cdrj_msgs/CableTensions defines the same values."""
-
-
-@lru_cache
-def _state_parts(sizes: Sizes) -> dict[str, Part]:
-    """The first parts of a state: ``State`` of the core."""
-    segments, contacts = part(sizes.contacts + sizes.cables), part(sizes.contacts)
-    axes = part(sizes.motors + sizes.joints)
-    return {
-        "started": part(1),
-        "length": segments,
-        "material": segments,
-        "delayed": segments,
-        "bristle": contacts,
-        "slip_speed": contacts,
-        "lagged_speed": contacts,
-        "place": contacts,
-        "track": part(sizes.pulleys),
-        "covered": part(sizes.surfaces),
-        "angle": axes,
-        "bearing_friction": axes,
-        "drums": part(sizes.drums, record="Drum"),
-    }
-
-
-def state_views(sizes: Sizes, state: Vector) -> Views:
-    """Named views of the parts of a state.
-
-    Args:
-        sizes: of the robot.
-        state: shape (state_size,) or longer; in Python also (states, state_size), and the views
-            then have the same first axis.
-    """
-    return views(state, _state_parts(sizes))
 
 
 @lru_cache

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.state import state_views
 
 from cdrj_ros._core import Law
 from cdrj_ros.estimation.estimator import Sample, Samples, State, initial_state, run, step
-from cdrj_ros.model.packing import INVALID, state_views
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.state import state_views
 
 from bench.scaling import chain
 from cdrj_ros._core import Law, acceptable, tolerance
 from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run, step
 from cdrj_ros.model.laws import elasticity_of
-from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, state_views
+from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts

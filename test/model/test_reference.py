@@ -25,11 +25,12 @@ from model.reference_geometry import Geometry
 from model.reference_in_space import Paths, geometry, moved, paths
 from numpy.typing import NDArray
 from support.places import ROBOTS, shipped_once
+from support.state import state_views
 
 from cdrj_ros._core import Law
 from cdrj_ros.estimation.estimator import Estimate, Sample, State, initial_state, step
 from cdrj_ros.model.laws import elasticity_of, strain_at
-from cdrj_ros.model.packing import OK, SLACK, state_views, topology_views
+from cdrj_ros.model.packing import OK, SLACK, topology_views
 from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
 from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
 from cdrj_ros.robot.reader import parse_robot

@@ -6,9 +6,9 @@ from math import degrees, exp, log, pi
 
 import numpy as np
 import pytest
+from support.state import state_views
 
 from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.model.packing import state_views
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot

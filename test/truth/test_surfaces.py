@@ -11,9 +11,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from support.state import state_views
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.model.packing import state_views
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import make_rig
