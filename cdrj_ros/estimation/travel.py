@@ -119,7 +119,7 @@ class MotorTravel:
         Returns:
             Whether it was kept: one in which nothing has moved since the last is not.
         """
-        if self._model.robot.unmeasured:
+        if self._model.robot.unmeasured or not self._model.robot.motors:
             return False
         expected = following_motors(self._model, joint_angle[None, :])[0]
         if self._motor:

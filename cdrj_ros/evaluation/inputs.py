@@ -66,6 +66,8 @@ def _read(
             effort_scale=robot.effort_scale,
         )  # fmt: skip
 
+    if not robot.motors:  # of passive cables alone
+        topics = replace(topics, motors=topics.joints)
     source = open_source(path)
     found = reference_topics(source, topics)
     recording = read(source)

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cdrj_ros
 from cdrj_ros import _core
+from cdrj_ros.commands import simulate, validate
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import INVALID, SLACK
@@ -151,6 +153,30 @@ def test_its_standard_deviation_follows_from_rest_length_and_stiffness() -> None
     assert uncertainty is not None
     assert uncertainty.stddev["cables.c.rest_length"] == pytest.approx(0.01 * REST)
     assert "cables.c.preload" not in uncertainty.stddev
+
+
+def test_a_robot_of_passive_cables_alone_needs_joints_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "spring.yaml"
+    path.write_text(
+        ROBOT.format(
+            motors="", reference=0.3, ea=STIFFNESS * REST, tension=f"rest_length: {REST}",
+            first="anchor",
+        ).replace("mu_c: 0.2", "mu_c: 0")
+    )  # fmt: skip
+    angle = 0.3 + 0.2 * np.sin(0.02 * np.arange(200))
+    stamps = 10**9 + 10**7 * np.arange(200)
+    found = cdrj_ros.estimate(path, stamps, np.zeros((200, 0)), {"q": angle})
+    model = load_model(path)
+    for k in (50, 199):
+        length = shape_at(model, angle[k : k + 1]).length.sum()
+        np.testing.assert_allclose(found.tension[k], STIFFNESS * (length - REST), rtol=1e-3)
+    bag = str(tmp_path / "bag")
+    robot = ["--robot", str(path)]
+    assert simulate.main([*robot, "--duration", "3", "--mode", "follow", bag]) == 0
+    assert validate.main([*robot, bag]) == 0
+    assert "c/1" in capsys.readouterr().out
 
 
 def test_preloads_given_to_a_command_leave_it_as_it_is(tmp_path: Path) -> None:
