@@ -196,8 +196,8 @@ def _cables_moved(robot: Robot, unknowns: Sequence[Unknown]) -> NDArray[np.bool_
     owners, found = Owners(robot, tuple((c,) for c in every)), []
     for one in unknowns:
         own = [owners.groups(path) for path in one.paths]
-        all_of_them = robot.unmeasured or changes_conditioning(one.paths) or not all(own)
-        found.append([all_of_them or any(c in some for some in own) for c in every])
+        many = changes_conditioning(one.paths) or not all(own) or len(robot.unmeasured) > 0
+        found.append([many or any(c in some for some in own) for c in every])
     return np.array(found)
 
 
