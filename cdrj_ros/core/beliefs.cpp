@@ -68,8 +68,9 @@ bool Heard::frozen() const {
 }
 
 Beliefs::Beliefs(
-    std::span<const double> start, std::span<const double> drift, std::span<const double> jump)
-    : drift_(squares(drift)), jump_(squares(jump)) {
+    std::span<const double> start, std::span<const double> drift, std::span<const double> jump,
+    std::span<const double> error)
+    : drift_(squares(drift)), jump_(squares(jump)), error_(error.begin(), error.end()) {
     hypotheses.push_back({{}, std::vector<double>(count()), DenseMatrix(count(), count()), 1.0});
     widen(squares(start));
 }

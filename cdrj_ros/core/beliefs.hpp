@@ -98,9 +98,11 @@ struct Presence {
 class Beliefs {
 public:
     /// Begin without sensors. `start`, `drift` and `jump`: of the robot's unknowns, standard deviations
-    /// at the start, of the random walk after 1 s, and of a sudden change.
+    /// at the start, of the random walk after 1 s, and of a sudden change; `error`: of a correction by
+    /// each, as a share of it.
     Beliefs(
-        std::span<const double> start, std::span<const double> drift, std::span<const double> jump);
+        std::span<const double> start, std::span<const double> drift, std::span<const double> jump,
+        std::span<const double> error);
 
     /// Add a sensor: its errors become unknowns, and hypotheses extend those there are.
     void hear(Accuracy sensor);
@@ -166,6 +168,7 @@ private:
         std::span<const double> bent, const Presence& found) const;
 
     std::vector<double> drift_, jump_;              // variances of the robot's unknowns
+    std::vector<double> error_;                     // of a correction by each, as a share of it
     std::vector<double> change_, across_, jumped_;  // of the reading in progress
 };
 

@@ -34,15 +34,18 @@ std::vector<Ends> ends_of(const GivenIntegers& rows, Index robots, Index cables)
 /// Signatures whose topology stays alive with them.
 struct HeldSignatures {
     HeldSignatures(
-        const HeldRobot& of, const Given& constants, const Given& shift, const GivenIntegers& unknowns)
+        const HeldRobot& of, const Given& constants, const Given& shift, const GivenFlags& slipping,
+        const GivenIntegers& unknowns)
         : robot(of),
           signatures(
               robot.robot.topology, numbers_of(constants), numbers_of(shift),
+              std::vector<bool>(slipping.data(), slipping.data() + slipping.size()),
               ends_of(unknowns, constants.shape(0), robot.robot.topology.sizes.cables)) {
         require(
             constants.has({constants.shape(0), robot.constants.size()}) &&
-                shift.has({constants.shape(0), robot.robot.topology.sizes.axes()}),
-            "constants or shift are not those of such robots");
+                shift.has({constants.shape(0), robot.robot.topology.sizes.axes()}) &&
+                slipping.has({constants.shape(0)}),
+            "constants, shift or slipping are not those of such robots");
     }
 
     HeldRobot robot;
@@ -57,11 +60,12 @@ Written follow(
     return slopes;
 }
 
-void make_beliefs(Beliefs* made, const Given& start, const Given& drift, const Given& jump) {
+void make_beliefs(
+    Beliefs* made, const Given& start, const Given& drift, const Given& jump, const Given& error) {
     require(
-        drift.size() == start.size() && jump.size() == start.size(),
-        "start, drift and jump differ in their numbers of unknowns");
-    new (made) Beliefs(span_of(start), span_of(drift), span_of(jump));
+        drift.size() == start.size() && jump.size() == start.size() && error.size() == start.size(),
+        "start, drift, jump and error differ in their numbers of unknowns");
+    new (made) Beliefs(span_of(start), span_of(drift), span_of(jump), span_of(error));
 }
 
 void hear(
@@ -193,14 +197,16 @@ void bind_beliefs(nb::module_& core) {
     nb::class_<HeldSignatures>(core, "Signatures",
         "What every unknown of a robot changes in its estimate, (B2).")
         .def(
-            nb::init<const HeldRobot&, const Given&, const Given&, const GivenIntegers&>(), "robot"_a,
-            "constants"_a, "shift"_a, "unknowns"_a, R"(
+            nb::init<
+                const HeldRobot&, const Given&, const Given&, const GivenFlags&, const GivenIntegers&>(),
+            "robot"_a, "constants"_a, "shift"_a, "slipping"_a, "unknowns"_a, R"(
             Copy all arrays.
 
             Args:
                 robot: whose topology they have.
                 constants: of all robots, shape (robots, constants).
                 shift: their angles less those that are read [rad], shape (robots, axes).
+                slipping: whether their cables slip on the drums, shape (robots,).
                 unknowns: the robots at plus and at minus one unit, and the only cable that this
                     changes, -1 for several, shape (unknowns, 3).
 
@@ -221,13 +227,14 @@ void bind_beliefs(nb::module_& core) {
                 shape (unknowns, quantities).)");
     nb::class_<Beliefs>(core, "Beliefs",
         "Hypotheses about which sensors are right, with means and covariances of all unknowns.")
-        .def("__init__", make_beliefs, "start"_a, "drift"_a, "jump"_a, R"(
+        .def("__init__", make_beliefs, "start"_a, "drift"_a, "jump"_a, "error"_a, R"(
             Begin without sensors.
 
             Args:
                 start: standard deviations of the robot's unknowns, shape (unknowns,).
                 drift: of their random walks after 1 s.
-                jump: of their sudden changes.)")
+                jump: of their sudden changes.
+                error: of corrections by each, as a share of them.)")
         .def(
             "hear", hear, nb::kw_only(), "quantity"_a, "contributes"_a, "scale"_a, "prior"_a, "drift"_a,
             "model"_a, "faulty"_a, R"(

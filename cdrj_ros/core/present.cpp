@@ -76,9 +76,11 @@ void Beliefs::present(
         const Hypothesis& own = hypotheses[b];
         const auto shift = std::span(shifts).subspan(b * size, size);
         for (std::size_t q = 0; q < size; ++q) {
-            for (const auto [i, slope] : sums[q]) shift[q] += own.mean[i] * slope;
-            bent[q] = NONLINEAR * shift[q];
-            known[q] = less[q] = 0.0;
+            bent[q] = known[q] = less[q] = 0.0;
+            for (const auto [i, slope] : sums[q]) {
+                shift[q] += own.mean[i] * slope;
+                bent[q] += error_[i] * own.mean[i] * slope;
+            }
         }
         condition(own, last, slopes, bent, {shift, known, less});
         for (std::size_t q = 0; q < size; ++q) {

@@ -7,7 +7,7 @@ namespace cdrj {
 
 Signatures::Signatures(
     const Topology& topology, std::vector<double> constants, std::vector<double> shift,
-    std::vector<Ends> unknowns)
+    std::vector<bool> slipping, std::vector<Ends> unknowns)
     : topology_(topology),
       sizes_(topology.sizes),
       tensions_at_(first_of(sizes_, &Estimate::tension, true)),
@@ -15,6 +15,7 @@ Signatures::Signatures(
       efforts_at_(first_of(sizes_, &Estimate::motor_effort, true)),
       robots_(topology, shift.size() / topology.sizes.axes(), std::move(constants)),
       shift_(std::move(shift)),
+      slipping_(std::move(slipping)),
       unknowns_(std::move(unknowns)),
       angle_(sizes_.axes()),
       values_(robots_.size() * quantities()),
@@ -41,7 +42,9 @@ void Signatures::step(
     std::ranges::copy(joint_angle, joints);
     for (Index a = 0; a < sizes_.axes(); ++a) angle_[a] += shift_[k * sizes_.axes() + a];
     const std::span<const double> angles(angle_);
-    robots_.advance(k, angles.first(sizes_.motors), angles.last(sizes_.joints), dt, out_.data());
+    const bool solved =
+        robots_.advance(k, angles.first(sizes_.motors), angles.last(sizes_.joints), dt, out_.data());
+    if (slipping_[k] && solved) robots_[k].forget_drums(robots_.state(k).data());
     const Step done(robots_[k], robots_.state(k).data(), out_.data());
     auto value = values_.begin() + k * quantities();
     for (const EstimatePart& part : ESTIMATE) {

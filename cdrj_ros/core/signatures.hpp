@@ -26,10 +26,11 @@ struct Ends {
 /// what an unknown does where it makes cables slack, as in the unscented transform.
 class Signatures {
 public:
-    /// `constants` and `shift`: of all robots by rows, and their angles less those that are read.
+    /// `constants` and `shift`: of all robots by rows, and their angles less those that are read;
+    /// `slipping`: whether their cables slip on the drums.
     Signatures(
         const Topology& topology, std::vector<double> constants, std::vector<double> shift,
-        std::vector<Ends> unknowns);
+        std::vector<bool> slipping, std::vector<Ends> unknowns);
 
     /// Discard the histories of all robots.
     void reset() { std::ranges::fill(robots_.states, 0.0); }
@@ -55,6 +56,7 @@ private:
     const Index tensions_at_, forces_at_, efforts_at_;  // the first quantities of these kinds
     Population robots_;
     const std::vector<double> shift_;
+    const std::vector<bool> slipping_;
     const std::vector<Ends> unknowns_;
     std::vector<double> angle_;    // of the robot in progress
     std::vector<double> out_;      // of `Robot::advance`

@@ -37,8 +37,8 @@ class Beliefs:
         """Number of the robot's unknowns; those of the sensors follow."""
         self.sensors: list[Sensor] = []
         """Those that have been heard."""
-        sizes = [(one.start, one.drift, one.jump) for one in unknowns]
-        self.core = _core.Beliefs(*np.array(sizes).reshape(-1, 3).T)
+        sizes = [(one.start, one.drift, one.jump, one.error) for one in unknowns]
+        self.core = _core.Beliefs(*np.array(sizes).reshape(-1, 4).T)
 
     @property
     def mean(self) -> Table:

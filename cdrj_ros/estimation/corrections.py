@@ -206,7 +206,7 @@ class Corrections:
 
     def memory(self) -> list[dict[str, Any]]:
         """What ``recall`` needs to go on, as JSON."""
-        return [group.beliefs.memory() for group in self.groups]
+        return [group.memory() for group in self.groups]
 
     def recall(self, memory: Sequence[Mapping[str, Any]]) -> None:
         """Take up ``memory``.

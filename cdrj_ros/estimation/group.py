@@ -16,7 +16,7 @@ from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import NEVER, Sample
 from cdrj_ros.estimation.evidence import FADES_S, Sums, contributions, nothing
 from cdrj_ros.estimation.sensors import Reading, Sensor
-from cdrj_ros.estimation.unknowns import Unknown, unknowns_of
+from cdrj_ros.estimation.unknowns import ALIKE, SLIP, Unknown, unknowns_of
 from cdrj_ros.estimation.verdicts import Verdict, judge
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import constant_views, stddev_places
@@ -40,11 +40,15 @@ JUDGED_NS: Final = 500_000_000
 STRAYS: Final = 2
 """So many stray readings in a row are no evidence."""
 
-CONTRADICTED: Final = 3.0
+CONTRADICTED: Final = 2.0
 """The beliefs contradict a change that differs by more than so many standard deviations."""
 
 CONTRADICTED_NS: Final = round(2e9 * FADES_S)
 """Time for which readings contradict the beliefs until the tensions are in doubt [ns]."""
+
+
+Said = tuple[Vector, Vector, Vector]
+"""What sensors say, see ``Group.correction``."""
 
 
 class Past(NamedTuple):
@@ -97,12 +101,14 @@ class Group:
         self.signatures = _signatures(own, self.unknowns)
         self.columns = _columns_in(model, own)
         """Index of every quantity of the group among those of the robot."""
+        self._alike = [one.kind for one in self.unknowns].index(ALIKE)
         self.place = {column: k for k, column in enumerate(self.columns.tolist())}
         self.refused = 0
         """Readings that were too old."""
         self._model = model
         self._own = own
         self._cable_of = _cables_of_columns(own)
+        self._tensions = own.layout.stddev["tension"]
         self.forget()
 
     def forget(self) -> None:
@@ -114,6 +120,7 @@ class Group:
 
     def restart(self) -> None:
         """Begin with an unknown history; what is known of robot and sensors is kept."""
+        self.beliefs.core.widen(self._slipped())
         self.beliefs.core.pause()
         self.forget_evidence()
 
@@ -131,12 +138,12 @@ class Group:
         """What the latest readings show; None: they are too few."""
         self.doubted: Sequence[int] = ()
         """Numbers of the cables whose tensions are in doubt whatever their deviations say."""
-        self._believed_ns, self._judged_ns = NEVER, NEVER
-        """When the beliefs last held what the readings showed, and when that was judged [ns]."""
+        self._agreed_ns, self._judged_ns = NEVER, NEVER
+        """When the tensions last agreed with the verdict, and when that was judged [ns]."""
 
     def take(
         self, sample: Sample, phase: float, past: Sequence[Past], deviation: Table
-    ) -> tuple[Vector, Vector, Vector] | None:
+    ) -> Said | None:
         """Renew signatures, beliefs and verdict, once in ``TICK_NS``.
 
         Args:
@@ -153,10 +160,12 @@ class Group:
         waiting, self.waiting = self.waiting, []
         for reading, sensor in waiting:
             self._take(reading, sensor, past)
+        said = self.correction(sample.stamp_ns, past[-1].values, deviation)
         if abs(sample.stamp_ns - self._judged_ns) >= JUDGED_NS:
             self._judged_ns = sample.stamp_ns
-            self._judge(sample.stamp_ns)
-        return self.correction(sample.stamp_ns, past[-1].values, deviation)
+            self._judge(past[-1], said)
+        shift, known, left = said
+        return shift, known, left * self._unexplained()
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -167,6 +176,7 @@ class Group:
         passed = sample.stamp_ns - self._slopes[-1][0] if self._slopes else 0
         goes_on = 0 < passed <= LONGEST_NS
         if not goes_on:
+            self.beliefs.core.widen(self._slipped())
             self.signatures.reset()
             self._slopes.clear()
         slopes = self.signatures.follow(
@@ -180,6 +190,26 @@ class Group:
     def slopes(self) -> Table:
         """Change of every quantity per unit of every unknown, (B2), shape (unknowns, columns)."""
         return self._slopes[-1][1]
+
+    def _slipped(self) -> Vector:
+        """Variances of the unknowns by what slips have taken: over a break it is lost preload."""
+        variances = np.zeros(self.beliefs.count)
+        if not self._slopes:
+            return variances
+        mean, stddev = self.beliefs.moments()
+        of_elements, cables = self._cable_of[self._tensions], self._own.layout.cables
+        names = [one.name for one in self.unknowns]
+        for k, one in enumerate(self.unknowns):
+            if one.kind is SLIP and one.cable is not None:
+                preload = names.index(f"preload of {cables[one.cable]}")
+                taken = self.slopes[k, self._tensions][of_elements == one.cable].mean()
+                size = taken / self.unknowns[preload].unit
+                variances[preload] = size**2 * (mean[k] ** 2 + stddev[k] ** 2)
+        return variances
+
+    def memory(self) -> dict[str, Any]:
+        """What ``recall`` needs to go on, as JSON."""
+        return self.beliefs.memory() | {"slipped": self._slipped().tolist()}
 
     def _no_evidence(self, sensor: Sensor) -> Sums:
         return nothing(self.beliefs.count + 3, contributions(self._model.robot, sensor))
@@ -214,39 +244,45 @@ class Group:
                 reading.noise**2, sensor.model_error(reading.value) ** 2 + history**2, then.values,
             )  # fmt: skip
 
-    def _judge(self, stamp_ns: int) -> None:
+    def _judge(self, now: Past, said: Said) -> None:
         """Renew ``verdict`` and ``doubted``; both stay while the sensors are silent."""
         beliefs, names = self.beliefs, self._model.layout.cables
         frozen = [beliefs.core.heard(k)[2] for k in range(len(beliefs.sensors))]
-        sums = [one.faded(stamp_ns) for one in self.sums]
+        sums = [one.faded(now.stamp_ns) for one in self.sums]
         verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
         if verdict is None:
             return
         self.verdict = verdict
-        if verdict.broken or self._believes(verdict):
-            self._believed_ns = stamp_ns
+        if verdict.broken or self._agrees(verdict, now, said):
+            self._agreed_ns = now.stamp_ns
         # after a sudden change its readings mix with those before
-        lost = stamp_ns - self._believed_ns > CONTRADICTED_NS
+        lost = now.stamp_ns - self._agreed_ns > CONTRADICTED_NS
         broken = [names.index(verdict.broken)] if verdict.broken else []
         self.doubted = self.cables if lost else broken
 
-    def _believes(self, verdict: Verdict) -> bool:
-        """Whether the beliefs hold what the latest readings show."""
-        for one in verdict.found:
-            share = one.change.direction
-            sensors = set((np.flatnonzero(share[self.beliefs.count :]) // 3).tolist())
-            wrong = any(self.beliefs.probability_right(k) < 0.5 for k in sensors)
-            if wrong or not one.matters:
-                continue
-            mean, stddev = self.beliefs.moment_of(share / (share @ share))
-            allowed = CONTRADICTED * np.hypot(stddev, one.stddev / one.change.factor)
-            if abs(one.amount / one.change.factor - mean) > allowed:
-                return False
-        return verdict.explained
+    def _unexplained(self) -> float:
+        """By how much variances are too small, since the readings deviate more than is expected."""
+        if self.verdict is None:
+            return 1.0
+        squares = number = 0.0
+        for name, (own, readings) in self.verdict.left_of.items():
+            right = self.beliefs.probability_right(self.index[name])
+            squares += right * own
+            number += right * readings
+        return max(1.0, squares / max(number, 1.0))
 
-    def correction(
-        self, stamp_ns: int, values: Vector, deviation: Table
-    ) -> tuple[Vector, Vector, Vector]:
+    def _agrees(self, verdict: Verdict, now: Past, said: Said) -> bool:
+        """Whether the published tensions are those of what the latest readings show."""
+        if not any(one.matters for one in verdict.found):
+            return verdict.explained
+        shift, known, left = (one[self._tensions] for one in said)
+        slopes = self.slopes[:, self._tensions]
+        variance = (1.0 - known) * now.stddev[self.columns[self._tensions]] ** 2 + left
+        variance += np.einsum("iq,ij,jq->q", slopes, verdict.covariance, slopes)
+        differs = (verdict.mean @ slopes - shift) ** 2 > CONTRADICTED**2 * variance
+        return verdict.explained and not differs.any()
+
+    def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:
         """What the sensors say about the present, (B4).
 
         Args:
@@ -270,7 +306,7 @@ class Group:
             return None
         change = [one.name for one in self.unknowns].index(f"preload of {cable}")
         share = np.zeros(self.beliefs.count)
-        share[change] = self.unknowns[change].unit
+        share[[change, self._alike]] = self.unknowns[change].unit
         path = f"cables.{cable}.preload"
         if path in self._parameters:
             share[: self.modes.shape[1]] = self.modes[self._parameters.index(path)]
@@ -278,7 +314,7 @@ class Group:
         return self._own.robot.cables[names.index(cable)].preload + mean, stddev
 
     def recall(self, memory: Mapping[str, Any], sensors: Mapping[str, Sensor]) -> None:
-        """Take up the memory of ``beliefs``.
+        """Take up ``memory``.
 
         Raises:
             KeyError, TypeError, ValueError: it is not one of this robot.
@@ -287,6 +323,10 @@ class Group:
         for name, _ in memory["sensors"]:
             self.hear(sensors[name])
         self.beliefs.restore(memory)
+        slipped = np.array(memory["slipped"], np.float64)
+        if not (np.isfinite(slipped).all() and (slipped >= 0.0).all()):
+            raise ValueError("what has slipped is negative or infinite")
+        self.beliefs.core.widen(slipped)
 
 
 def _signatures(model: Model, unknowns: Sequence[Unknown]) -> _core.Signatures:
@@ -298,6 +338,7 @@ def _signatures(model: Model, unknowns: Sequence[Unknown]) -> _core.Signatures:
     residuals["bound"] = 0.0  # the estimate alone is corrected by what its file has learned
     return _core.Signatures(
         model.core, constants, np.stack([end.angle for end in ends.values()]),
+        np.array([end.slipping for end in ends.values()]),
         np.array(
             [
                 (number[id(one.more)], number[id(one.less)], -1 if one.cable is None else one.cable)

@@ -11,8 +11,9 @@ the ``modes`` x are independent, and the few with D of at least ``LEAST`` stand 
 Causes that change one cable alone have modes of their own: one robot then shows what a mode of
 every cable does.
 
-What may have changed since the file was written are preloads, zeros of joints and friction: one
-unknown each, in units of a large change, most likely far smaller, and sometimes sudden.
+What may have changed since the file was written are preloads, zeros of joints, friction, and
+whether the drums hold: one unknown each, in units of a large change, most likely far smaller, and
+sometimes sudden.
 See docs/estimation.md.
 """
 
@@ -26,13 +27,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.laws import elasticity_of, tensions_at
 from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, segments_of
-from cdrj_ros.robot.description import Cable, Friction, Pulley, Robot, Uncertainty
+from cdrj_ros.robot.description import Cable, Pulley, Robot, Uncertainty, Winch
 from cdrj_ros.robot.groups import Owners
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
@@ -56,25 +58,41 @@ class Kind(NamedTuple):
     """A large change: a share of a preload or a coefficient; of a zero [rad], [m] if it slides."""
     start: float
     """Standard deviation of the change at the start, in this unit."""
-    drift: float
+    drift: float = 0.0
     """Random walk of the change after 1 s, in this unit."""
-    jump: float
+    jump: float = 0.0
     """Standard deviation of a sudden change, in this unit."""
-    reported: float
+    reported: float = 1.0
     """Smallest change that is reported, in this unit."""
+    error: float = NONLINEAR
+    """Error of a correction by it, as a share of the correction."""
 
 
-PRELOAD: Final = Kind("preload", unit=0.2, start=0.25, drift=0.01, jump=1.0, reported=0.25)
+PRELOAD: Final = Kind("preload", unit=0.2, start=0.18, drift=0.01, jump=1.0, reported=0.25)
 """Cables settle by some percent after they are mounted, creep slowly, and slip at a clamp."""
 
-ZERO: Final = Kind("zero", unit=np.pi / 180.0, start=0.1, drift=0.0, jump=0.5, reported=0.3)
+ALIKE: Final = Kind("preloads", unit=0.2, start=0.18, drift=0.01)
+"""What preloads have in common: creep of one rope, temperature, the gain of one spring scale.  An
+effort that is a difference of cables hardly shows it."""
+
+ZERO: Final = Kind("zero", unit=np.pi / 180.0, start=0.1, jump=0.5, reported=0.3)
 """An encoder keeps its zero within tenths of a degree, or slips on its shaft."""
 
 ZERO_M: Final = ZERO._replace(unit=1e-3)
 """The same of a prismatic joint."""
 
-FRICTION: Final = Kind("friction", unit=0.25, start=0.2, drift=0.01, jump=0.0, reported=1.0)
+FRICTION: Final = Kind("friction", unit=0.25, start=0.2, drift=0.01)
 """Coefficients rise and fall with wear, dust and oil."""
+
+DRAG: Final = Kind("drag", unit=0.03, start=0.2, drift=0.01)
+"""Bearings and seals turn harder with dust and old grease, whatever the load: a torque on every
+pulley as a share of preload times radius, as ``DRAG`` of ``robot/tolerances.py``.
+Verdicts call it friction."""
+
+SLIP: Final = Kind("slip", unit=0.5, start=0.2, jump=2.0, reported=0.4, error=1.0)
+"""A cable may slip on its drum, which then keeps no strain: a share of its cable, mostly none, at
+times all.  Other errors of the model look alike to an effort, so the correction may be wholly
+wrong."""
 
 
 class Changed(NamedTuple):
@@ -83,6 +101,8 @@ class Changed(NamedTuple):
     model: Model
     angle: Vector
     """Its angles less those that are read [rad], of prismatic joints [m], shape (axes,)."""
+    slipping: bool = False
+    """Whether its cables slip on their drums."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +116,7 @@ class Unknown:
     start: float
     drift: float
     jump: float
+    error: float
     """As ``Kind``."""
     more: Changed
     less: Changed
@@ -126,7 +147,7 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
     for some, changed in _changed(model.robot, known, both, 2 * cables):
         ends |= dict.fromkeys(some, changed or _same(model))
     found = [
-        Unknown("", 1.0, 1.0, 0.0, 0.0, ends[k], ends[len(cables) + k], cable)
+        Unknown("", 1.0, 1.0, 0.0, 0.0, NONLINEAR, ends[k], ends[len(cables) + k], cable)
         for k, cable in enumerate(cables)
     ]
     return found + _changes(model), shapes
@@ -239,7 +260,7 @@ def _effects(changed: Changed, poses: tuple[Table, Table]) -> tuple[NDArray[np.i
     Returns:
         The cable that each is of, and the numbers.
     """
-    model, angle = changed
+    model, angle = changed.model, changed.angle
     robot, (joints, motors) = model.robot, poses
     views: Any = constant_views(model.sizes, model.constants)
     count = len(robot.motors)
@@ -271,30 +292,45 @@ def preload_of(cable: Cable) -> float:
 
 
 def _changes(model: Model) -> list[Unknown]:
-    """Changes of preloads, zeros and friction, in this order."""
-    robot = model.robot
-    tighter, looser = _cables_changed(model, _with_preload)
-    rougher, smoother = _cables_changed(model, _with_friction)
+    """Changes of preloads, zeros, friction, drag and slip, in this order."""
+    robot, holding = model.robot, _same(model)
+    more_preload, less_preload = (_with(model, _preloaded, sign) for sign in (1.0, -1.0))
+    more_friction, less_friction = (_with(model, _rubbing, sign) for sign in (1.0, -1.0))
+    dragging = _with(model, _dragging, 2.0)
+    slipping = holding._replace(slipping=True)
     return [
         *(
-            _unknown(f"preload of {cable.name}", PRELOAD, preload_of(cable), tighter, looser, c)
+            _unknown(f"preload of {cable.name}", PRELOAD, preload_of(cable), more_preload,
+                     less_preload, c)
             for c, cable in enumerate(robot.cables)
         ),
+        _unknown("preload of all cables", ALIKE, 1.0, more_preload, less_preload, None),
         *(_zero(model, j) for j in range(len(robot.joints))),
         *(
-            _unknown(f"friction of {cable.name}", FRICTION, 1.0, rougher, smoother, c)
+            _unknown(f"friction of {cable.name}", FRICTION, 1.0, more_friction, less_friction, c)
             for c, cable in enumerate(robot.cables)
             if any(pulley.friction.mu_c > 0.0 for pulley in cable.pulleys)
         ),
-    ]
+        *(
+            _unknown(f"drag of {cable.name}", DRAG, 1.0, dragging, holding, c)
+            for c, cable in enumerate(robot.cables)
+            if any(pulley.radius > 0.0 for pulley in cable.pulleys)
+        ),
+        *(
+            _unknown(f"slip of {cable.name} on its drum", SLIP, 1.0, slipping, holding, c)
+            for c, cable in enumerate(robot.cables)
+            if any(isinstance(node, Winch) for node in cable.nodes)
+        ),
+    ]  # fmt: skip
 
 
 def _unknown(
     name: str, kind: Kind, size: float, more: Changed, less: Changed, cable: int | None
 ) -> Unknown:
     return Unknown(
-        name, kind.unit * size, kind.start, kind.drift, kind.jump, more, less, cable, kind
-    )
+        name, kind.unit * size, kind.start, kind.drift, kind.jump, kind.error, more, less, cable,
+        kind,
+    )  # fmt: skip
 
 
 def _zero(model: Model, j: int) -> Unknown:
@@ -307,33 +343,40 @@ def _zero(model: Model, j: int) -> Unknown:
     return _unknown(f"zero of joint {joint.name}", kind, 1.0, more, less, None)
 
 
-def _cables_changed(
-    model: Model, changed: Callable[[Cable, float], Cable]
-) -> tuple[Changed, Changed]:
-    """The robot with all cables changed, by plus and by minus one unit."""
-
-    def by(sign: float) -> Changed:
-        cables = tuple(changed(cable, sign) for cable in model.robot.cables)
-        return _same(prepare(replace(model.robot, cables=cables), False))
-
-    return by(1.0), by(-1.0)
+def _with(model: Model, changed: Callable[[Cable, float], Cable], units: float) -> Changed:
+    """The robot with all cables changed by so many units."""
+    cables = tuple(changed(cable, units) for cable in model.robot.cables)
+    return _same(prepare(replace(model.robot, cables=cables), check_range=False))
 
 
-def _with_preload(cable: Cable, sign: float) -> Cable:
-    """A cable with its preload changed by one unit."""
-    changed = cable.preload + sign * PRELOAD.unit * preload_of(cable)
+def _preloaded(cable: Cable, units: float) -> Cable:
+    """A cable with its preload changed."""
+    changed = cable.preload + units * PRELOAD.unit * preload_of(cable)
     return replace(cable, preload=max(changed, 0.0))
 
 
-def _with_friction(cable: Cable, sign: float) -> Cable:
-    """A cable with its coefficients of friction changed by one unit."""
-    factor = 1.0 + sign * FRICTION.unit
+def _rubbing(cable: Cable, units: float) -> Cable:
+    """A cable with its coefficients of friction changed."""
+    factor = 1.0 + units * FRICTION.unit
 
-    def scaled(friction: Friction) -> Friction:
-        return replace(friction, mu_c=factor * friction.mu_c, mu_s=factor * friction.mu_s)
+    def of(pulley: Pulley) -> Pulley:
+        own = pulley.friction
+        scaled = replace(own, mu_c=factor * own.mu_c, mu_s=factor * own.mu_s)
+        return replace(pulley, friction=scaled)
 
-    nodes = tuple(
-        replace(node, friction=scaled(node.friction)) if isinstance(node, Pulley) else node
-        for node in cable.nodes
-    )
+    return _each_pulley(cable, of)
+
+
+def _dragging(cable: Cable, units: float) -> Cable:
+    """A cable whose pulleys turn harder, whatever it carries."""
+    force = units * DRAG.unit * preload_of(cable)
+
+    def of(pulley: Pulley) -> Pulley:
+        return replace(pulley, bearing_torque=pulley.bearing_torque + force * pulley.radius)
+
+    return _each_pulley(cable, of)
+
+
+def _each_pulley(cable: Cable, changed: Callable[[Pulley], Pulley]) -> Cable:
+    nodes = tuple(changed(node) if isinstance(node, Pulley) else node for node in cable.nodes)
     return replace(cable, nodes=nodes)

@@ -123,6 +123,8 @@ def _sentence(robot: Robot, found: Finding) -> str:
         text = f"{one.what} has {'risen by' if more else 'lost'} {size}{''.join(file)}"
     elif one.kind in ("gain", "bias"):
         text = f"{one.what} is {size} too {'high' if more else 'low'}{_remedy(robot, found)}"
+    elif one.kind == "slip":
+        text = f"{one.what}: {size} of what is wound keeps no strain"
     else:
         text = f"{one.what} is {size} {'more' if more else 'less'} than in the robot file"
     if found.others or found.margin > CLEAR:

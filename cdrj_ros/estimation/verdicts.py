@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.evidence import Sums
 from cdrj_ros.estimation.sensors import Sensor
-from cdrj_ros.estimation.unknowns import FRICTION, PRELOAD, ZERO, ZERO_M, Unknown
+from cdrj_ros.estimation.unknowns import FRICTION, PRELOAD, SLIP, ZERO, ZERO_M, Unknown
 from cdrj_ros.foundation.arrays import Table, Vector
 
 GAIN: Final = 0.05
@@ -121,6 +121,12 @@ class Verdict:
     """Mean square of what the findings leave, in squares of the expected errors."""
     deviation: Mapping[str, tuple[float, float]]
     """Of every sensor's readings from the file, and from it with the findings (RMS)."""
+    left_of: Mapping[str, tuple[float, float]]
+    """The same of every sensor, as sum and number of its independent readings."""
+    mean: Vector
+    """The robot's unknowns by the findings, shape (unknowns,)."""
+    covariance: Table
+    """Shape (unknowns, unknowns)."""
     opposite: tuple[str, ...] = ()
     """Sensors that read what only a cable that pushes would give."""
     swapped: tuple[str, ...] = ()
@@ -174,21 +180,27 @@ def judge(
     if total.number < LEAST_NUMBER:
         if not any(frozen):
             return None
-        return Verdict((), cables[broken] if broken >= 0 else "", 0.0, {})
+        none = np.zeros(len(unknowns))
+        return Verdict((), cables[broken] if broken >= 0 else "", 0.0, {}, {}, none, np.diag(none))
     prior = np.zeros(total.vector.size)
     prior[: len(unknowns)] = [0.0 if one.kind is not None else one.start**2 for one in unknowns]
     changes = [*_of_robot(unknowns, prior.size), *_of_sensors(len(unknowns), sensors, used)]
     chosen = _select(total, prior, changes)
     solved = _solve(total, prior, chosen)
-    deviation = {}
+    deviation, left_of = {}, {}
     for k in used:
-        own = solved.mean[_places(len(unknowns), k)]
-        deviation[sensors[k].name] = _rms(sums[k], 0.0 * own), _rms(sums[k], own)
+        name, own = sensors[k].name, solved.mean[_places(len(unknowns), k)]
+        left_of[name] = _squares(sums[k], own), sums[k].number
+        deviation[name] = _rms(sums[k], 0.0 * own), _rms(sums[k], own)
     found = [_finding(total, prior, changes, chosen, k) for k in range(len(chosen))]
     opposite = tuple(sensors[k].name for k in used if _is_opposite(sensors[k], sums[k]))
     swapped = _swapped([(sensors[k], *_means(sums[k])) for k in used if sums[k].weight > 0.0])
     gone = cables[broken] if broken >= 0 and not (opposite or swapped) else ""
-    return Verdict(tuple(found), gone, solved.left / total.number, deviation, opposite, swapped)
+    left, of_robot = solved.left / total.number, slice(len(unknowns))
+    return Verdict(
+        tuple(found), gone, left, deviation, left_of, solved.mean[of_robot],
+        solved.covariance[of_robot, of_robot] * max(left, 1.0), opposite, swapped,
+    )  # fmt: skip
 
 
 def _means(sums: Sums) -> tuple[float, float, float]:
@@ -243,17 +255,23 @@ def _places(count: int, k: int) -> NDArray[np.int64]:
 
 def _rms(sums: Sums, mean: Vector) -> float:
     """Of a sensor's readings less what is expected of them with these unknowns."""
+    return float(np.sqrt(_squares(sums, mean) / sums.weight))
+
+
+def _squares(sums: Sums, mean: Vector) -> float:
+    """The same as a sum of squares, in squares of the expected errors."""
     squares = sums.squares + float(mean @ (sums.information @ mean - 2.0 * sums.vector))
-    return float(np.sqrt(max(squares, 0.0) / sums.weight))
+    return max(squares, 0.0)
 
 
 # --- changes --------------------------------------------------------------------------------------
 
 
 def _of_robot(unknowns: Sequence[Unknown], size: int) -> Iterator[Change]:
-    """Of one preload, zero or friction, and of all preloads or all friction by the same share."""
+    """Of one unknown, and of all preloads, friction or slip by the same share."""
     for kind, unit, factor in (
-        (PRELOAD, "N", 1.0), (ZERO, "deg", degrees(1.0)), (ZERO_M, "mm", 1e3), (FRICTION, "%", 0.0)
+        (PRELOAD, "N", 1.0), (ZERO, "deg", degrees(1.0)), (ZERO_M, "mm", 1e3), (FRICTION, "%", 0.0),
+        (SLIP, "%", 0.0),
     ):  # fmt: skip
         of_kind = [k for k, one in enumerate(unknowns) if one.kind == kind]
         share = 100.0 * kind.unit
@@ -262,7 +280,7 @@ def _of_robot(unknowns: Sequence[Unknown], size: int) -> Iterator[Change]:
             direction[k] = 1.0
             scale = factor * unknowns[k].unit or share
             yield Change(unknowns[k].name, kind.name, unit, scale, direction, kind.reported)
-        if kind in (PRELOAD, FRICTION) and len(of_kind) > 1:
+        if kind not in (ZERO, ZERO_M) and len(of_kind) > 1:
             direction = np.zeros(size)
             direction[of_kind] = 1.0
             yield Change(f"{kind.name} of all cables", kind.name, "%", share, direction,
@@ -300,6 +318,7 @@ class _Solved:
 
     mean: Vector
     """Of all unknowns."""
+    covariance: Table
     amounts: Vector
     """Of the changes, along their directions."""
     variances: Vector
@@ -326,7 +345,8 @@ def _solve(total: _Total, prior: Vector, chosen: Sequence[Change]) -> _Solved:
     given = basis.T @ total.vector
     amounts = inverse @ given
     return _Solved(
-        basis @ amounts, amounts[opened.size :], np.diag(inverse)[opened.size :],
+        basis @ amounts, basis @ inverse @ basis.T, amounts[opened.size :],
+        np.diag(inverse)[opened.size :],
         max(total.squares - float(given @ amounts), 0.0),
         total.vector - across @ amounts, total.information - across @ inverse @ across.T,
     )  # fmt: skip

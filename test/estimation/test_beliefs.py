@@ -17,10 +17,10 @@ SECOND: Final = 1_000_000_000
 NOISE: Final = 0.1
 
 
-def _unknowns(count: int, jump: float = 0.0) -> list[Unknown]:
+def _unknowns(count: int, jump: float = 0.0, error: float = NONLINEAR) -> list[Unknown]:
     """Unknowns of standard deviation 1 that do not drift."""
     nothing: Any = None
-    return [Unknown(f"u{k}", 1.0, 1.0, 0.0, jump, nothing, nothing) for k in range(count)]
+    return [Unknown(f"u{k}", 1.0, 1.0, 0.0, jump, error, nothing, nothing) for k in range(count)]
 
 
 def _sensor(name: str, **changes: Any) -> Sensor:

@@ -9,10 +9,12 @@ import pytest
 from support.places import ROBOTS
 
 from cdrj_ros.estimation.draws import independent_causes
-from cdrj_ros.estimation.estimator import Sample, initial_state, step
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.estimation.group import Group
+from cdrj_ros.estimation.unknowns import DRAG, PRELOAD, SLIP
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
 
@@ -89,7 +91,7 @@ def test_a_signature_is_what_the_robot_with_this_number_alone_does(name: str) ->
     for u, unknown in enumerate(group.unknowns):
         if u < group.modes.shape[1]:
             changes = dict(zip(known.parameters, group.modes[:, u].tolist(), strict=True))
-        elif unknown.name.startswith("preload of "):
+        elif unknown.kind is PRELOAD:
             changes = {f"cables.{unknown.name.removeprefix('preload of ')}.preload": unknown.unit}
         else:
             continue
@@ -102,6 +104,40 @@ def test_a_signature_is_what_the_robot_with_this_number_alone_does(name: str) ->
         assert np.allclose(np.array(slopes)[:, u], expected, rtol=1e-6, atol=1e-6), u
         checked += 1
     assert checked >= len(model.robot.cables)
+
+
+@pytest.mark.parametrize("name", ["finger", "finger3d"])
+def test_drag_and_slip_show_what_pulleys_that_turn_harder_and_drums_that_forget_do(
+    name: str,
+) -> None:
+    """Beside the robot without them, by the two units that they may be."""
+    model = _free(name)
+    robot, samples = model.robot, _course(model, 40)
+    group = Group(model, range(len(robot.cables)), None)
+    slopes = []
+    for sample in samples:
+        assert group.follow(sample, 0.0)
+        slopes.append(group.slopes)
+    stamps, motor, joint = (np.array([one[k] for one in samples]) for k in range(3))
+    motion = Samples(stamps, motor, joint)
+    tension = np.arange(len(model.layout.elements))
+    plain, slipping = (
+        run(model, initial_state(model), motion, slipping=slips)[1].tension
+        for slips in (False, True)
+    )
+    turns_harder = {
+        f"cables.{cable.name}.nodes.{k + 1}.bearing_torque": 0.06 * cable.preload * node.radius
+        for cable in robot.cables
+        for k, node in enumerate(cable.nodes)
+        if isinstance(node, Pulley) and node.radius > 0.0
+    }
+    dragging = _values(*_with(model, turns_harder), samples, tension)
+    for kind, changed in ((DRAG, dragging), (SLIP, slipping)):
+        of_kind = [u for u, one in enumerate(group.unknowns) if one.kind is kind]
+        assert of_kind
+        both = 2.0 * np.array(slopes)[:, of_kind][:, :, tension].sum(axis=1)
+        assert np.abs(changed - plain).max() > 0.02
+        assert np.allclose(both, changed - plain, rtol=1e-6, atol=1e-6)
 
 
 def test_few_modes_stand_for_all_numbers_of_a_file() -> None:

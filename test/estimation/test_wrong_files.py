@@ -54,6 +54,48 @@ def test_a_drum_that_forgets_is_among_the_members(tool: ModuleType) -> None:
     assert exact.covered < 0.75
 
 
+DRUM, CREPT, DRAG, RADII = 2, 3, 5, 7
+
+
+@pytest.mark.parametrize(
+    ("k", "sensors", "seconds"),
+    [(DRUM, ("effort",), 60.0), (CREPT, ("effort",), 20.0), (DRAG, ("cells",), 30.0),
+     (DRAG, ("effort", "cells"), 30.0), (RADII, ("effort", "cells"), 30.0)],
+)  # fmt: skip
+def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(
+    tool: ModuleType, k: int, sensors: tuple[str, ...], seconds: float
+) -> None:
+    """Whether they follow it, or cannot tell it from something else."""
+    model, wrong = load_model(tool.ROBOT), tool.ROWS[k]
+    motion = tool.true_motion(model, seconds)
+    truth = tool.true_readings(tool.fresh_model(model), wrong, motion)
+    read = tool.readings(model, motion, wrong.zero)
+    assert tool.heard(model, read, truth, sensors).misleading <= 0.05
+
+
+@pytest.mark.parametrize("pause", ["suspended", "gap"])
+def test_what_a_slip_has_taken_stays_in_doubt_over_a_break(tool: ModuleType, pause: str) -> None:
+    """No load cell shows it afterwards."""
+    model, motion = load_model(tool.ROBOT), tool.true_motion(load_model(tool.ROBOT), 45.0)
+    true = tool.true_readings(tool.fresh_model(model), tool.ROWS[DRUM], motion).tension
+    read, live = tool.readings(model, motion, 0.0), LiveEstimator(model)
+    until, late, ratios = 8000, 0, []
+    for k in range(motion.stamp_ns.size):
+        if k < until:
+            cells = true[k, tool.LAST] + 0.01 * (k % 7)
+            live.feed_tensions(int(read.stamp_ns[k]), ("upper/8", "lower/8"), cells, (0.1, 0.1))
+        elif k == until:
+            late = 3_000_000_000 if pause == "gap" else 0
+            if pause == "suspended":
+                live.suspend()
+        sample = read.at(k)
+        out = live.take(sample._replace(stamp_ns=sample.stamp_ns + late))
+        assert out.stddev is not None
+        if k > until:
+            ratios.append(np.abs(out.tension - true[k]) / out.stddev[:16])
+    assert np.mean(np.array(ratios) < 2.0) > 0.95
+
+
 SLACK = """
 name: slack
 motors: [{name: m}]
