@@ -373,7 +373,7 @@ def _select(total: _Total, prior: Vector, changes: Sequence[Change]) -> list[Cha
         solved = _solve(total, prior, chosen)
         rest = [one for one in changes if one not in chosen]
         gains, odds = _gains(solved, rest, total.number)
-        best = int(np.argmax(gains))
+        best = int(np.argmax(odds))
         explained = total.squares - solved.left + gains[best]
         if (
             odds[best] < CERTAIN
