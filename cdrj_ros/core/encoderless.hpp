@@ -92,6 +92,9 @@ private:
     bool evaluate(const EncoderlessSample& sample);       // efforts and loads
     bool differentiate(const EncoderlessSample& sample);  // and their derivatives
 
+    /// Effort of a motor of the group or, after these, load of a joint.
+    double effort(std::size_t k) const;
+
     // Prediction (M1), and its parts.
     void predict(const EncoderlessSample& sample);
     void turn_with_cables(const EncoderlessSample& sample);
@@ -125,8 +128,7 @@ private:
     Estimate estimate_;          // parts of it
     Workspace work_;
     std::vector<double> angle_;  // present angles of all joints [rad] or [m]
-    DenseMatrix by_effort_;      // derivatives of the motors' efforts, shape (motors, u)
-    DenseMatrix by_load_;        // derivatives of the loads, shape (u, u)
+    DenseMatrix slopes_;         // derivatives of the efforts, shape (motors + u, u)
     std::vector<double> arms_;   // by how much a cable gets longer per unit of each angle
     std::vector<double> target_;  // predicted angles: q0 of (M1), then q1 of (M2)
     DenseMatrix information_;    // inverse of the predicted covariance, P^-1 of (M2)

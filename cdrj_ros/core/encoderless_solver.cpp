@@ -51,8 +51,7 @@ EncoderlessSolver::EncoderlessSolver(
       estimate_(robot.topology.sizes, out_.data() + robot.state_size()),
       work_(robot.topology.sizes, out_.data() + robot.state_size() + robot.estimate_size()),
       angle_(robot.topology.sizes.joints, 0.0),
-      by_effort_(group.motors.size(), group.places.size()),
-      by_load_(group.places.size(), group.places.size()),
+      slopes_(group.axes.size(), group.places.size()),
       arms_(group.places.size(), 0.0),
       target_(group.places.size(), 0.0),
       information_(group.places.size(), group.places.size()),
@@ -86,7 +85,7 @@ bool EncoderlessSolver::solve(const EncoderlessSample& sample, bool anew) {
     }
     for (std::size_t a = 0; a < joints_.size(); ++a) {
         memory.angle[a] = angle_of(a);
-        memory.load[a] = estimate_.joint_effort[joints_[a].joint];
+        memory.load[a] = effort(group.motors.size() + a);
     }
     return solved;
 }
@@ -114,31 +113,25 @@ bool EncoderlessSolver::evaluate(const EncoderlessSample& sample) {
     return advance_cables(step, group, {sample.motor_angle, angle_, sample.dt});
 }
 
+double EncoderlessSolver::effort(std::size_t k) const {
+    const std::size_t motors = group.motors.size();
+    return k < motors ? estimate_.motor_effort[group.motors[k]]
+                      : estimate_.joint_effort[joints_[k - motors].joint];
+}
+
 bool EncoderlessSolver::differentiate(const EncoderlessSample& sample) {
     bool solved = true;
-    const std::size_t motors = by_effort_.rows(), count = joints_.size();
-    for (std::size_t a = 0; a < count; ++a) {
+    for (std::size_t a = 0; a < joints_.size(); ++a) {
         const double before = angle_of(a);
         angle_of(a) += joints_[a].difference();
         solved = evaluate(sample) && solved;
         angle_of(a) = before;
-        for (std::size_t m = 0; m < motors; ++m) {
-            by_effort_(m, a) = estimate_.motor_effort[group.motors[m]];
-        }
-        for (std::size_t b = 0; b < count; ++b) {
-            by_load_(b, a) = estimate_.joint_effort[joints_[b].joint];
-        }
+        for (std::size_t k = 0; k < slopes_.rows(); ++k) slopes_(k, a) = effort(k);
     }
     solved = evaluate(sample) && solved;
-    for (std::size_t a = 0; a < count; ++a) {
-        const double difference = joints_[a].difference();
-        for (std::size_t m = 0; m < motors; ++m) {
-            const double effort = estimate_.motor_effort[group.motors[m]];
-            by_effort_(m, a) = (by_effort_(m, a) - effort) / difference;
-        }
-        for (std::size_t b = 0; b < count; ++b) {
-            const double load = estimate_.joint_effort[joints_[b].joint];
-            by_load_(b, a) = (by_load_(b, a) - load) / difference;
+    for (std::size_t k = 0; k < slopes_.rows(); ++k) {
+        for (std::size_t a = 0; a < joints_.size(); ++a) {
+            slopes_(k, a) = (slopes_(k, a) - effort(k)) / joints_[a].difference();
         }
     }
     return solved;
@@ -240,9 +233,9 @@ void EncoderlessSolver::weigh_prediction(const EncoderlessSample& sample) {
     for (std::size_t k = 0; k < joints_.size(); ++k) {
         const double drift = joints_[k].load_drift;
         if (!(drift > 0.0)) continue;
-        const double load = estimate_.joint_effort[joints_[k].joint];
+        const std::size_t row = group.motors.size() + k;
         const double weight = 1.0 / (drift * drift * sample.dt);
-        equations_.weigh(by_load_.row(k), sample.memory.load[k] - load, weight);
+        equations_.weigh(slopes_.row(row), sample.memory.load[k] - effort(row), weight);
     }
 }
 
@@ -300,7 +293,7 @@ void EncoderlessSolver::weigh_correction(const EncoderlessSample& sample) {
         const Index m = group.motors[k];
         if (!std::isfinite(sample.effort[m])) continue;
         const double weight = independent / squared(effort_noise_[m]);
-        equations_.weigh(by_effort_.row(k), sample.effort[m] - estimate_.motor_effort[m], weight);
+        equations_.weigh(slopes_.row(k), sample.effort[m] - effort(k), weight);
     }
 }
 
