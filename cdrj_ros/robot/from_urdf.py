@@ -128,7 +128,7 @@ class _Begun:
         self.motors = [one for one in driven if one not in self._leading]
         taken = {*self._following, *self._leading, *self.motors}
         for one in self._transmissions:  # to drums, whose angles are not read
-            if not one.refused and (self._control.driven or not self._moves_links(one)):
+            if not one.refused and (self._control.driven or not self._has_motors(one)):
                 taken |= one.joints.keys() - {*self._control.measured}
         own = [one for one in self._moving if one not in taken]
         self._measured = [one for one in self._control.measured or own if one in own]
@@ -137,7 +137,11 @@ class _Begun:
     def _undriven(self) -> Iterator[str]:
         """Motors where nothing is said to be driven: actuators of the robot's joints, and drums."""
         for one in self._transmissions:
-            yield from one.actuators if self._moves_links(one) else one.joints
+            yield from one.actuators if self._has_motors(one) else one.joints
+
+    def _has_motors(self, one: Transmission) -> bool:
+        """Whether actuators are motors of their own beside joints of the robot."""
+        return self._moves_links(one) and not one.actuators.keys() & self._joints.keys()
 
     def _moves_links(self, one: Transmission) -> bool:
         """Whether joints of a transmission are of the robot: that of a drum carries no other."""

@@ -74,7 +74,8 @@ class _Import:
     def __init__(self, mujoco: ModuleType, model: Any, title: str) -> None:
         self._mujoco, self._model, self._title = mujoco, model, title
         self._remarks: list[str] = []
-        self._renamed: list[str] = []
+        self._renamed: dict[str, str] = {}
+        """What is said of names that differ from the model's, by name."""
         self._frames: list[Document] = []
         self._bodies: dict[int, tuple[str, Any]] = {0: ("base", np.zeros(3))}
         """Frame of every body, and the body's origin in it [m]."""
@@ -84,7 +85,12 @@ class _Import:
         self._motors: dict[int, str] = {}
         """Names of motors by the tendon that they pull."""
         self._assumed = ["friction.mu_c"]
-        self._taken: dict[str, int] = {"base": 1}
+        self._taken = {"base"}
+        self._axes: set[str] = set()
+        """Names of joints and motors."""
+        self._joint_names = [
+            self._name(self._label("JOINT", k), self._axes) for k in range(model.njnt)
+        ]
 
     def run(self, wanted: Sequence[str] | None) -> Imported:
         """Convert all wanted tendons; remarks name those that cannot be represented."""
@@ -130,16 +136,21 @@ class _Import:
         found = self._mujoco.mj_id2name(self._model, getattr(objects, f"mjOBJ_{kind}"), index)
         return found or f"{kind.lower()}_{index}"
 
-    def _name(self, wanted: str) -> str:
-        """Unused name that a robot file allows, as close to ``wanted`` as possible."""
-        name = re.sub(r"[^A-Za-z0-9_]", "_", wanted)
-        name = name if name[:1].isalpha() else f"m_{name}"
-        count = self._taken.get(name, 0)
-        self._taken[name] = count + 1
-        if count:
-            return self._name(f"{name}_{count + 1}")
+    def _name(self, wanted: str, taken: set[str] | None = None) -> str:
+        """Unused name that a robot file allows, as close to ``wanted`` as possible.
+
+        Args:
+            wanted: name in the model.
+            taken: those of entries that must not share a name: frames and cables, by default.
+        """
+        taken = self._taken if taken is None else taken
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", wanted)
+        plain = plain if plain[:1].isalpha() else f"m_{plain}"
+        tries = (plain, *(f"{plain}_{k}" for k in range(2, len(taken) + 3)))
+        name = next(one for one in tries if one not in taken)
+        taken.add(name)
         if name != wanted:
-            self._renamed.append(f"{printable(wanted)} is {name}")
+            self._renamed[name] = f"{printable(wanted)} is {name}"
         return name
 
     def _tendons(self, wanted: Sequence[str] | None) -> list[int]:
@@ -284,7 +295,7 @@ class _Import:
             }
             slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
             frame["motion"] = "prismatic" if slides else "revolute"
-            frame["joint"] = self._label("JOINT", joint)
+            frame["joint"] = self._joint_names[joint]
             frame["origin"] = _numbers(start)
             if k == 0:
                 frame["quaternion"] = [x, y, z, w]
@@ -310,7 +321,7 @@ class _Import:
             actuators = self._actuators.get(tendon, [])
             if actuators:
                 names = [self._label("ACTUATOR", one) for one in actuators]
-                self._motors[tendon] = self._name(names[0])
+                self._motors[tendon] = self._name(names[0], self._axes)
                 if names[1:]:
                     self._remarks.append(
                         f"{name} is pulled by {', '.join(names)}: the first one turns its drum"
@@ -318,7 +329,7 @@ class _Import:
             elif self._model.nu or rest_length_of(self._model, tendon) > 0.0:
                 return ""
             else:
-                self._motors[tendon] = self._name(f"{name}_motor")
+                self._motors[tendon] = self._name(f"{name}_motor", self._axes)
                 self._remarks.append(
                     f"{name}: its motor is assumed, for the model has no actuators"
                 )
@@ -332,7 +343,7 @@ class _Import:
         for joint in dict.fromkeys([*moving, *others]):
             own = self._joint(joint)
             if one := self._following.get(joint):
-                coupled = {self._joint_name(one.leader): one.share}
+                coupled = {self._joint_names[one.leader]: one.share}
                 own = {"name": own["name"], "coupled": coupled, "offset": one.offset}
             found.append(own)
         return found
@@ -341,10 +352,6 @@ class _Import:
         """Joints that move frames, and the leaders of those that follow."""
         leaders = [one.leader for j in self._joints if (one := self._following.get(j))]
         return dict.fromkeys([*self._joints, *leaders])
-
-    def _joint_name(self, joint: int) -> str:
-        name = re.sub(r"[^A-Za-z0-9_]", "_", self._label("JOINT", joint))
-        return name if name[:1].isalpha() else f"m_{name}"
 
     def _joint(self, joint: int) -> Document:
         model, label = self._model, self._label("JOINT", joint)
@@ -355,14 +362,9 @@ class _Import:
             self._remarks.append(
                 f"{label} has no limits: its range is assumed, {span[0]:g} to {span[1]:g}"
             )
-        name = self._joint_name(joint)
+        name = self._joint_names[joint]
         if not model.jnt_limited[joint] and joint not in self._following:
             self._assumed += [f"joints.{name}.range.1", f"joints.{name}.range.2"]
-        if name != label:
-            self._renamed.append(f"{printable(label)} is {name}")
-        for frame in self._frames:
-            if frame.get("joint") == label:
-                frame["joint"] = name
         reference = float(model.qpos0[model.jnt_qposadr[joint]])
         return {
             "name": name,
@@ -405,11 +407,13 @@ class _Import:
 
     def _remark_on_the_rest(self) -> None:
         model = self._model
-        if self._renamed:
-            more = len(self._renamed) - NAMED
+        others = set(self._joint_names) - {self._joint_names[j] for j in self._followed()}
+        renamed = [said for name, said in self._renamed.items() if name not in others]
+        if renamed:
+            more = len(renamed) - NAMED
             self._remarks.append(
-                f"names have letters, digits and _ only: {', '.join(self._renamed[:NAMED])}"
-                + (f", and {more} more with _ in the same way" if more > 0 else "")
+                f"names have letters, digits and _ only, each once: {', '.join(renamed[:NAMED])}"
+                + (f", and {more} more in the same way" if more > 0 else "")
             )
         self._remarks += other_constraints(model, self._mujoco, self._label)
         self._remarks += other_actuators(model, self._mujoco, self._label, self._followed())

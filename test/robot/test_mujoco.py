@@ -376,7 +376,7 @@ def test_what_cannot_be_represented_is_named(
         "abcd is a passive cable: EA is its stiffness 100 N/m times its length without tension, ",
         "branched_1, inner: its motor is assumed, for the model has no actuators",
         "frictionloss of inner is not carried over",
-        "names have letters, digits and _ only: shoulder pitch is shoulder_pitch",
+        "names have letters, digits and _ only, each once: shoulder pitch is shoulder_pitch",
     ):
         assert remark in said
     written = (tmp_path / "robot.yaml").read_text()
@@ -389,6 +389,23 @@ SUMS = """<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></wor
 <fixed name="a"><joint joint="j" coef="1"/></fixed>
 <fixed name="b"><joint joint="j" coef="2"/></fixed>
 </tendon></mujoco>"""
+
+
+def test_names_that_would_be_alike_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An actuator may have the name of a joint, and names may differ in a blank."""
+    text = FINGER.replace('"pull it"', '"mcp"').replace('motor name="mcp"', 'motor name="other"')
+    text = text.replace('"pip"', '"m cp"').replace('"dip"', '"m_cp"')
+    robot = imported(text, tmp_path).robot
+    assert [motor.name for motor in robot.motors] == ["mcp_2"]
+    assert [joint["name"] for joint in robot.document["joints"]] == [
+        "mcp", "m_cp", "m_cp_2", "end", "x",
+    ]  # fmt: skip
+    (follower,) = [one for one in robot.document["joints"] if one["name"] == "m_cp_2"]
+    assert follower["coupled"] == {"m_cp": 0.7}
+    said = capsys.readouterr().out
+    assert "each once: m cp is m_cp, m_cp is m_cp_2, mcp is mcp_2" in said
 
 
 @pytest.mark.parametrize(("scale", "doubted"), [(1.0, False), (100.0, True), (1000.0, True)])
