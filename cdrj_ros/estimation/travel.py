@@ -22,14 +22,18 @@ from cdrj_ros.model.following import following_motors, stiffness_at_preload, who
 from cdrj_ros.model.prepared import Model, lengths_at
 from cdrj_ros.robot.description import Joint, Motor, Winch
 
-FEWEST: Final = 8
-"""Smallest number of poses that are compared."""
+FEWEST: Final = 4
+"""Smallest number of poses that are compared: of a motor that turns too fast, or a joint out of its
+range, few readings are accepted."""
 
 KEPT: Final = 60
 """Number of poses that are kept."""
 
 LEAST_TURN: Final = 0.02
-"""Smallest travel of a motor that following the joints needs for a comparison [rad]."""
+"""Smallest travel of a motor that following the joints needs for a comparison [rad],"""
+
+LEAST_TRAVEL: Final = 0.1
+"""and for its factor: joints give way by less while motors take up slack."""
 
 POSE_NS: Final = 250_000_000
 """Shortest time between two poses that are kept [ns],"""
@@ -55,8 +59,8 @@ NEAR: Final = 3.0
 SCATTER: Final = 0.3
 """Largest deviation from a proportional motion, as a fraction of it."""
 
-THINNED: Final = 5
-"""Every so many poses are compared where many mistakes are."""
+THINNED: Final = 15
+"""About so many poses are compared where many mistakes are."""
 
 UNIT: Final = 0.1
 """Largest deviation with motors in degrees, beside which gears of 50 and 64 are other mistakes."""
@@ -144,7 +148,7 @@ class MotorTravel:
         found = {}
         for m, (read, expected) in enumerate(zip(*columns, strict=True)):
             y, x = read - read.mean(), expected - expected.mean()
-            if not np.ptp(x) > LEAST_TURN:  # NaN too: no such pose
+            if not np.ptp(x) > LEAST_TRAVEL:  # NaN too: no such pose
                 continue
             ratio = float(x @ y / (x @ x))
             scatter = float(np.sqrt(np.mean((y - ratio * x) ** 2)) / np.std(x))
@@ -190,7 +194,7 @@ class MotorTravel:
         if len(self._motor) < FEWEST:
             return ""
         motor, joint, expected = (
-            np.array(one)[::THINNED] for one in (self._motor, self._joint, self._expected)
+            np.array(one)[:: 1 + len(one) // THINNED] for one in (self._motor, self._joint, self._expected)
         )
         present = _deviations(motor, expected)
         apart = np.ptp((motor - expected), axis=0) > self._stretch

@@ -103,7 +103,7 @@ def test_the_node_asks_for_the_gear_and_names_the_scale_that_fits(
     assert "gear ratio" not in fits[0].message
     without = PUBLISHED.replace(f"scale: {SCALE!r}", f"scale: {-50.0 * SCALE!r}")
     wrong = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path, without))
-    status = played(wrong, 1500)[0]
+    status = played(wrong, 3000)[0]
     assert status.level == status.ERROR
     assert f"arm1_{MOTOR} turns 5" in status.message
     assert "the other way: gear ratio, unit or sign?" in status.message
