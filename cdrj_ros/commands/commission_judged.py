@@ -182,5 +182,5 @@ def _made_up(model: Model, samples: Samples, noise: Mapping[str, float]) -> Reco
             reading = np.round(reading / sensor.resolution) * sensor.resolution
         series[axis.name] = Series(stamps, stamps, reading)
     motors = {motor.name: series[motor.name] for motor in model.robot.motors}
-    joints = {joint.name: series[joint.name] for joint in model.robot.as_read.joints}
+    joints = {joint.name: series[joint.name] for joint in model.robot.joints}
     return Recorded("made up", motors, joints, references)

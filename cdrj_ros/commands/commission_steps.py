@@ -35,6 +35,7 @@ from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.observations import Recorded, ScaleReading, noise_of, samples_of
+from cdrj_ros.identification.problem import refuse_hidden
 from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model, prepare
@@ -79,17 +80,13 @@ class Commissioned:
 
     @property
     def heard(self) -> dict[str, float]:
-        """Noise of the efforts that the robot publishes, as they were recorded [N m], by motor.
-
-        That of the file where the estimate needs efforts that were not recorded.
-        """
-        robot, recorded = self.model.robot, [one for one in (*self.recordings, self.rest) if one]
+        """Noise of the efforts that the robot publishes, as they were recorded [N m], by motor."""
+        recorded = [one.references for one in (*self.recordings, self.rest) if one]
         found = {}
-        for motor in robot.motors:
-            name = f"{EFFORT}/{motor.name}"
-            read = [one.references[name].value for one in recorded if name in one.references]
-            if read or robot.unmeasured:
-                found[motor.name] = max(map(noise_of, read), default=motor.effort_noise)
+        for motor in self.model.layout.motors:
+            name = f"{EFFORT}/{motor}"
+            if read := [one[name].value for one in recorded if name in one]:
+                found[motor] = max(map(noise_of, read))
         return found
 
     @property
@@ -99,7 +96,12 @@ class Commissioned:
 
 
 def begin(text: str, source: str) -> Commissioned:
-    """A robot file of which nothing was measured."""
+    """A robot file of which nothing was measured.
+
+    Raises:
+        UsageError: the robot has joints without encoder.
+    """
+    refuse_hidden(parse_robot(text, source))
     text = with_section(text, "residual", None)  # it was learned with the numbers as they were
     return Commissioned(source, text, text)
 

@@ -23,7 +23,7 @@ from cdrj_ros.identification.priors import (
     pose_unknowns,
     search_ranges,
 )
-from cdrj_ros.identification.problem import Settings
+from cdrj_ros.identification.problem import Settings, refuse_hidden
 from cdrj_ros.identification.unknowns import (
     Unknown,
     starting_values,
@@ -204,6 +204,7 @@ def _unknowns(
 ) -> tuple[Unknown, ...]:
     """The numbers to fit, with bounds and priors."""
     robot = build_robot(document, source)
+    refuse_hidden(robot)
     free = split_outside(arguments.free, ",") if arguments.free else ()
     if arguments.source is not None:
         unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))

@@ -137,9 +137,6 @@ def require_axes(path: str, recording: Recording, robot: Robot) -> None:
         if missing:
             prefix = fitting_prefix(sorted(there), missing, robot.document)
             hint = f"; prefix: {prefix} in the robot file would fit" if prefix else ""
-            hidden = {robot.joints[j].name for j in robot.unmeasured}
-            if lent := [name for name in missing if kind == "joint" and name in hidden]:
-                hint += f"; a fit needs the angle of {', '.join(lent)} from a sensor lent for it"
             raise BagError(
                 f"{path} has no {kind} named {', '.join(missing)}; "
                 f"it has {', '.join(sorted(there)) or 'none'}{hint}"

@@ -34,7 +34,15 @@ from cdrj_ros.identification.observations import (
     residual_scales,
     samples_of,
 )
-from cdrj_ros.identification.problem import Problem, Progress, Rounds, Settings, check, sample_count
+from cdrj_ros.identification.problem import (
+    Problem,
+    Progress,
+    Rounds,
+    Settings,
+    check,
+    refuse_hidden,
+    sample_count,
+)
 from cdrj_ros.identification.reading_errors import reading_variance
 from cdrj_ros.identification.residual_statistics import Unexplained, unexplained
 from cdrj_ros.identification.solver import Minimum, minimise
@@ -121,6 +129,7 @@ def identify(
     settings = settings or Settings()
     check(unknowns, recordings, settings)
     model = prepare(build_robot(document, source))
+    refuse_hidden(model.robot)
     document = dict(model.robot.document)  # all trials have the contact cells of the first
     channels = chosen_channels(model.layout, recordings, settings.channels)
     sigmas = residual_scales(recordings, channels, settings.weights)

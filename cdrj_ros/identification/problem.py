@@ -82,6 +82,19 @@ def check(unknowns: Sequence[Unknown], recordings: Sequence[Recorded], settings:
         raise UsageError(f"the loss must be one of {', '.join(LOSSES)}, got {settings.loss!r}")
 
 
+def refuse_hidden(robot: Robot) -> None:
+    """Refuse joints without encoder, whose angles no fit knows.
+
+    Raises:
+        UsageError: with what to do.
+    """
+    if hidden := [robot.joints[j].name for j in robot.unmeasured]:
+        raise UsageError(
+            f"fits need the angles of all joints: record {', '.join(hidden)} by a sensor lent for "
+            "it, and take measured: false out of the robot file meanwhile"
+        )
+
+
 CHUNK: Final = 1024
 """Samples estimated at a time, so that only the compared columns are kept in memory."""
 
@@ -196,7 +209,7 @@ def _cables_moved(robot: Robot, unknowns: Sequence[Unknown]) -> NDArray[np.bool_
     owners, found = Owners(robot, tuple((c,) for c in every)), []
     for one in unknowns:
         own = [owners.groups(path) for path in one.paths]
-        many = changes_conditioning(one.paths) or not all(own) or len(robot.unmeasured) > 0
+        many = changes_conditioning(one.paths) or not all(own)
         found.append([many or any(c in some for some in own) for c in every])
     return np.array(found)
 

@@ -15,18 +15,16 @@ from cdrj_ros.commands.commission_checks import refuse_signs, swapped
 from cdrj_ros.commands.commission_judged import Judged
 from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.evaluation.inputs import require_axes
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.foundation.errors import BagError, UsageError
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.recordings.recording import Recording, Topics
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 
 EPOCH_NS = 1_700_000_000_000_000_000
-STILL = Series(EPOCH_NS + np.arange(2), EPOCH_NS + np.arange(2), np.zeros(2))
 RADIUS = 0.006
 """Of the drums of both cables [m]."""
 
@@ -135,7 +133,7 @@ def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_fir
 def test_a_joint_without_encoder_needs_a_sensor_for_a_fit() -> None:
     document = dict(hand(finger("a")).document)
     document["joints"] = [{**one, "measured": one["name"] != "a_pip"} for one in document["joints"]]
-    motors, joints = dict.fromkeys(("a_motor0", "a_motor1"), STILL), {"a_mcp": STILL}
-    recording = Recording(Path("bag"), 0, 0, motors, joints, {}, {}, ())
-    with pytest.raises(BagError, match=r"named a_pip; .* needs the angle of a_pip from a sensor"):
-        require_axes("bag", recording, build_robot(document, "finger"))
+    with pytest.raises(
+        UsageError, match=r"record a_pip by a sensor .* measured: false out of"
+    ):
+        steps.begin(yaml.safe_dump(document), "finger")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -143,21 +142,6 @@ def test_unknowns_of_different_cables_share_runs_and_no_slope_changes(central: b
             there, back = (problem.residuals(here + way * STEP * unit) for way in (1.0, -central))
             wanted = (there - back) / (STEP * (1.0 + central))
             np.testing.assert_array_equal(slopes[:, k], wanted, err_msg=unknowns[k].name)
-
-
-def test_every_number_may_change_every_reference_of_a_robot_with_a_joint_without_encoder() -> None:
-    document: dict[str, Any] = dict(hand(finger("a"), finger("b")).document)
-    document["joints"][1] = {**document["joints"][1], "measured": False}
-    robot = build_robot(document, "test")
-    model, own = prepare(robot), motion_of(robot)
-    fitted = observe(model, own, samples_of(model, own), dict.fromkeys(own.references, 0.01),
-                     Extent(), moving=False)  # fmt: skip
-    with ThreadPoolExecutor(1) as pool:
-        unknowns = parse_unknowns(document, "cables.{*}.preload")
-        problem = Problem(document, "test", unknowns, [fitted], pool)
-        assert problem.touched.shape == (4, 4)
-        assert problem.touched.all()
-        assert problem.apart == [[0], [1], [2], [3]]
 
 
 @pytest.mark.parametrize("key", ["rho", "mu_c", "stribeck_speed", "bristle_stiffness"])
