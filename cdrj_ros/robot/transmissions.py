@@ -186,6 +186,8 @@ def _reason(kind: str, joints: list[_Shaft], actuators: list[_Shaft]) -> str:
             return f"the roles of its {what} are not {', '.join(order)}, in this order"
         if len({one.name for one in shafts} - {""}) < count:
             return f"its {what} have no names of their own"
+    if count > 1 and {one.name for one in joints} & {one.name for one in actuators}:
+        return "joints and actuators of it have the same names"
     stated = [one.reduction for one in (*actuators, *joints) if one.reduction is not None]
     if 0.0 in stated:
         return "it has a reduction of 0"

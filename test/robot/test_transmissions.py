@@ -129,6 +129,7 @@ def test_the_first_joint_of_a_four_bar_linkage_follows_the_first_actuator_alone(
         ('role="joint1"', 'role="joint2"', "the roles of its joints are not joint1, joint2"),
         ('<joint name="j2"', '<joints name="j2"', "has 1 joint and 2 actuators"),
         ('name="j2"', 'name="j1"', "its joints have no names of their own"),
+        ('name="j2"', 'name="a1"', "joints and actuators of it have the same names"),
     ],
 )
 def test_what_is_no_known_map_has_none_and_says_why(right: str, wrong: str, reason: str) -> None:
