@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from cdrj_ros.foundation.output import counted
+
 PULLEY: Final = 2
 """MuJoCo's code of the beginning of a branch, ``mjWRAP_PULLEY``."""
 
@@ -147,8 +149,10 @@ def stiffness_of(model: Any, tendon: int) -> float:
     return float(np.ravel(model.tendon_stiffness[tendon])[0])
 
 
-def other_properties(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
-    """What is said of numbers of tendons that are not carried over, or look wrong."""
+def other_properties(
+    model: Any, mujoco: Any, label: Label, moving: Collection[int]
+) -> Iterator[str]:
+    """What is said of numbers that are not carried over, or look wrong; ``moving`` as above."""
     spatial = model.wrap_type[model.tendon_adr] != mujoco.mjtWrap.mjWRAP_JOINT
     longest = int(np.argmax(model.tendon_length0 * spatial))
     length, thickness = (
@@ -169,3 +173,13 @@ def other_properties(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
             f"frictionloss of {', '.join(loss)} is not carried over: friction follows from mu_c "
             "and the wraps"
         )
+    for name, numbers, key in (
+        ("stiffness", model.jnt_stiffness, "spring_stiffness and spring_rest"),
+        ("frictionloss", model.dof_frictionloss[model.jnt_dofadr], "bearing_torque"),
+    ):
+        joints = [label("JOINT", k) for k in moving if float(np.ravel(numbers[k])[0]) > 0.0]
+        if joints:
+            yield (
+                f"{name} of {counted(len(joints), 'joint')} is not carried over ({joints[0]}"
+                f"{', ...' * (len(joints) > 1)}): {key} of a joint, for its effort alone"
+            )

@@ -322,6 +322,12 @@ class _Import:
             if actuators:
                 names = [self._label("ACTUATOR", one) for one in actuators]
                 self._motors[tendon] = self._name(names[0], self._axes)
+                gear = float(self._model.actuator_gear[actuators[0], 0])
+                if gear != 1.0:
+                    self._remarks.append(
+                        f"{name}: the gear {gear:g} of its actuator is not carried over: the "
+                        "radius of its drum is assumed"
+                    )
                 if names[1:]:
                     self._remarks.append(
                         f"{name} is pulled by {', '.join(names)}: the first one turns its drum"
@@ -417,4 +423,4 @@ class _Import:
             )
         self._remarks += other_constraints(model, self._mujoco, self._label)
         self._remarks += other_actuators(model, self._mujoco, self._label, self._followed())
-        self._remarks += other_properties(model, self._mujoco, self._label)
+        self._remarks += other_properties(model, self._mujoco, self._label, self._followed())

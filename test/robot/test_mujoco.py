@@ -140,7 +140,7 @@ FINGER = """
       <geom size="0.02"/>
       <site name="out" pos="0.03 0.012 0"/> <site name="back" pos="0.03 -0.012 0"/>
       <body name="first" pos="0.05 0 0">
-        <joint name="mcp" axis="0 0 1" range="-10 80"/> <geom name="roll" type="cylinder" size="0.007 0.01"/>
+        <joint name="mcp" axis="0 0 1" range="-10 80" stiffness="0.1" frictionloss="0.02"/> <geom name="roll" type="cylinder" size="0.007 0.01"/>
         <site name="p" pos="0.02 0.009 0"/> <site name="p_back" pos="0.02 -0.009 0"/>
         <body name="second" pos="0.04 0 0">
           <joint name="pip" axis="0 0 1" range="0 90" ref="5"/> <geom size="0.005"/>
@@ -174,7 +174,7 @@ FINGER = """
     <weld name="glue" body1="loose" body2="slider"/>
   </equality>
   <actuator>
-    <position name="pull it" tendon="flexor" kp="10"/> <motor name="push" joint="x"/>
+    <position name="pull it" tendon="flexor" kp="10" gear="3"/> <motor name="push" joint="x"/>
     <motor name="spin" joint="y"/> <motor name="mcp" joint="mcp"/>
   </actuator>
 </mujoco>
@@ -209,6 +209,9 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
         "equality constraint glue holds loose and slider together: it is left out",
         "leash is a passive cable, slack up to its limit of 0.29 m; EA is assumed",
         "cord has no actuator, spring or limit and pulls nothing in the model; here it is a",
+        "flexor: the gear 3 of its actuator is not carried over: the radius of its drum is assumed",
+        "stiffness of 1 joint is not carried over (mcp): spring_stiffness and spring_rest of a",
+        "frictionloss of 1 joint is not carried over (mcp): bearing_torque of a joint",
         "push drives the joint x without a cable: it is not among the motors",
         "mcp drives the joint of its name without a cable: it is not among the motors",
         "spin drives a joint that moves no cable: it is left out",
