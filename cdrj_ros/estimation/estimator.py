@@ -91,16 +91,20 @@ class Samples:
         unseen = self.unseen[where] if len(self.unseen) else self.unseen
         doubtful = self.doubtful[where] if len(self.doubtful) else self.doubtful
         begin, end, _ = where.indices(self.stamp_ns.size)
-        here = slice(*np.searchsorted(self.offset_rows, (begin, end)))
+        here = slice(self._holds_at(begin), int(np.searchsorted(self.offset_rows, end)))
         return Samples(
             self.stamp_ns[where],
             self.motor_angle[where],
             self.joint_angle[where],
             unseen,
             doubtful,
-            self.offset_rows[here] - begin,
+            np.maximum(self.offset_rows[here] - begin, 0),
             self.offset[here],
         )
+
+    def _holds_at(self, k: int) -> int:
+        """Index of the offset that holds at a sample; 0 if none does yet."""
+        return max(int(np.searchsorted(self.offset_rows, k, side="right")) - 1, 0)
 
     def at(self, k: int) -> Sample:
         """One sample, as views."""
@@ -116,6 +120,12 @@ class Samples:
             offset,
             doubtful,
         )
+
+    def alone(self, k: int) -> Sample:
+        """One sample for who does not take all before it: with the offset that holds there."""
+        here = self._holds_at(k)
+        known = here < len(self.offset) and self.offset_rows[here] <= k
+        return self.at(k)._replace(offset=self.offset[here]) if known else self.at(k)
 
 
 NEVER: Final = _core.NEVER

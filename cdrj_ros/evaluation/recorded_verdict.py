@@ -82,7 +82,7 @@ class RecordedVerdict:
             if self._begin_ns < 0:
                 self._begin_ns = self._taken_ns
             self._feed()
-            self._live.take(samples.at(k))
+            self._live.take(samples.alone(k))
             if self._taken_ns - self._noted_ns >= JUDGED_NS:
                 self._note()
 

@@ -104,7 +104,7 @@ def test_the_verdict_is_that_of_an_estimator_which_hears_all(loose: str) -> None
             live.feed_efforts(int(efforts["winch"].stamp_ns[n]), ("winch",), effort)
         if samples.stamp_ns[k] - taken >= TICK_NS:
             taken = int(samples.stamp_ns[k])
-            live.take(samples.at(k))
+            live.take(samples.alone(k))
     assert live.corrections is not None
     assert recorded.verdict().alarms
     assert recorded.verdict().message == live.corrections.report().message
