@@ -374,8 +374,7 @@ def identify(
         BagError: a recording cannot be read, or lacks a motor or joint.
         UsageError: ``fit`` names no number of the file, or no reference was recorded.
     """
-    from cdrj_ros.evaluation.inputs import read_inputs, require_axes
-    from cdrj_ros.evaluation.tables import of_robot
+    from cdrj_ros.evaluation.inputs import read_inputs
     from cdrj_ros.identification.fit import identify as identify_numbers
     from cdrj_ros.identification.observations import Recorded
     from cdrj_ros.identification.priors import chosen_unknowns
@@ -386,10 +385,7 @@ def identify(
     unknowns = chosen_unknowns(document, robot, fit, free, only=only)
     recordings = []
     for bag in [bags] if isinstance(bags, (str, Path, Recording)) else bags:
-        if isinstance(bag, Recording):
-            read = of_robot(bag, robot)
-            require_axes(str(bag.path), read, robot)
-        else:
-            read = read_inputs(str(bag), topics or Topics(), model)
+        given = bag if isinstance(bag, Recording) else str(bag)
+        read = read_inputs(given, topics or Topics(), model)
         recordings.append(Recorded(read.path.name, read.motors, read.joints, read.references))
     return identify_numbers(document, robot.source, unknowns, recordings)

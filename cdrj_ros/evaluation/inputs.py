@@ -33,14 +33,14 @@ TAKEN: Final = "References by message type: "
 
 
 def read_inputs(
-    path: str,
+    bag: str | Recording,
     topics: Topics | Columns,
     model: Model,
     *,
     motor_efforts: bool = False,
     force_vectors: bool = False,
 ) -> Recording:
-    """Read a bag, or a table, and check that it has all motors and joints of a robot.
+    """Read a bag or a table that was not read yet, and check that it has all axes of a robot.
 
     Where the bag has none of the default topics of references, those found by the type of their
     messages are read, and a note names them; see ``reference_topics``.
@@ -48,7 +48,10 @@ def read_inputs(
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
     """
-    recording = _read(path, topics, model.robot, motor_efforts, force_vectors)
+    if isinstance(bag, Recording):
+        path, recording = str(bag.path), of_robot(bag, model.robot)
+    else:
+        path, recording = bag, _read(bag, topics, model.robot, motor_efforts, force_vectors)
     require_axes(path, recording, model.robot)
     return recording
 
@@ -226,27 +229,34 @@ def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int
     return counts
 
 
-def read_encoderless(path: str, topics: Topics | Columns, robot: Robot) -> Recording:
-    """Read a bag for a robot with joints without encoder.
+def read_encoderless(bag: str | Recording, topics: Topics | Columns, robot: Robot) -> Recording:
+    """Read a bag, unless that is done, for a robot with joints without encoder.
 
     The efforts of the motors are those on the topic of their angles or, where it has none, the
     recorded references, which are then inputs and not compared.  Recorded angles of the joints
     without encoder become references.
 
     Raises:
-        BagError: as ``read_recording``, or no motor has an effort.
+        BagError: as ``read_inputs``, or no motor has an effort.
     """
-    if (
-        isinstance(topics, Topics)
-        and not robot.as_read.joints
-        and topics.joints not in open_source(path).channels()
-    ):
-        topics = replace(topics, joints=topics.motors)
-    return encoderless_inputs(path, _read(path, topics, robot, True, True), robot)
+    if isinstance(bag, Recording):
+        path, recording = str(bag.path), of_robot(bag, robot)
+    else:
+        path = bag
+        if (
+            isinstance(topics, Topics)
+            and not robot.as_read.joints
+            and topics.joints not in open_source(path).channels()
+        ):
+            topics = replace(topics, joints=topics.motors)
+        recording = _read(path, topics, robot, True, True)
+    found = _encoderless(path, recording, robot)
+    require_axes(path, found, robot.as_read)
+    return found
 
 
-def encoderless_inputs(path: str, recording: Recording, robot: Robot) -> Recording:
-    """``read_encoderless`` of a recording that was read."""
+def _encoderless(path: str, recording: Recording, robot: Robot) -> Recording:
+    """The recording with efforts as inputs, and with recorded angles without encoder compared."""
     references, efforts = dict(recording.references), {}
     notes = list(recording.notes)
     for motor in robot.motors:

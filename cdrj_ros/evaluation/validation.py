@@ -32,20 +32,17 @@ from cdrj_ros.evaluation.inputs import (
     counters_of,
     doubts_of,
     duration_s,
-    encoderless_inputs,
     in_frames_of,
     in_order,
     nothing_beside,
     read_encoderless,
     read_inputs,
     references_in,
-    require_axes,
     unstated_counts,
     with_estimated_joints,
 )
 from cdrj_ros.evaluation.metrics import reversal_zones
 from cdrj_ros.evaluation.recorded_verdict import RecordedVerdict
-from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
@@ -346,20 +343,11 @@ def compare_bag(
 
 def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
     """The recording, and the readings for a verdict on the robot, if there are any."""
-    if task.read is not None:
-        recording = of_robot(task.read, model.robot)
-        if model.robot.unmeasured:
-            recording = encoderless_inputs(task.path, recording, model.robot)
-        require_axes(task.path, recording, model.robot.as_read)
-        return recording, None
+    bag = task.path if task.read is None else task.read
     if model.robot.unmeasured:  # has no verdict, as in the node
-        recording = read_encoderless(task.path, task.topics, model.robot)
-        require_axes(task.path, recording, model.robot.as_read)
-        return recording, None
-    efforts = task.health != "off"
-    recording = read_inputs(
-        task.path, task.topics, model, motor_efforts=efforts, force_vectors=True
-    )
+        return read_encoderless(bag, task.topics, model.robot), None
+    efforts = task.read is None and task.health != "off"
+    recording = read_inputs(bag, task.topics, model, motor_efforts=efforts, force_vectors=True)
     if recording.is_table or not efforts:
         return recording, None
     return recording, _sensors(task, model, recording)
