@@ -72,7 +72,7 @@ class Part:
     def recorded(self, one: Recorded) -> Recorded:
         """A recording with its own axes and references alone."""
         motors = {motor.name for motor in self.robot.motors}
-        joints = {joint.name for joint in self.robot.joints if joint.measured}
+        joints = {joint.name for joint in self.robot.joints}
         return replace(
             one,
             motors={name: series for name, series in one.motors.items() if name in motors},

@@ -30,9 +30,6 @@ SWEEP_SAMPLES: Final = 2000
 KNOWN_FROM: Final = 0.25
 """Fraction of that motion after which it is judged: the friction history is unknown before."""
 
-CELL_NOISE: Final = 0.1
-"""Standard deviation of the load cell whose benefit is foretold [N]."""
-
 
 class Judged(NamedTuple):
     """How well a file knows the tensions, over a motion through the joints' ranges."""
@@ -132,7 +129,8 @@ def _expected(now: Commissioned, step: str, heard: Mapping[str, float]) -> Any:
     noise = {_effort(motor.name): motor.effort_noise for motor in robot.motors}
     noise |= {_effort(name): read for name, read in heard.items()}
     if step == "cells":
-        noise[f"{TENSION}/{robot.cables[0].element_names[-1]}"] = CELL_NOISE
+        cable = robot.cables[0]
+        noise[f"{TENSION}/{cable.element_names[-1]}"] = cable.sensor_noise
     return [_made_up(now.model, _sweep(now.model), noise)]
 
 

@@ -20,7 +20,7 @@ REST_FIRST_NS: Final = 1_000_000_000
 
 NEAR: Final = 0.05
 """Part of a joint's range within which a motion between two rests does not change the pose; without
-measured joints, of every motor's motion."""
+joints, of every motor's motion."""
 
 
 def rest_poses(robot: Robot, samples: Samples, name: str) -> tuple[Sample, ...]:
@@ -47,11 +47,10 @@ def rest_poses(robot: Robot, samples: Samples, name: str) -> tuple[Sample, ...]:
 
 def _pose_angles(robot: Robot, samples: Samples) -> tuple[Table, Vector]:
     """Angles that make a pose, shape (n, axes), and how little each may change within one."""
-    measured = [k for k, joint in enumerate(robot.joints) if joint.measured]
-    if not measured:
+    if not robot.joints:
         return samples.motor_angle, NEAR * np.ptp(samples.motor_angle, axis=0)
-    ranges = [robot.joints[k].upper - robot.joints[k].lower for k in measured]
-    return samples.joint_angle[:, measured], NEAR * np.array(ranges)
+    ranges = [joint.upper - joint.lower for joint in robot.joints]
+    return samples.joint_angle, NEAR * np.array(ranges)
 
 
 def _rests(robot: Robot, samples: Samples, name: str) -> list[slice]:

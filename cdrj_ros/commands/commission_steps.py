@@ -115,8 +115,8 @@ def tared(now: Commissioned, recorded: Recorded) -> Commissioned:
     model = now.model
     poses = rest_poses(model.robot, samples_of(model, recorded), recorded.name)
     values = reference_at(model, poses[0]).values
-    names = [joint.name for joint in model.robot.joints if joint.measured]
-    paths = [f"joints.{name}.{key}" for name in names for key in ("offset", "reference_angle")]
+    names = [f"joints.{joint.name}" for joint in model.robot.joints]
+    paths = [f"{name}.{key}" for name in names for key in ("offset", "reference_angle")]
     after = _measured(now, values, paths, f"tare, {recorded.name}")
     return replace(after, rest=recorded, poses=poses)
 
