@@ -194,7 +194,8 @@ class MotorTravel:
         if len(self._motor) < FEWEST:
             return ""
         motor, joint, expected = (
-            np.array(one)[:: 1 + len(one) // THINNED] for one in (self._motor, self._joint, self._expected)
+            np.array(one)[:: 1 + len(one) // THINNED]
+            for one in (self._motor, self._joint, self._expected)
         )
         present = _deviations(motor, expected)
         apart = np.ptp((motor - expected), axis=0) > self._stretch
