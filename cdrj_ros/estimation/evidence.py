@@ -17,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.estimation.estimator import NEVER
 from cdrj_ros.estimation.sensors import Sensor
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.robot.description import Robot
@@ -29,8 +30,6 @@ LASTS_S: Final = FADES_S / 16.0
 
 RECENT_S: Final = 0.5
 """The same for a cable that carries nothing [s], which a few readings show."""
-
-NEVER: Final = -1
 
 
 @dataclass

@@ -41,10 +41,10 @@ STRAYS: Final = 2
 """So many stray readings in a row are no evidence."""
 
 CONTRADICTED: Final = 2.0
-"""The beliefs contradict a change that differs by more than so many standard deviations."""
+"""Tensions contradict readings that show others by more than so many standard deviations."""
 
 CONTRADICTED_NS: Final = round(2e9 * FADES_S)
-"""Time for which readings contradict the beliefs until the tensions are in doubt [ns]."""
+"""Time for which they do until the tensions are in doubt [ns]."""
 
 
 Said = tuple[Vector, Vector, Vector]
