@@ -8,7 +8,7 @@ from math import exp
 from typing import Final, Literal
 
 from cdrj_ros.estimation.verdicts import ALL_EFFORTS, Finding, Verdict
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.description import Robot, Winch
 
 CLEAR: Final = 14.0
 """Margin beyond which it is not said: a million."""
@@ -18,6 +18,9 @@ LEAST_RATIO: Final = 0.01
 
 OPPOSITE: Final = -1.0 - 1.0 / 3.0
 """Change of all preloads, as a share, below which efforts have the wrong sign: no cable pushes."""
+
+SMALL_OR_LARGE: Final = 3.0
+"""Factor up to which a wrong radius of a drum explains an effort as well as its scale."""
 
 Level = Literal["ok", "warn", "error"]
 
@@ -140,4 +143,13 @@ def _remedy(robot: Robot, found: Finding) -> str:
     axis = next((a for a in robot.axes if one.what == f"scale of effort of {a.name}"), None)
     if axis is None or abs(ratio) < LEAST_RATIO:
         return ""
-    return f"; if its unit is wrong, effort_scale: {axis.effort_scale / ratio:.4g} mends it"
+    text = f"; if its unit is wrong, effort_scale: {axis.effort_scale / ratio:.4g} mends it"
+    radii = {
+        node.radius
+        for cable in robot.cables
+        for node in cable.nodes
+        if isinstance(node, Winch) and axis.name in dict(node.motors)
+    }
+    if len(radii) == 1 and 1.0 / SMALL_OR_LARGE < ratio < SMALL_OR_LARGE:
+        text += f"; if its drum is, radius_mm: {1e3 * ratio * radii.pop():.3g}"
+    return text

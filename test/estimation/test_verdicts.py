@@ -223,6 +223,12 @@ def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
     assert message.startswith("scale of effort of winch is 20")
     value = float(message.split("effort_scale: ")[1].split()[0])
     assert value == pytest.approx(-0.5, rel=0.05)
+    assert "radius_mm" not in message, "no drum turns the other way"
+    readings[:, 0] *= -0.7
+    message = report_of(heard(model, motion, readings)).message
+    assert float(message.split("if its drum is, radius_mm: ")[1].split()[0]) == pytest.approx(
+        0.7 * 15.0, rel=0.05
+    )
 
 
 def test_efforts_of_the_other_sign_are_answered_with_the_key_and_not_with_lost_preload() -> None:
