@@ -27,7 +27,7 @@ FIGURES = ROOT / "docs" / "figures"
 WIDTH, HEIGHT = 1265, 1245
 """Size of the report's picture [px]."""
 
-WITHOUT_TABLES = "<style>.tables, dl.rows, h2:has(+ .tables) { display: none }</style>"
+WITHOUT_TABLES = "<style>.tables, .tables ~ *, dl.rows, h2:has(+ .tables) { display: none }</style>"
 """Style that hides the tables of a report."""
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -136,7 +136,7 @@ class Validation:
                 self._angles.append(piece.angles)
             self._friction.add(piece.values)
             if piece.stddev is not None:
-                self._judged += piece.status.size
+                self._judged += int(np.count_nonzero(np.isfinite(piece.status)))
                 self._ok += int(np.count_nonzero(piece.status == OK))
             self._comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size

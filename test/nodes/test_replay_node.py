@@ -123,6 +123,7 @@ def test_replay_evaluates_the_node_and_writes_json_and_report(
     assert facts["between passes"].startswith("0 at most")
     assert "tension/upper/8" in report.read_text()
     assert "rate achieved" in report.read_text()
+    assert "Status OK" not in report.read_text(), "answers are read without their status"
 
 
 def test_the_clock_follows_the_recording(
