@@ -19,10 +19,10 @@ double square(double x) { return x * x; }
 
 /// Widens a range, by its ends, to a value; whether that has changed it.
 bool widen(std::span<double> range, double value, double more = 1.0) {
-    double& end = range[value < range[0] ? 0 : 1];
-    if (range[0] <= value && value <= range[1]) return false;
-    end = more * value;
-    return true;
+    const bool below = value < range[0], above = value > range[1];
+    if (below) range[0] = more * value;
+    if (above) range[1] = more * value;
+    return below || above;
 }
 
 }  // namespace

@@ -91,6 +91,19 @@ def first_joint(model: Model) -> str:
     return model.robot.joints[0].name
 
 
+@pytest.mark.parametrize("which", ["joint", "motor", "motors"])
+@pytest.mark.parametrize("older_ms", [5, 10])
+def test_a_lag_within_a_message_is_in_the_standard_deviations_from_the_start(
+    older_ms: int, which: str, robot: Model, course: Course
+) -> None:
+    """Whether it makes the mean tension rise or fall first."""
+    names = {"joint": [first_joint(robot)], "motor": names_of(robot, "motors")[:1]}
+    messages = messages_of(robot, course, 200)
+    for name in names.get(which) or names_of(robot, which):
+        messages = older(name, older_ms // 5)(messages)
+    assert judge(course, run(robot, messages)).beyond(5.0) <= LAW
+
+
 def test_a_lag_that_no_driver_should_have_takes_status_0_away(robot: Model, course: Course) -> None:
     messages = older(first_joint(robot), 20)(messages_of(robot, course, 200))
     assert judge(course, run(robot, messages), 4.5).beyond(5.0) <= LAW
