@@ -35,7 +35,7 @@ LEAST_TURN: Final = 0.02
 LEAST_TRAVEL: Final = 0.1
 """and for its factor: joints give way by less while motors take up slack."""
 
-POSE_NS: Final = 250_000_000
+POSE_NS: Final = 1_000_000_000
 """Shortest time between two poses that are kept [ns],"""
 
 FIRST_NS: Final = 20_000_000
