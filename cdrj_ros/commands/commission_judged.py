@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.commission_fits import parts_of
 from cdrj_ros.commands.commission_steps import TAKE, Commissioned, preloaded
 from cdrj_ros.estimation.estimator import Estimate, Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
@@ -21,7 +20,9 @@ from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.inspection.shares import DURATION_S, sweep
 from cdrj_ros.model.packing import EFFORT, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.groups import connected_cables, part_of
 from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import SCALE_READING
 
 SWEEP_SAMPLES: Final = 2000
@@ -43,24 +44,27 @@ class Judged(NamedTuple):
 def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) -> Judged:
     """How well a file knows the tensions if it is right but for what it says of its accuracy.
 
-    The estimator of the node reads what the sensors of such a robot would read.  Parts of the robot
-    are judged one after the other, each as if it were the whole.
+    The estimator of the node reads what the sensors of such a robot would read.  Cables that are
+    not connected are judged one group after the other, each as if it were the whole.
 
     Args:
         model: the robot.
         efforts: noise of those that it publishes, by motor [N m].
     """
-    parts, ok, relative = parts_of(model.robot), list[NDArray[np.bool_]](), dict[str, float]()
-    with ProgressBar("judging", len(parts)) as progress:
-        for part in parts:
-            own = model if part.alone else prepare(part.robot, check_range=False)
+    robot, ok, relative = model.robot, list[NDArray[np.bool_]](), dict[str, float]()
+    groups = connected_cables(robot)
+    with ProgressBar("judging", len(groups)) as progress:
+        for group in groups:
+            own = model
+            if len(groups) > 1:
+                own = prepare(build_robot(part_of(robot, group), robot.source), check_range=False)
             read = {name: efforts[name] for name in own.layout.motors if name in efforts}
             known, deviation = _estimated(own, read)
             ok.append(known)
             for cable, span in zip(own.robot.cables, own.robot.parts, strict=True):
                 relative[cable.name] = float(np.median(deviation[:, span]))
             progress(len(ok))
-    share, names = float(np.mean(np.hstack(ok))), [cable.name for cable in model.robot.cables]
+    share, names = float(np.mean(np.hstack(ok))), [cable.name for cable in robot.cables]
     return Judged(share, {name: relative[name] for name in names})
 
 
