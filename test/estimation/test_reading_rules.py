@@ -163,6 +163,23 @@ def test_a_single_reading_off_the_line_is_refused_and_no_sample_has_it() -> None
         assert (ahead > 0.012) == (not is_refused)
 
 
+@pytest.mark.parametrize(("share", "is_refused"), [(0.4, True), (0.6, False)])
+def test_the_next_reading_decides_by_half_of_the_deviation(share: float, is_refused: bool) -> None:
+    heard = Heard().both(moving(150)).both([1.51 + 0.05, 1.52 + share * 0.05])
+    heard.both(moving(50, begin=1.52 + share * 0.05))
+    assert heard.gate.refused["implausible"] == is_refused
+
+
+@pytest.mark.parametrize(("count", "is_doubted"), [(6, False), (7, True)])
+def test_seven_readings_out_of_range_are_foreign(count: int, is_doubted: bool) -> None:
+    """1 - (63/64)^7 = 0.104."""
+    heard = Heard().both([0.0] * 20)
+    for k in range(count):
+        heard.hear("q", 1000.0, heard.at_ms + 10.0 * k)
+    assert heard.gate.refused["out_of_range"] == count
+    assert heard.gate.alternating == (["q"] if is_doubted else [])
+
+
 def test_before_a_radian_of_travel_only_ten_errors_are_off() -> None:
     """The left side of (C8) is half the deviation in even intervals."""
     for off, every_ms, is_refused in (
