@@ -221,19 +221,19 @@ void bind_axis(nb::module_& core) {
                Nanoseconds clock_offset_ns, double clock_stddev, double period, double scale,
                double offset, std::vector<double> corrected_at, std::vector<double> correction,
                double bandwidth, bool adaptive, double band, double negligible, double count,
-               double worth, std::vector<double> pull, double start) {
+               double worth, std::vector<double> pull, bool free, double start) {
                 require(
                     corrected_at.size() == correction.size(),
                     "a correction needs as many values as angles");
                 new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns,
                                 clock_stddev, period, scale, offset, std::move(corrected_at),
                                 std::move(correction), bandwidth, adaptive, band, negligible,
-                                count, worth, std::move(pull), start};
+                                count, worth, std::move(pull), free, start};
             },
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
             "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
             "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "count"_a,
-            "worth"_a, "pull"_a, "start"_a, R"(
+            "worth"_a, "pull"_a, "free"_a, "start"_a, R"(
             Keep the numbers.
 
             Args:
@@ -251,7 +251,9 @@ void bind_axis(nb::module_& core) {
                 negligible: standard deviations up to this are not reported [rad].
                 count: resolution of the readings [rad]; 0 where it is unknown.
                 worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
-                pull: of every cable, see ``conditioner.pulls_of`` [1/rad]; empty for none.
+                pull: of every cable, see ``conditioner.pulls_of`` [1/rad]; empty if it is unknown.
+                free: whether the axis may move through its range while those of the other kind, motors
+                    or joints, stand still.
                 start: an ambiguous first reading means the possible angle nearest to it [rad].)")
         .def_ro("name", &Axis::name)
         .def_ro("lower", &Axis::lower)

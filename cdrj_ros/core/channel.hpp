@@ -179,7 +179,7 @@ public:
     void look_at_counts(const Axis& axis, double reading);
 
     /// Whether its counts do not exclude degrees yet.
-    bool is_unit_open(const Axis& axis) const { return !axis.pull.empty() && !counted; }
+    bool is_unit_open(const Axis& axis) const { return !axis.pull.empty() && !axis.free && !counted; }
 
     /// What its motion so far is wrong by if its unit is.
     double unit_error(const Axis& axis) const {

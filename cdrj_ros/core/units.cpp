@@ -20,7 +20,7 @@ Units::Units(std::span<const Axis> axes, std::span<const double> bends) : error_
         Cable cable{.bend = c < bends.size() ? bends[c] : 0.0};
         for (std::size_t a = 0; a < axes.size(); ++a) {
             const double pull = axes[a].pull.empty() ? 0.0 : axes[a].pull[c];
-            if (pull != 0.0) cable.ends.push_back({a, pull});
+            if (pull != 0.0) cable.ends.push_back({.axis = a, .pull = pull, .free = axes[a].free});
         }
         if (cable.ends.size() > 1) all_.push_back(std::move(cable));
     }
@@ -45,7 +45,7 @@ void Units::take(
     last_ns_ = stamp_ns;
     for (Cable& cable : cables_) take(cable, angles, unseen);
     std::erase_if(cables_, [](const Cable& cable) {
-        return std::ranges::all_of(cable.ends, &End::known);
+        return std::ranges::all_of(cable.ends, [](const End& end) { return end.known || end.free; });
     });
 }
 
@@ -54,15 +54,19 @@ void Units::take(Cable& cable, std::span<const double> angles, std::span<const d
     cable.furthest = 0.0;
     for (End& end : cable.ends) {
         const double part = end.pull * (angles[end.axis] - first_[end.axis]);
-        stretch += part;
         if (!unseen.empty()) unread += BOUNDS * std::abs(end.pull) * unseen[end.axis];
+        if (end.free) {
+            unread += std::abs(part);
+            continue;
+        }
+        stretch += part;
         end.furthest = std::max(kept_ * end.furthest, std::abs(part));
         cable.furthest = std::max(cable.furthest, end.furthest);
     }
     stretch = std::abs(stretch);
     cable.stretch = std::max(kept_ * cable.stretch, stretch - unread);
     for (End& end : cable.ends) {
-        if (end.known) continue;
+        if (end.known || end.free) continue;
         const bool is_shown = end.furthest > SHARE * cable.furthest;
         const double furthest = is_shown ? end.furthest : cable.furthest;
         const double most = STRETCH * furthest + cable.bend * cable.furthest;

@@ -40,6 +40,7 @@ private:
     struct End {
         std::size_t axis;
         double pull;            // as `Axis::pull`
+        bool free;              // as `Axis::free`: its motion may stretch the cable or be taken up
         double furthest = 0.0;  // greatest part of it of late in what stretches the cable
         bool known = false;     // whether its unit is
         bool doubtful = false;

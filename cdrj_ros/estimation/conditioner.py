@@ -67,11 +67,28 @@ def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
     return efforts * np.array([scale.get(name, 1.0) for name in names])
 
 
+class Pull(NamedTuple):
+    """What an axis does to the cables."""
+
+    of_cables: Sequence[float]
+    """Change of every cable's tension per angle, by what makes it ``UNSURE`` [1/rad].
+
+    Positive where a greater angle lengthens the cable's path or winds in cable; zero for cables
+    without a motor.  Empty where it is unknown.
+    """
+    free: bool
+    """Whether it may move through its range while those of the other kind stand still."""
+
+
+UNKNOWN: Final = Pull((), False)
+"""What an axis does where nobody asks, or joints have no encoder."""
+
+
 def axes_of(
     robot: Robot,
     tracking: float | None = None,
     worth: Sequence[float] = (),
-    pulls: Sequence[Sequence[float]] = (),
+    pulls: Sequence[Pull] = (),
 ) -> list[Axis]:
     """All motors, then all joints, in the robot's order.
 
@@ -88,7 +105,7 @@ def axes_of(
     return [
         axis_of(one, tracking, size, known.get(f"{kind}.{one.name}.clock_offset", 0.0), pull)
         for kind, one, size, pull in zip(
-            kinds, axes, worth or [0.0] * len(axes), pulls or [()] * len(axes), strict=True
+            kinds, axes, worth or [0.0] * len(axes), pulls or [UNKNOWN] * len(axes), strict=True
         )
     ]
 
@@ -98,7 +115,7 @@ def axis_of(
     tracking: float | None = None,
     worth: float = 0.0,
     clock_stddev: float = 0.0,
-    pull: Sequence[float] = (),
+    pull: Pull = UNKNOWN,
 ) -> Axis:
     """One motor or joint, as ``axes_of``; ``clock_stddev`` of its ``clock_offset`` [s]."""
     sensor, bandwidth = axis.sensor, axis.sensor.tracking_bandwidth
@@ -125,7 +142,8 @@ def axis_of(
         negligible=max(negligible(sensor), LITTLE * worth if isfinite(worth) else 0.0),
         count=sensor.resolution,
         worth=worth,
-        pull=pull,
+        pull=pull.of_cables,
+        free=pull.free,
         start=axis.reference_angle,
     )
 
@@ -181,17 +199,14 @@ def _worth(model: Model) -> list[float]:
     return [UNSURE_SHARE / one if one > 0.0 else np.inf for one in most.tolist()]
 
 
-def pulls_of(robot: Robot) -> list[list[float]]:
-    """Change of every cable's tension per angle of every axis, by what makes it ``UNSURE`` [1/rad].
+def pulls_of(robot: Robot) -> list[Pull]:
+    """What every axis with an encoder does to the cables.
 
-    Positive where a greater angle lengthens the cable's path or winds in cable; zero for cables
-    without a motor.
-
-    Empty for joints that no cable hinders to move through their ranges while the motors stand
-    still, for motors of such joints alone, and for robots with joints without encoder.
+    Free are joints that no cable hinders to move through their ranges while the motors stand still,
+    and motors of such joints alone.
     """
     if robot.unmeasured:
-        return [[] for _ in robot.as_read.axes]
+        return [UNKNOWN for _ in robot.as_read.axes]
     model = prepare(robot, check_range=False)
     motors, most = len(robot.motors), [cable.maximum_tension for cable in robot.cables]
     ranges = np.array([joint.upper - joint.lower for joint in robot.joints])
@@ -203,7 +218,7 @@ def pulls_of(robot: Robot) -> list[list[float]]:
     pull[~np.any(robot.drums, axis=1)] = 0.0
     shared = (pull[:, :motors] != 0.0).T @ held.any(axis=1)
     bound = [*shared.tolist(), *held.any(axis=0).tolist()]
-    return [one if is_bound else [] for one, is_bound in zip(pull.T.tolist(), bound, strict=True)]
+    return [Pull(one, not is_bound) for one, is_bound in zip(pull.T.tolist(), bound, strict=True)]
 
 
 POSES: Final = 40

@@ -362,8 +362,7 @@ def test_times_of_arrival_are_as_certain_as_they_are_even() -> None:
 
 # --- units ----------------------------------------------------------------------------------------
 
-PAIR = parse_robot(
-    """
+PAIR_TEXT = """
 name: pair
 motors: [{name: m}]
 joints: [{name: q, range: [-3, 3]}]
@@ -376,7 +375,7 @@ cables:
     spans: [[1, {joint: q, slope: 0.1}]]
 uncertainty: {others: exact}
 """
-)
+PAIR = parse_robot(PAIR_TEXT)
 """The cable takes 100 N/rad of both axes, so 10 mrad are worth a tenth of its preload."""
 
 
@@ -423,6 +422,20 @@ def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_s
     """The motor has wound in 20 mrad while the joint stood; after 67 mrad that is three tenths."""
     heard, doubtful = moved_together(same, lambda angle: max(angle - 0.02, 0.0))
     assert doubtful == [k in range(2, 9) for k in range(1, 100)]
+    assert heard.gate.misfitting == []
+
+
+@pytest.mark.parametrize("followed", [True, False])
+def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(followed: bool) -> None:
+    """0.8 rad of a joint are worth 80 of 100 N: the motor takes them up, or the cable does."""
+    free = "{name: q, range: [-3, 3]}, {name: f, range: [-0.4, 0.4]}"
+    text = PAIR_TEXT.replace("{name: q, range: [-3, 3]}", free)
+    heard = Heard(parse_robot(text.replace("slope: 0.1}", "slope: 0.1}, {joint: f, slope: 0.1}")))
+    for k in range(40):
+        heard.hear("f", 0.01 * k, 10.0 * k)
+        heard.hear("m", 0.01 * k if followed else 0.0, 10.0 * k)
+        heard.hear("q", 0.001 * k if followed else 0.0, 10.0 * k)
+    assert not any(one.doubtful for one in heard.samples[1:])
     assert heard.gate.misfitting == []
 
 
