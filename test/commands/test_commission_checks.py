@@ -133,7 +133,5 @@ def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_fir
 def test_a_joint_without_encoder_needs_a_sensor_for_a_fit() -> None:
     document = dict(hand(finger("a")).document)
     document["joints"] = [{**one, "measured": one["name"] != "a_pip"} for one in document["joints"]]
-    with pytest.raises(
-        UsageError, match=r"record a_pip by a sensor .* measured: false out of"
-    ):
+    with pytest.raises(UsageError, match=r"record a_pip by a sensor .* measured: false out of"):
         steps.begin(yaml.safe_dump(document), "finger")
