@@ -212,7 +212,8 @@ double EncoderlessSolver::elongation(const EncoderlessSample& sample, Index c) {
         }
     }
     for (Index end = 2 * c; end < 2 * c + 2; ++end) {
-        for (const Index t : topology.turns_of(end)) {
+        const auto [first, beyond] = topology.turns_of(end);
+        for (Index t = first; t < beyond; ++t) {
             const Index motor = topology.turns[t].motor;
             taken += constants.ends[end].radius * constants.turns[t].winding *
                      (sample.motor_angle[motor] - before.angle[motor]);

@@ -50,7 +50,8 @@ void Ensemble::compare_cable(const Step& step, Index member, Index c) {
         }
         for (const Index end : {Index{0}, Index{1}}) {
             if (q != (end == 0 ? first : beyond - 1)) continue;
-            for (const Index t : topology.turns_of(2 * c + end)) {
+            const auto [first_turn, beyond_turns] = topology.turns_of(2 * c + end);
+            for (Index t = first_turn; t < beyond_turns; ++t) {
                 const Index motor = topology.turns[t].motor;
                 const double sign = constants.axes[motor].effort_sign;
                 deviation[effort_of(motor)] -= sign * motor_arm(step, c, end, t) * change;

@@ -139,16 +139,16 @@ bool Lags::note_speeds(double now, std::span<const double> angles) {
 /// Takes a sample at which all axes of a cable have been read.
 void Lags::take_cable(Cable& cable, double now, std::span<const double> angles, double tension) {
     const auto& [axes, gains, begin, blocks, fit, late_share] = cable;
-    const auto range_of = [&](std::size_t k) { return std::span(numbers).subspan(begin + 2 * k, 2); };
+    const std::span<double> ranges = std::span(numbers).subspan(begin);
     const std::span<double> memory = blocks_of(cable);
     values_.assign(1, tension);
     for (const std::size_t a : axes) values_.push_back(angles[a]);
     const bool ended = blocks.take(memory, now, values_);
-    bool changed = widen(range_of(0), tension) || ended;
+    bool changed = widen(ranges.first(2), tension) || ended;
     const double since = now - blocks.time(memory, 1);
     for (std::size_t k = 1; blocks.has(memory, 1) && since >= 0.5 * SHORTEST && k <= axes.size(); ++k) {
         const double velocity = (values_[k] - blocks.mean(memory, 1, k)) / since;
-        changed = widen(range_of(k), velocity, MORE) || changed;
+        changed = widen(ranges.subspan(2 * k, 2), velocity, MORE) || changed;
     }
     if (ended && blocks.has(memory, 2) && blocks.has(memory, 3)) fit_to(cable);
     if (changed) bound(cable);

@@ -71,7 +71,8 @@ Paths paths_of(const Topology& topology) {
             join(path.joints, std::array{joint});
         }
         for (const Index end : {2 * c, 2 * c + 1}) {
-            for (const Index t : topology.turns_of(end)) {
+            const auto [first, beyond] = topology.turns_of(end);
+            for (Index t = first; t < beyond; ++t) {
                 join(path.axes, std::array{topology.turns[t].motor});
             }
         }

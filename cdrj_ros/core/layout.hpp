@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <memory>
-#include <ranges>
 #include <span>
 #include <vector>
 
@@ -90,16 +89,18 @@ struct Topology {
     std::span<const ResidualInputTopology> residual_inputs;
     std::shared_ptr<const Paths> paths;
 
-    /// Numbers of the turns of the drum at an end.
-    auto turns_of(Index end) const {
-        return std::views::iota(ends[end].first_turn, ends[end].first_turn + ends[end].turns);
-    }
-
-    /// First segment of a cable, and the one after its last.
-    struct Segments {
+    /// The first of some parts, and the one after the last.
+    struct Range {
         Index first, beyond;
     };
-    Segments segments_of(Index cable) const {
+
+    /// Turns of the drum at an end.
+    Range turns_of(Index end) const {
+        return {ends[end].first_turn, ends[end].first_turn + ends[end].turns};
+    }
+
+    /// Segments of a cable.
+    Range segments_of(Index cable) const {
         const Index first = cables[cable].first_contact + cable;
         return {first, first + cables[cable].contacts + 1};
     }
@@ -138,7 +139,8 @@ inline double turned_by_motors(
     const Topology& topology, const Constants& constants, Index end,
     std::span<const double> motor_angle) {
     double turned = 0.0;
-    for (const Index t : topology.turns_of(end)) {
+    const auto [first, beyond] = topology.turns_of(end);
+    for (Index t = first; t < beyond; ++t) {
         const Index motor = topology.turns[t].motor;
         turned += constants.turns[t].winding *
                   (motor_angle[motor] - constants.motors[motor].reference_angle);

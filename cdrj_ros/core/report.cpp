@@ -94,7 +94,8 @@ double effort_of_cable(const Step& step, Index axis, Index c, double effort) {
         effort -= tension[k] * work.lever_arm(cable.first_element + k, joint);
     }
     for (const Index end : {Index{0}, Index{1}}) {
-        for (const Index t : topology.turns_of(2 * c + end)) {
+        const auto [first, beyond] = topology.turns_of(2 * c + end);
+        for (Index t = first; t < beyond; ++t) {
             if (topology.turns[t].motor != axis) continue;
             effort -= motor_arm(step, c, end, t) * (end == 0 ? tension.front() : tension.back());
         }
