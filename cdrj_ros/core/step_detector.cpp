@@ -18,7 +18,9 @@ constexpr double SELDOM = 0.02;    // down to this one
 constexpr double MISSED = 1.5;     // readings repeat if the axis would have moved so many times as far
 constexpr double MISSED_COUNTS = 10.0;  // as it last did, and by more counts than at a crest (8),
 constexpr double STEADY = 0.7;     // at a velocity that had not fallen below this share of that before;
-constexpr std::size_t LONGEST = 32;  // within so many readings
+constexpr std::size_t LONGEST = 32;   // within so many readings,
+constexpr double LONGEST_S = 0.1;      // or this time [s], if that is longer,
+constexpr std::size_t MOST = 100;      // but no more readings
 
 double seconds(Point from, Point to) {
     return (to.stamp_ns - from.stamp_ns) * 1e-9;
@@ -166,10 +168,11 @@ void StepDetector::follow(const Motion& motion, Point next) {
     equal_ = !latest_.empty() && change == 0.0 ? equal_ + 1 : 0;
     if (equal_ == 0) compared_ = repeats_ = false;
     latest_.push_back(next);
-    if (latest_.size() > 3 * LONGEST + 1) latest_.pop_front();
-    if (compared_ || equal_ == 0 || equal_ > LONGEST || latest_.size() <= 3 * equal_) return;
+    if (latest_.size() > 3 * MOST + 1) latest_.pop_front();
+    if (compared_ || equal_ == 0 || equal_ > MOST || latest_.size() <= 3 * equal_) return;
     const auto ago = [&](std::size_t count) { return latest_[latest_.size() - 1 - count]; };
     const Point still = ago(equal_), before = ago(2 * equal_);
+    if (equal_ > LONGEST && seconds(still, next) > LONGEST_S) return;
     const double rate = velocity(before, still), earlier = velocity(ago(3 * equal_), before);
     const double missed = std::abs(rate) * seconds(still, next);
     const double last = std::abs(still.angle - ago(equal_ + 1).angle);

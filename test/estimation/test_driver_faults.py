@@ -136,6 +136,17 @@ def test_old_readings_with_new_stamps_make_everything_unsure_within_50_ms(
     assert named & {axis.name for axis in robot.robot.motors}
 
 
+def test_old_readings_of_a_slow_joint_are_found_although_few_counts_are_missed(
+    robot: Model,
+) -> None:
+    """At 1 kHz a joint of 60 mrad/s shows a new count with every sixth reading."""
+    slow = course_of(robot, 6.0, swing(robot, 0.1))
+    messages = frozen(BEGIN, axes=[first_joint(robot)])(messages_of(robot, slow, 1000))
+    outputs = run(robot, messages)
+    assert judge(slow, outputs, BEGIN + 0.1).ratio.size == 0
+    assert judge(slow, outputs).beyond(5.0) <= LAW
+
+
 @pytest.mark.parametrize("lasting", [0.3, 1.5])
 def test_readings_that_are_old_for_a_while_leave_no_history_that_is_taken_for_known(
     lasting: float, robot: Model, course: Course
