@@ -6,6 +6,7 @@ the cable, which no encoder measures: it is driven by an additional motor.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, ClassVar, Final
@@ -88,7 +89,7 @@ class Slip(CableFault):
 
 
 @dataclass(frozen=True)
-class EncoderFault:
+class EncoderFault(ABC):
     """A fault of the readings of one encoder."""
 
     begin: float
@@ -98,9 +99,9 @@ class EncoderFault:
 
     kind: ClassVar[str]
 
+    @abstractmethod
     def apply(self, times: Vector, values: Vector) -> Vector:
         """Readings, of which the first has been sent before; all arrays of shape (n,)."""
-        raise NotImplementedError
 
     def __str__(self) -> str:
         return f"{self.kind} of {self.encoder}"
