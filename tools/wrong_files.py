@@ -172,7 +172,8 @@ def reality(model: Model, wrong: Wrong) -> Any:
 def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
     """Tensions and effort of the real machine with contact cells."""
     fine = prepare(divide_contacts(reality(model, wrong), CELLS))
-    _, estimates = run(fine, initial_state(fine), motion, slipping=wrong.forgets)
+    slipping = np.full(len(fine.robot.cables), wrong.forgets)
+    _, estimates = run(fine, initial_state(fine), motion, slipping=slipping)
     return Truth(estimates.tension, estimates.motor_effort)
 
 

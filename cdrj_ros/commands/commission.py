@@ -21,7 +21,7 @@ from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inpu
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
-from cdrj_ros.identification.fit import lacking
+from cdrj_ros.identification.fit import lacking, sentences
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
@@ -146,9 +146,9 @@ def _notes(now: Commissioned, *, suspected: bool) -> Iterator[str]:
     """
     said: dict[str, list[str]] = {}
     for one in now.fits:
-        drums = (one.found.drums.sentence,) if one.found.drums else ()
         doubt = SUSPECTED if suspected else ""
-        for sentence in (*drums, *(f"{left}{doubt}" for left in lacking(one.found.unexplained))):
+        left = [f"{sentence}{doubt}" for sentence in lacking(one.found.unexplained)]
+        for sentence in (*sentences(one.found.drums), *left):
             said.setdefault(sentence, []).append(one.cables)
     for sentence, cables in said.items():
         yield sentence if len(cables) == len(now.fits) else f"{'; '.join(cables)}: {sentence}"

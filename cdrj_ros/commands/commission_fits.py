@@ -27,7 +27,7 @@ from cdrj_ros.commands.identify_entries import (
 from cdrj_ros.estimation.sensors import sensors_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar
-from cdrj_ros.identification.alternatives import DrumFinding
+from cdrj_ros.identification.alternatives import DrumFinding, doubted
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.observations import Recorded, chosen_channels
@@ -267,9 +267,8 @@ def section_of(robot: Robot, fits: Sequence[PartFit]) -> str:
     return section_with(joined([*known, rest]), before, errors, drums_of(robot, fits))
 
 
-def drums_of(robot: Robot, fits: Sequence[PartFit]) -> DrumFinding | None:
-    """What the fits together show of the drums: that they hold if every part says so."""
-    judged = [one.found.drums for one in fits if one.found.drums is not None]
-    if judged and {c for one in fits for c in one.part.cables} < {*range(len(robot.cables))}:
-        return DrumFinding("may_slip", "not every cable has references", "")
-    return min(judged, key=lambda one: one.drums == "hold", default=None)
+def drums_of(robot: Robot, fits: Sequence[PartFit]) -> Mapping[str, DrumFinding]:
+    """What the fits show of every cable on its drums; nothing if none was judged."""
+    judged = {name: drums for one in fits for name, drums in one.found.drums.items()}
+    unseen = DrumFinding("may_slip", "has no references", "")
+    return {name: judged.get(name, unseen) for name in doubted(robot)} if judged else {}

@@ -25,7 +25,7 @@ import numpy as np
 from cdrj_ros import __version__
 from cdrj_ros.commands.commission_fits import PartFit, fit_parts, section_of
 from cdrj_ros.commands.commission_rests import REST_IN_POSE_NS, pose_words, rest_poses
-from cdrj_ros.commands.identify_entries import stated_lines
+from cdrj_ros.commands.identify_entries import drum_lines, stated_lines
 from cdrj_ros.estimation.changes import (
     narrowed,
     preloads_of,
@@ -202,8 +202,8 @@ def _stated(robot: Robot, known: Uncertainty, paths: Sequence[str]) -> str:
     names = list(dict.fromkeys(names))
     at = [known.parameters.index(name) for name in names]
     numbers = with_covariance(names, known.covariance[np.ix_(at, at)])
-    head = [f"  {key}: {before[key]}" for key in ("others", "drums") if key in before]
-    return "\n".join(["uncertainty:", *head, *stated_lines(numbers)])
+    head = [f"  others: {before['others']}"] if "others" in before else []
+    return "\n".join(["uncertainty:", *head, *drum_lines(before, {}), *stated_lines(numbers)])
 
 
 def fitted(now: Commissioned, recorded: Sequence[Recorded]) -> Commissioned:

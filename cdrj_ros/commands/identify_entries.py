@@ -63,7 +63,7 @@ def section_with(
     numbers: StatedNumbers,
     before: Mapping[str, Any],
     errors: Mapping[str, float],
-    drums: DrumFinding | None,
+    drums: Mapping[str, DrumFinding],
     *,
     unseen: bool = False,
 ) -> str:
@@ -71,16 +71,31 @@ def section_with(
     lines = ["uncertainty:                    # standard deviations and correlations of the fit"]
     if "others" in before:
         lines.append(f"  others: {before['others']}")
-    if drums is not None:
-        lines.append(f"  drums: {drums.drums}  # {drums.comment}")
-    elif "drums" in before:
-        lines.append(f"  drums: {before['drums']}")
+    lines += drum_lines(before, drums)
     origin = "runs that were not fitted" if unseen else "the residuals of the fit"
     if stated := dict(errors) or dict(before.get("model_error", {})):
         lines.append(f"  model_error:                  # from {origin if errors else 'before'}")
         lines += [f"    {name}: {yaml_number(value, 3)}" for name, value in stated.items()]
     lines += stated_lines(numbers)
     return "\n".join(lines) if len(lines) > 1 else "uncertainty: {}"
+
+
+def drum_lines(before: Mapping[str, Any], found: Mapping[str, DrumFinding]) -> list[str]:
+    """The lines of ``drums``, by cable where it is not the same of all.
+
+    Args:
+        before: the entry ``uncertainty``.
+        found: of all cables that may slip by this entry; none if they were not judged.
+    """
+    stated = before.get("drums")
+    words = stated if isinstance(stated, Mapping) else {}
+    lines = {name: f"{one.drums}  # {one.comment}" for name, one in found.items()}
+    of_all = {one.drums for one in found.values()}
+    if of_all == {"hold"} or (len(of_all) == 1 and not words):
+        return [f"  drums: {next(iter(lines.values()))}"]
+    if words or lines:
+        return ["  drums:", *(f"    {name}: {word}" for name, word in {**words, **lines}.items())]
+    return [f"  drums: {stated}"] if stated else []
 
 
 def fitted_numbers(

@@ -28,14 +28,15 @@ void make_ensemble(
     const Given& zero_error, const Given& unseen_share, const Given& offset_gain, const Given& length_share,
     const Given& span, const Given& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
-    const Index members = slipping.size(), axes = sizes.axes();
+    const Index members = constants.shape(0), axes = sizes.axes();
     const Index quantities = unmodelled.shape(1);
     const Index errors = reading_error.shape(0), paths = unseen_share.shape(0);
+    require(slipping.has({members, sizes.cables}), "slipping is not by members and cables");
     require(errors > 0 && paths > 0, "reading_error and unseen_share need at least one row");
     const std::vector<double> lower_upper = taken(span, {2, axes}, "span");
     Draws draws{
         .friction_share = taken(friction_share, {members, sizes.pulleys}, "friction_share"),
-        .slipping = {slipping.data(), slipping.data() + members},
+        .slipping = {slipping.data(), slipping.data() + slipping.size()},
         .effort_error = taken(effort_error, {members, sizes.motors}, "effort_error"),
         .reading_error = taken(reading_error, {errors, axes}, "reading_error"),
         .zero_error = taken(zero_error, {members, axes}, "zero_error"),
@@ -244,7 +245,7 @@ void bind_ensemble(nb::module_& core) {
                 robot: of the estimate.
                 constants: of every member, shape (members, constants).
                 friction_share: initial friction as a share of its bound, shape (members, pulleys).
-                slipping: whether a member's cables slip on their drums, shape (members,).
+                slipping: whether cables slip on their drums, shape (members, cables).
                 effort_error: lasting errors of the efforts [N m], shape (members, motors).
                 reading_error: rows used in turn [rad], shape (rows, axes).
                 zero_error: of every member's zeros [rad], shape (members, axes).

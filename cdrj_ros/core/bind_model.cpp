@@ -1,9 +1,11 @@
 // The module `cdrj_ros._core`: the columns of the rows of records, by the names of these, and a robot and its samples, as `cdrj_ros.model` and `cdrj_ros.estimation` use them.
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <vector>
 
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
@@ -109,12 +111,14 @@ std::tuple<HeldState, Written, bool> step(
     return {HeldState{stamp_ns, held.state()}, held.estimate(), solved};
 }
 
-/// Advance a state by many samples; `slipping`: the cables slip on their drums.
+/// Advance a state by many samples; `slipping`: which cables slip on their drums, if any.
 HeldState run(
     const HeldRobot& held, HeldState state, const GivenIntegers& stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Written& estimates, bool slipping) {
+    const Given& joint_angle, const Written& estimates, const std::optional<GivenFlags>& slipping) {
     const Robot& robot = held.robot;
     const Index samples = stamp_ns.size();
+    require(
+        !slipping || slipping->has({robot.topology.sizes.cables}), "slipping is not by cables");
     require(
         motor_angle.ndim() == 2 && joint_angle.ndim() == 2 && estimates.ndim() == 2,
         "motor_angle, joint_angle and estimates need two axes");
@@ -127,6 +131,7 @@ HeldState run(
         "stamp_ns, motor_angle, joint_angle and estimates differ in their numbers of samples");
     std::vector<double> out(robot.out_size());
     double* now = state.numbers.data();
+    State memory(robot.topology.sizes, now);
     for_samples(samples, [&](Index k) {
         const Nanoseconds stamp = stamp_ns.data()[k];
         const bool solved = robot.advance(
@@ -134,7 +139,9 @@ HeldState run(
         state.stamp_ns = stamp;
         std::copy_n(out.data(), size, now);
         std::copy_n(out.data() + size, wanted, row_of(estimates, k).begin());
-        if (slipping && solved) robot.forget_drums(now);
+        for (Index c = 0; slipping && solved && c < slipping->size(); ++c) {
+            if (slipping->data()[c]) forget_drums(robot, c, memory);
+        }
         return true;
     });
     return state;
@@ -315,7 +322,7 @@ void bind_robot(nb::module_& core) {
                 ValueError: the angles or the state are not those of this robot.)")
         .def(
             "run", run, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "estimates"_a,
-            "slipping"_a = false, R"(
+            "slipping"_a = nb::none(), R"(
             ``step`` for many samples, bit for bit.
 
             Args:
@@ -323,7 +330,7 @@ void bind_robot(nb::module_& core) {
                 stamp_ns: increasing, later than the state's [ns], shape (samples,).
                 motor_angle, joint_angle: [rad] or [m], shapes (samples, motors), (samples, joints).
                 estimates: shape (samples, estimate_size), written.
-                slipping: whether the cables slip on their drums.
+                slipping: which cables slip on their drums, shape (cables,); None: none.
 
             Returns:
                 The state after the last sample.

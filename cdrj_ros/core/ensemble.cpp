@@ -78,7 +78,7 @@ Ensemble::Ensemble(
           first_of(robot_.topology.sizes, &Estimate::trust)},
       quantities(quantities_of(robot_, unmodelled)),
       draws(std::move(of_draws)),
-      population(robot_.topology, draws.slipping.size(), std::move(of_members)),
+      population(robot_.topology, draws.slipping.size() / cables(), std::move(of_members)),
       lags(robot_.topology.sizes.axes(), gains_of_cables()),
       everything_{robot_.topology.paths->all, 1, false},
       parts_{{}, PARTS, false},
@@ -404,7 +404,9 @@ void Ensemble::step_to_turn(Index member, std::size_t turn) {
             readings.last(topology.sizes.joints), step.work);
         const bool solved =
             step_cable(step, member, c, static_cast<double>(stamp - last) * 1e-9);
-        if (draws.slipping[member] && solved) forget_drums(population[member], c, step.before);
+        if (draws.slipping[member * cables() + c] && solved) {
+            forget_drums(population[member], c, step.before);
+        }
         last = stamp;
     }
 }
@@ -441,7 +443,7 @@ void Ensemble::step_member(Index member, const Walk& walk, Nanoseconds before) {
             const bool solved = step_cable(
                 step, member, c, p == 1 ? passed - (walk.parts - 1) * part_s : part_s);
             if (p < walk.parts) continue;
-            if (draws.slipping[member] && solved) forget_drums(robot, c, step.before);
+            if (draws.slipping[member * cables() + c] && solved) forget_drums(robot, c, step.before);
             memory.stamps[member * cables() + c] = stamp;
         }
     }

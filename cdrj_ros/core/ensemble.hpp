@@ -49,7 +49,7 @@ struct Gain {
 /// What distinguishes the members, as `cdrj_ros.estimation` draws it. Tables are stored by rows.
 struct Draws {
     std::vector<double> friction_share;  // by members and pulleys, see `Robot::impose_friction`
-    std::vector<char> slipping;          // whether a member's cables slip on their drums
+    std::vector<char> slipping;          // whether cables slip on their drums, by members and cables
     std::vector<double> effort_error;    // lasting errors of all motors, by members [N m]
     std::vector<double> reading_error;   // of all axes, one row for every update in turn [rad]
     std::vector<double> zero_error;      // of all axes' zeros, by members [rad]

@@ -60,7 +60,8 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
     robot, members = model.robot, len(draws.constants)
     spans = [(-np.inf, np.inf) for _ in robot.motors]
     spans += [(joint.lower, joint.upper) for joint in robot.joints]
-    unsure = robot.uncertainty is not None and not robot.uncertainty.drums_hold
+    doubted = robot.uncertainty.may_slip if robot.uncertainty else ()
+    slips = [cable.name in doubted for cable in robot.cables]
     error = unmodelled(model)
     if robot.unmeasured:  # the lasting errors of the efforts contain it
         error[0] = 0.0
@@ -68,7 +69,7 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         model.core,
         constants=draws.constants,
         friction_share=draws.friction_share,
-        slipping=(np.arange(members) // 2 % 2 == 1) & unsure,
+        slipping=np.outer(np.arange(members) // 2 % 2 == 1, slips),
         effort_error=draws.effort_error,
         reading_error=draws.reading_error,
         zero_error=draws.zero_error,

@@ -355,7 +355,7 @@ def run(
     samples: Samples,
     into: NDArray[np.float64] | None = None,
     *,
-    slipping: bool = False,
+    slipping: NDArray[np.bool_] | None = None,
 ) -> tuple[State, Estimates]:
     """Apply ``step`` to many samples in one call; the results are bit-identical.
 
@@ -364,8 +364,8 @@ def run(
         state: as for ``step``.
         samples: n samples.
         into: output array for the estimates, shape (n, layout.size); None: a new array.
-        slipping: whether the cables slip on their drums, so that the drums do not keep the strain
-            at which cable went on; for comparison with recordings.
+        slipping: which cables slip on their drums, so that the drums do not keep the strain at
+            which cable went on, shape (cables,); None: none.
     """
     stamps = samples.stamp_ns
     estimates = np.empty((stamps.size, model.layout.size)) if into is None else into

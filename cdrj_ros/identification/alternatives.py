@@ -66,24 +66,23 @@ WHOLE_CYCLE: Final = 2
 
 
 class DrumFinding(NamedTuple):
-    """What recordings show of the cable on the drums."""
+    """What recordings show of a cable on its drums."""
 
     drums: Literal["hold", "may_slip"]
-    """The entry ``uncertainty.drums``."""
+    """What ``uncertainty.drums`` says of the cable."""
     comment: str
     """Its reason, for the robot file."""
     sentence: str
     """The same to be printed."""
 
 
-def drums_in_doubt(robot: Robot) -> bool:
-    """Whether a robot has drums and its file does not say that the cable holds on them."""
-    known = robot.uncertainty
-    return known is not None and not known.drums_hold and any(True for _ in _motors(robot))
+def doubted(robot: Robot) -> tuple[str, ...]:
+    """Cables of which the file does not say that they hold on their drums."""
+    return robot.uncertainty.may_slip if robot.uncertainty else ()
 
 
 def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progress) -> DrumFinding:
-    """Compare drums that hold with drums that slip: (I8).
+    """Compare drums that hold with drums that slip where the file leaves it open: (I8).
 
     Args:
         problem: the fit, whose estimates are those of drums that hold.
@@ -98,9 +97,11 @@ def compare_drums(problem: Problem, coordinates: Vector, loss: Loss, say: Progre
             "cycle of every motor. drums: may_slip stays.",
         )  # fmt: skip
     say("fitting drums that slip")
+    robot = problem.begin.robot
+    which = np.array([cable.name in doubted(robot) for cable in robot.cables])
     slipping = Problem(
         problem.document, problem.source, problem.unknowns,
-        [replace(one, drums_slip=True) for one in problem.observations], problem.pool,
+        [replace(one, slipping=which) for one in problem.observations], problem.pool,
     )  # fmt: skip
     slipping.least_variance = problem.least_variance
     weights = robust_weights(problem, loss, problem.residuals(coordinates))

@@ -24,7 +24,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.alternatives import (
     DrumFinding,
     compare_drums,
-    drums_in_doubt,
+    doubted,
     sought,
 )
 from cdrj_ros.identification.nuisance import Nuisance
@@ -87,8 +87,8 @@ class Identification:
     standard deviation that it had before."""
     others: Nuisance | None = None
     """Numbers that were not fitted, and how the errors of the fitted ones go with theirs."""
-    drums: DrumFinding | None = None
-    """What the recordings show of the cable on the drums; None if it was not judged."""
+    drums: Mapping[str, DrumFinding] = field(default_factory=dict)
+    """What the recordings show of cables on their drums, of which the file did not say it."""
     unexplained: Mapping[str, Unexplained] = field(default_factory=dict)
     """What is left of every reference."""
 
@@ -173,15 +173,15 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
     coordinates = np.where(known.silent, 0.0, found.coordinates)
     residuals = last.residuals(coordinates)
     left = unexplained(last, residuals)
-    drums = None
-    if settings.compares_drums and drums_in_doubt(rounds.model.robot):
-        drums = compare_drums(rough, coordinates, loss, say)
+    drums = {}
+    if settings.compares_drums and (names := doubted(rounds.model.robot)):
+        drums = dict.fromkeys(names, compare_drums(rough, coordinates, loss, say))
     return Identification(
         rounds.unknowns,
         last.values(coordinates),
         np.where(known.silent, _stddev_before(rounds, known.stddev), known.stddev),
         known.correlation,
-        (*lacking(left), *known.findings, *unsettled, *_sentence(drums)),
+        (*lacking(left), *known.findings, *unsettled, *sentences(drums)),
         channels,
         sample_count(last),
         residuals.size,
@@ -209,8 +209,9 @@ def lacking(left: Mapping[str, Unexplained]) -> tuple[str, ...]:
     return (f"The residual of {name} is {size}: {why}.",)
 
 
-def _sentence(drums: DrumFinding | None) -> tuple[str, ...]:
-    return (drums.sentence,) if drums else ()
+def sentences(drums: Mapping[str, DrumFinding]) -> tuple[str, ...]:
+    """What is printed about the drums."""
+    return tuple({one.sentence: None for one in drums.values()})
 
 
 def _stddev_before(rounds: Rounds, found: Vector) -> Vector:

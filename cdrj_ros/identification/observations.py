@@ -132,8 +132,8 @@ class Observations:
     channels: tuple[Channel, ...]
     groups: tuple[Group, ...] | None = None
     """The channels by their stamps; None if the unknowns change the samples."""
-    drums_slip: bool = False
-    """Whether the estimates are those of a robot whose cables slip on their drums."""
+    slipping: NDArray[np.bool_] | None = None
+    """Which cables of the estimated robot slip on their drums, shape (cables,); None: none."""
 
     @property
     def size(self) -> int:

@@ -268,12 +268,12 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
     n = samples.stamp_ns.size
     # the estimates of a chunk after the last one before it: 10 % faster than a table of all
     block = np.empty((min(CHUNK, n) + 1, model.layout.size))
-    state, slipping = initial_state(model), observed.drums_slip
+    state = initial_state(model)
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(begin + CHUNK, n))
         count = part.stop - begin
         into = block[1 : count + 1]
-        state, _ = run(model, state, samples.part(part), into, slipping=slipping)
+        state, _ = run(model, state, samples.part(part), into, slipping=observed.slipping)
         for group, estimates in zip(groups, found, strict=True):
             first, end = np.searchsorted(group.right, (begin, part.stop))
             right = group.right[first:end] - begin

@@ -112,8 +112,8 @@ class Uncertainty:
     """Covariance of the parameters in SI, symmetric and positive semidefinite, shape (p, p)."""
     stated: int = 0
     """Number of leading parameters that the file states; the others have default values."""
-    drums_hold: bool = True
-    """Whether the cable certainly does not slip on its drums, see docs/estimation.md."""
+    may_slip: tuple[str, ...] = ()
+    """Cables that may slip on their drums, by name, see docs/estimation.md."""
     model_error: tuple[tuple[str, float], ...] = ()
     """Standard deviation of the error of the model itself, by channel: ``effort/NAME`` [N m] or
     ``tension/CABLE/ELEMENT`` [N]."""

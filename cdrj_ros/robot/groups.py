@@ -178,6 +178,9 @@ def _known_of(robot: Robot, part: Document, channels: Collection[str]) -> Docume
     """What the block ``uncertainty`` states of the numbers and channels of a part."""
     stated: Any = robot.document["uncertainty"]
     entry = {key: value for key, value in stated.items() if key in ("others", "drums")}
+    if isinstance(drums := entry.get("drums"), dict):
+        own = {one["name"] for one in part["cables"]}
+        entry["drums"] = {name: drums[name] for name in drums if name in own}
     errors = stated.get("model_error", {})
     entry["model_error"] = {name: errors[name] for name in errors if name in channels}
     known = robot.uncertainty

@@ -18,7 +18,14 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import ProfileReader, read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
 from cdrj_ros.robot.couplings import own_joints, read_couplings
-from cdrj_ros.robot.description import Cable, Residual, Robot, Uncertainty, residual_shape
+from cdrj_ros.robot.description import (
+    Cable,
+    Residual,
+    Robot,
+    Uncertainty,
+    residual_shape,
+    turns_of,
+)
 from cdrj_ros.robot.document import explained, parse_document, read_text
 from cdrj_ros.robot.space import read_visuals
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
@@ -168,11 +175,24 @@ def _uncertainty(
             )
     exact = entry.get("others") == "exact"
     known = complete_uncertainty(document, _stated(entry, refuse), exact=exact)
-    holds = entry.get("drums", "hold" if exact else "may_slip") == "hold"
-    if holds and not errors:
+    slips = _slipping(entry.get("drums", {}), "hold" if exact else "may_slip", cables, refuse)
+    if not slips and not errors:
         return known
     known = known or Uncertainty((), np.zeros((0, 0)))
-    return replace(known, drums_hold=holds, model_error=tuple(sorted(errors.items())))
+    return replace(known, may_slip=slips, model_error=tuple(sorted(errors.items())))
+
+
+def _slipping(
+    drums: str | Document, default: str, cables: tuple[Cable, ...], refuse: Refusal
+) -> tuple[str, ...]:
+    """Names of the cables that may slip on drums; ``drums``: one word for all, or one by cable."""
+    wound = [cable.name for cable in cables if any(turns_of(node) for node in cable.nodes)]
+    words = dict.fromkeys(wound, drums) if isinstance(drums, str) else drums
+    for name in words:
+        if name not in wound:
+            what = f"has no cable {name!r}; on drums are {listed(wound)}"
+            raise refuse("uncertainty.drums", what)
+    return tuple(name for name in wound if words.get(name, default) == "may_slip")
 
 
 def _stated(entry: Document, refuse: Refusal) -> Uncertainty | None:

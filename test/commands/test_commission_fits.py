@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,17 @@ import yaml
 from support.fingers import WRIST, cable, finger, hand, recorded
 
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_fits import fit_parts, parts_of
+from cdrj_ros.commands.commission_fits import PartFit, fit_parts, parts_of, section_of
 from cdrj_ros.commands.commission_judged import judged
 from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.alternatives import DrumFinding
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.groups import part_of
+from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
+from cdrj_ros.robot.writer import with_section
 
 
 def text_of(robot: Robot) -> str:
@@ -40,14 +45,54 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
         assert known[path] > 0.03 * one.preload
 
 
-def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(two: Robot) -> None:
+Fits = Mapping[str, PartFit]
+
+
+@pytest.fixture(scope="module")
+def fits(two: Robot) -> Fits:
+    """Of two fingers, and of the second one alone."""
     alone = hand(finger("b"))
     (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)])
-    _, part = fit_parts(two, text_of(two), [recorded(two)])
+    a, b = fit_parts(two, text_of(two), [recorded(two)])
+    return {"alone": whole, "a": a, "b": b}
+
+
+def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(fits: Fits) -> None:
+    whole, part = fits["alone"], fits["b"]
     np.testing.assert_array_equal(part.found.values, whole.found.values)
     np.testing.assert_array_equal(part.found.correlation, whole.found.correlation)
     own = {path: value for path, value in whole.values.items() if path in part.values}
     assert {path: part.values[path] for path in own} == own
+
+
+def test_the_file_of_a_hand_says_of_a_finger_what_its_own_would(two: Robot, fits: Fits) -> None:
+    """Bit for bit, although nothing shows whether the drums of the other finger hold."""
+    hold, open_ = (DrumFinding(word, "seen", "") for word in ("hold", "may_slip"))
+    held = [replace(one, found=replace(one.found, drums=dict.fromkeys(("b_0", "b_1"), hold)))
+            for one in (fits["alone"], fits["b"])]  # fmt: skip
+    a = fits["a"]
+    other = replace(a, found=replace(a.found, drums=dict.fromkeys(("a_0", "a_1"), open_)))
+    alone = hand(finger("b"))
+    own, whole = (
+        parse_robot(with_section(text_of(robot), "uncertainty", section_of(robot, found)))
+        for robot, found in ((alone, held[:1]), (two, [other, held[1]]))
+    )
+    assert whole.uncertainty is not None
+    assert whole.uncertainty.may_slip == ("a_0", "a_1")
+    known, part = own.uncertainty, build_robot(part_of(whole, (2, 3)), "b").uncertainty
+    assert known is not None
+    assert part is not None
+    assert known.may_slip == part.may_slip == ()
+    assert known.model_error == part.model_error
+    stated = known.parameters[: known.stated]
+    assert len(stated) > 20
+    at = [known.parameters.index(path) for path in stated]
+    # of the hand, each of the cables has its own friction
+    own_of = [f"cables.b_0.{path}" if path.startswith("friction.") else path for path in stated]
+    there = [part.parameters.index(path) for path in own_of]
+    np.testing.assert_array_equal(
+        part.covariance[np.ix_(there, there)], known.covariance[np.ix_(at, at)]
+    )
 
 
 def test_an_unrelated_finger_changes_no_bit_of_how_another_is_judged(two: Robot) -> None:

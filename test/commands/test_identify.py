@@ -97,7 +97,7 @@ def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_fro
         "cables.upper.axial_stiffness", "cables.lower.axial_stiffness", "friction.mu_c",
     ), "what the file stated about other numbers is kept"  # fmt: skip
     assert np.sqrt(np.diag(robot.uncertainty.covariance))[3:] == pytest.approx([60.0, 60.0, 0.005])
-    assert robot.uncertainty.drums_hold, "others: exact is kept"
+    assert not robot.uncertainty.may_slip, "others: exact is kept"
     covariance = robot.uncertainty.covariance
     assert covariance[1, 2] == pytest.approx(covariance[1, 1], rel=1e-3), "tied: one number"
     document, _ = load_document(out)

@@ -32,7 +32,8 @@ def _differences(
 ) -> np.ndarray:
     """Members' differences from the estimate after every sample, (count, members, columns)."""
     known = model.robot.uncertainty
-    unsure = known is not None and not known.drums_hold
+    doubted = known.may_slip if known else ()
+    unsure = np.array([cable.name in doubted for cable in model.robot.cables])
     robots = [_core.Robot(model.topology, constants.copy()) for constants in ensemble.constants]
     errors, shares = ensemble.core.reading_error, ensemble.core.friction_share
     zeros = ensemble.core.zero_error
@@ -53,7 +54,7 @@ def _differences(
                 read = np.split(angle[at] + error, [motors])
                 if k == 0:
                     states[member] = own.start(*read, shares[member])
-                slips = bool(unsure and member // 2 % 2)  # the cables of every other pair
+                slips = unsure & bool(member // 2 % 2)  # the cables of every other pair
                 one, stamp = (angles[None] for angles in read), np.array([at * APART_NS])
                 states[member] = own.run(states[member], stamp, *one, estimate, slips)
                 assert np.all(estimate[0, model.layout.status] < INVALID)

@@ -16,6 +16,7 @@ from cdrj_ros.estimation.model_error import offset_gain
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import build_robot
 
 START_NS = 1_700_000_000 * 10**9
 NAMES = tuple("abcdefghijklmnopqrst")
@@ -150,12 +151,19 @@ def test_efforts_of_walked_cables_follow_from_their_tensions() -> None:
         assert np.std(efforts[:, motor]) == pytest.approx(np.std(torque), rel=0.1)
 
 
+@pytest.mark.parametrize("drums", [{}, {"b_0": "hold", "b_1": "hold"}])
 @pytest.mark.parametrize("rate", [500.0, 20.0])
-def test_an_unrelated_finger_changes_no_bit_of_the_others(rate: float) -> None:
-    """Whether it moves fast, has no path, or is not there at all."""
+def test_an_unrelated_finger_changes_no_bit_of_the_others(
+    rate: float, drums: dict[str, str]
+) -> None:
+    """Whether it moves fast, has no path, drums that may slip, or is not there at all."""
     time = np.arange(0.0, 0.3 + 10.0 / rate, 1.0 / rate)
     slow, fast = 0.5 + 0.3 * np.sin(3.0 * time), 0.5 + 0.45 * np.sin(60.0 * time)
-    alone, both = prepare(hand(finger("b"))), prepare(hand(finger("a"), finger("b")))
+    known = {"uncertainty": {"drums": drums}}
+    alone, both = (
+        prepare(build_robot({**hand(*fingers).document, **known}, "hand"))
+        for fingers in ([finger("b")], [finger("a"), finger("b")])
+    )
     other, calm = angles(prepare(hand(finger("a"))), fast), angles(alone, slow)
     motors = len(alone.robot.motors)
     rows = np.concatenate(

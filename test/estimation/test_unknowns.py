@@ -122,8 +122,8 @@ def test_drag_and_slip_show_what_pulleys_that_turn_harder_and_drums_that_forget_
     motion = Samples(stamps, motor, joint)
     tension = np.arange(len(model.layout.elements))
     plain, slipping = (
-        run(model, initial_state(model), motion, slipping=slips)[1].tension
-        for slips in (False, True)
+        run(model, initial_state(model), motion, slipping=np.array(slips))[1].tension
+        for slips in ([False] * len(robot.cables), [True] * len(robot.cables))
     )
     turns_harder = {
         f"cables.{cable.name}.nodes.{k + 1}.bearing_torque": 0.06 * cable.preload * node.radius

@@ -45,7 +45,7 @@ def samples_of(recorded: Recorded) -> Samples:
 def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Recorded:
     """The recording with references of the rig, which has four contact cells per pulley."""
     fine = prepare(divide_contacts(build_robot(document, "rig"), 4))
-    advance = partial(run, slipping=slips)
+    advance = partial(run, slipping=np.array([slips, slips]))
     values = advance(fine, initial_state(fine), samples_of(recorded))[1].values
     tension = values[:, fine.layout.tension]
     names = fine.layout.elements

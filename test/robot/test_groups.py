@@ -70,7 +70,7 @@ def test_a_part_keeps_what_is_known_of_its_own_numbers() -> None:
     document = {
         **both.document,
         "uncertainty": {
-            "drums": "hold",
+            "drums": {"a_0": "may_slip", "b_1": "hold"},
             "parameters": ["cables.a_0.preload", "cables.b_0.preload", "friction.mu_c"],
             "stddev": [0.1, 0.2, 0.03],
             "correlation": [[1.0, 0.3, 0.0], [0.3, 1.0, -0.5], [0.0, -0.5, 1.0]],
@@ -78,7 +78,7 @@ def test_a_part_keeps_what_is_known_of_its_own_numbers() -> None:
         },
     }
     entry = part_of(build_robot(document, "file"), (2, 3))["uncertainty"]
-    assert entry["drums"] == "hold"
+    assert entry["drums"] == {"b_1": "hold"}
     assert entry["parameters"] == ["cables.b_0.preload", "friction.mu_c"]
     np.testing.assert_allclose(entry["stddev"], [0.2, 0.03])
     np.testing.assert_allclose(entry["correlation"], [[1.0, -0.5], [-0.5, 1.0]])

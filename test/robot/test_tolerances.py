@@ -89,12 +89,41 @@ def test_a_stated_standard_deviation_replaces_the_default() -> None:
     assert known.covariance[0, 0] == pytest.approx(0.25**2)
     assert np.all(known.covariance[0, 1:] == 0.0)
     assert "cables.lower.preload" in known.parameters
-    assert not known.drums_hold
+    assert known.may_slip == ("upper", "lower")
 
 
 def test_a_static_coefficient_stays_above_a_stated_coulomb_coefficient() -> None:
     stated = "uncertainty:\n  parameters: [friction.mu_c]\n  stddev: [0.01]\n"
     assert "friction.mu_s" not in stddevs(parse_robot(with_section(FRESH, "uncertainty", stated)))
+
+
+@pytest.mark.parametrize(
+    ("stated", "slips"),
+    [
+        ("drums: hold", ()),
+        ("drums: {upper: hold}", ("lower",)),
+        ("{others: exact, drums: {lower: may_slip}}", ("lower",)),
+    ],
+)
+def test_drums_may_slip_unless_the_file_says_of_them_that_they_hold(
+    stated: str, slips: tuple[str, ...]
+) -> None:
+    known = parse_robot(with_section(FRESH, "uncertainty", f"uncertainty:\n  {stated}")).uncertainty
+    assert known is not None
+    assert known.may_slip == slips
+
+
+@pytest.mark.parametrize(
+    ("drums", "said"),
+    [
+        ("{outer: hold}", "uncertainty.drums has no cable 'outer'; on drums are lower, upper"),
+        ("{upper: yes}", "uncertainty.drums.upper must be one of hold, may_slip"),
+        ("held", "uncertainty.drums must be one of hold, may_slip"),
+    ],
+)
+def test_what_drums_may_do_is_refused_by_key(drums: str, said: str) -> None:
+    with pytest.raises(RobotFileError, match=said):
+        parse_robot(with_section(FRESH, "uncertainty", f"uncertainty:\n  drums: {drums}"))
 
 
 @pytest.mark.parametrize("stated", ["", "\n  parameters: [friction.rho]\n  stddev: [0.01]"])
@@ -104,7 +133,7 @@ def test_others_may_be_exact(stated: str) -> None:
     assert (known is None) == (not stated)
     if known is not None:
         assert known.parameters == ("friction.rho",)
-        assert known.drums_hold
+        assert not known.may_slip
 
 
 def test_the_models_error_names_channels_of_the_robot() -> None:
