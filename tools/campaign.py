@@ -92,13 +92,13 @@ def _run_driver(kind: str, seed: int) -> Result:
     index = (3 * list(driver_draws.DRIVERS).index(kind) + 7 * seed) % draws.COURSES
     course = _course(index)
     messages = driver_draws.messages(_model(), course, kind, seed)
-    outputs = driver_faults.run(_model(), messages)
+    outputs = driver_faults.feed(_model(), messages)
     return _result(kind, course, outputs, f"course {index}, seed {seed}")
 
 
 def _result(kind: str, course: campaign.Course, outputs: list[Estimate], words: str) -> Result:
     """The verdict on a run."""
-    verdict = campaign.judge(course, outputs, 0, course.duration_ns)
+    verdict = campaign.judge(course, outputs)
     two, five = (round(verdict.beyond(s) * verdict.ratio.size) for s in (2.0, 5.0))
     return Result(kind, verdict.judged, verdict.ratio.size, two, five, verdict.worst, words)
 

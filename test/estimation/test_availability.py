@@ -6,11 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.campaign import SECOND, Faults, sine
-from support.campaign import course_of as prototype_course
-from support.campaign import judge as judge_prototype
-from support.campaign import run as run_prototype
-from support.driver_faults import Course, course_of, judge, messages_of, run
+from support.campaign import SECOND, Faults, course_of, judge, recorded, run, sine
+from support.driver_faults import feed, messages_of
 from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros.commands.simulate import parser
@@ -22,8 +19,8 @@ from cdrj_ros.simulation.truth import simulate
 
 LAW = 0.001
 """Greatest share of tensions with status 0 beyond five standard deviations."""
-KNOWN = 2.0
-"""Time after which friction has been overcome everywhere [s]."""
+KNOWN = 2 * SECOND
+"""Time after which friction has been overcome everywhere [ns]."""
 
 
 @pytest.mark.parametrize("hertz", ["0.1", "0.3", "3"])
@@ -34,10 +31,9 @@ def test_what_simulate_writes_by_default_has_status_0(hertz: str, model: Model) 
     angle = plan.joints[:, 0]
     torque = plan.load.torque(*motion.differences(plan.time, angle))
     truth = simulate(model.robot, plan.time, angle, torque, plan.motor_speed)
-    names = tuple(axis.name for axis in model.robot.axes)
-    course = Course(names, 1, np.hstack([truth.motor_angle, truth.joint_angle]), truth.tension)
+    course = recorded(model, truth)
     for rate in (1000, 50):
-        verdict = judge(course, run(model, messages_of(model, course, rate)), 5.0)
+        verdict = judge(course, feed(model, messages_of(model, course, rate)), 5 * SECOND)
         assert verdict.ratio.size > 0.95 * verdict.judged
         assert verdict.beyond(2.0) <= 0.05
         assert verdict.beyond(5.0) <= LAW
@@ -60,27 +56,25 @@ def test_joints_that_move_together_have_status_0(name: str, hertz: float, tmp_pa
             columns.append(motion.sine(share * width, hertz * (1.0 + 0.1 * k), 0.0, centre)(time))
         return np.column_stack(columns)
 
-    course = course_of(model, KNOWN + 4.0, angle)
+    course = course_of(model, 6.0, angle)
     for rate in (1000, 200):
-        verdict = judge(course, run(model, messages_of(model, course, rate)), KNOWN)
+        verdict = judge(course, feed(model, messages_of(model, course, rate)), KNOWN)
         assert verdict.ratio.size > 0.9 * verdict.judged
         assert verdict.beyond(5.0) <= LAW
 
 
 def test_members_of_the_ensemble_see_every_reversal_of_a_fast_motion(model: Model) -> None:
     """Each is updated every 64 ms, within which the joint may turn and come back."""
-    course = prototype_course(model, 5.0, sine(3.0))
-    verdict = judge_prototype(
-        course, run_prototype(model, course, Faults()), 2 * SECOND, 5 * SECOND
-    )
+    course = course_of(model, 5.0, sine(3.0))
+    verdict = judge(course, run(model, course, Faults()), KNOWN)
     assert verdict.ratio.size > 0.98 * verdict.judged
     assert verdict.beyond(5.0) <= LAW
 
 
 def test_tensions_between_the_readings_of_a_gap_say_nothing_of_lags(model: Model) -> None:
-    course = prototype_course(model, 8.0, sine(0.8))
+    course = course_of(model, 8.0, sine(0.8))
     gap = [("elbow", 4 * SECOND, 4 * SECOND + SECOND // 5)]
-    outputs = run_prototype(model, course, Faults(gaps=gap))
-    verdict = judge_prototype(course, outputs, 5 * SECOND, 8 * SECOND)
+    outputs = run(model, course, Faults(gaps=gap))
+    verdict = judge(course, outputs, 5 * SECOND)
     assert verdict.ratio.size > 0.98 * verdict.judged
     assert verdict.beyond(5.0) <= LAW

@@ -69,7 +69,7 @@ def test_status_0_holds_whatever_happens_to_the_inputs(
     """A few runs of the campaign, from slow motions to fast ones."""
     motion = random_course(model, 2 * seed)
     outputs = run(model, motion, single(kind, seed), scratch=tmp_path)
-    verdict = judge(motion, outputs, 0, motion.duration_ns)
+    verdict = judge(motion, outputs)
     assert verdict.ratio.size > 0.1 * verdict.judged, "enough tensions have status 0"
     assert verdict.beyond(2.0) <= 1.5 * BEYOND_TWO  # a stuck sensor and a lost preload look alike
     assert verdict.beyond(5.0) <= BEYOND_FIVE
@@ -105,7 +105,7 @@ def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviatio
     """Reversals shortly before a reading, and the first intervals, whose motion is not known."""
     period = round(SECOND / hertz)
     verdicts = [
-        judge(one, run(model, one, faults), 0, one.duration_ns)
+        judge(one, run(model, one, faults))
         for one in all_courses
         for faults in (
             Faults(period_ns={"winch": period, "elbow": period}, phase_ns=int(phase * period))
@@ -125,7 +125,7 @@ def test_an_axis_that_is_read_once_in_a_period_is_not_taken_for_slow(
     """Its readings show a slow motion, or none, while the other axis moves to and fro."""
     fast = course_of(model, 6.0, sine(3.0))
     faults = Faults(period_ns={"winch": MS, "elbow": 2 * MS, axis: 330 * MS})
-    verdict = judge(fast, run(model, fast, faults), 0, fast.duration_ns)
+    verdict = judge(fast, run(model, fast, faults))
     assert verdict.judged > 0
     assert verdict.beyond(5.0) <= BEYOND_FIVE
 
@@ -140,7 +140,7 @@ def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course
         assert live.conditioner.lagging == {}
 
     outputs = run(model, course, Faults(), watch=unseen)
-    verdict = judge(course, outputs, KNOWN_NS, course.duration_ns)
+    verdict = judge(course, outputs, KNOWN_NS)
     assert verdict.beyond(5.0) == 0.0
     assert verdict.ratio.size > 0.99 * verdict.judged
 
@@ -152,12 +152,12 @@ def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course
     faults = Faults(period_ns={"winch": period, "elbow": period}, slips=[("winch", BEGIN, slip)])
     outputs = run(model, course, faults)
     before = judge(course, outputs, KNOWN_NS, BEGIN)
-    verdict = judge(course, outputs, BEGIN + 1, course.duration_ns)
+    verdict = judge(course, outputs, BEGIN + 1)
     assert before.ratio.size > 0.9 * before.judged
     assert verdict.judged > 0
     assert verdict.ratio.size == 0
     clean = run(model, course, replace(faults, slips=[]))
-    assert judge(course, clean, KNOWN_NS, course.duration_ns).ratio.size > 0.9 * verdict.judged
+    assert judge(course, clean, KNOWN_NS).ratio.size > 0.9 * verdict.judged
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth
         model, course, Faults(slips=[(axis, BEGIN, slip)]),
         watch=lambda live: found.append(live.conditioner.displaced),
     )  # fmt: skip
-    verdict = judge(course, outputs, BEGIN, course.duration_ns)
+    verdict = judge(course, outputs, BEGIN)
     assert found == [{axis: pytest.approx(slip, rel=0.07, abs=2 * COUNT)}]
     assert verdict.beyond(5.0) <= BEYOND_FIVE
     share = verdict.ratio.size / verdict.judged
@@ -191,7 +191,7 @@ def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
         watch=lambda live: named.append(live.conditioner.alternating),
     )  # fmt: skip
     assert named == [[axis]]
-    verdict = judge(course, outputs, 100 * MS, course.duration_ns)
+    verdict = judge(course, outputs, 100 * MS)
     assert verdict.ratio.size == 0
 
 
@@ -209,7 +209,7 @@ def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_s
         model, course, Faults(clocks={"elbow": clock}),
         watch=lambda live: found.update(live.conditioner.lagging),
     )  # fmt: skip
-    verdict = judge(course, outputs, 0, course.duration_ns)
+    verdict = judge(course, outputs)
     assert verdict.ratio.size > 0.4 * verdict.judged
     assert verdict.beyond(5.0) <= BEYOND_FIVE
     lag_ns, growth = found[axis]
@@ -222,7 +222,7 @@ def test_clocks_that_differ_by_a_whole_interval_are_not_taken_for_one(model: Mod
     """Half of the motor's readings have the stamp of one of the joint's, of another time."""
     fast = course_of(model, 5.0, sine(1.9))
     outputs = run(model, fast, Faults(clocks={"elbow": (2 * MS, 0.0)}))
-    verdict = judge(fast, outputs, 0, fast.duration_ns)
+    verdict = judge(fast, outputs)
     assert verdict.ratio.size > 0.4 * verdict.judged
     assert verdict.beyond(5.0) <= BEYOND_FIVE
 
@@ -234,7 +234,7 @@ def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_lat
     axis: str, late: int, model: Model, course: Course
 ) -> None:
     outputs = run(model, course, Faults(late_ns={axis: late}))
-    verdict = judge(course, outputs, SECOND, course.duration_ns)
+    verdict = judge(course, outputs, SECOND)
     assert verdict.beyond(5.0) <= BEYOND_FIVE
     assert verdict.ratio.size > 0.9 * verdict.judged
 
@@ -243,7 +243,7 @@ def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_lat
 def test_a_missing_period_is_found_at_any_rate(hertz: int, model: Model, course: Course) -> None:
     period = SECOND // hertz
     faults = Faults(period_ns={"winch": period, "elbow": period}, wrap=True)
-    verdict = judge(course, run(model, course, faults), 0, course.duration_ns)
+    verdict = judge(course, run(model, course, faults))
     assert verdict.worst < 10.0, "before the first turn"
     assert verdict.ratio.size < 0.5 * verdict.judged
 
@@ -267,7 +267,7 @@ def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
         model, course, slipped, scratch=tmp_path,
         watch=lambda live: found.append(live.conditioner.displaced["winch"]),
     )  # fmt: skip
-    verdict = judge(course, outputs, BEGIN + 1, course.duration_ns)
+    verdict = judge(course, outputs, BEGIN + 1)
     assert verdict.judged > 16 * 2000
     assert verdict.ratio.size == 0
     assert found == [pytest.approx(0.8, abs=0.05)]
@@ -291,7 +291,7 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
         assert not live.ensemble.core.least_variance.any()
 
     outputs = run(model, course, faults, scratch=tmp_path, watch=confirm)
-    verdict = judge(course, outputs, BEGIN, course.duration_ns)
+    verdict = judge(course, outputs, BEGIN)
     assert verdict.judged > 16 * 500
     assert verdict.beyond(5.0) <= BEYOND_FIVE
 
@@ -310,7 +310,7 @@ def test_a_sensor_that_is_stuck_from_the_start_makes_no_status_wrong(
 ) -> None:
     faults = Faults(quarter_rate(), sensors=(name,), lies={name: lie})
     outputs = run(model, course, faults)
-    verdict = judge(course, outputs, SECOND, course.duration_ns)
+    verdict = judge(course, outputs, SECOND)
     assert verdict.beyond(5.0) <= BEYOND_FIVE
     late = judge(course, outputs, course.duration_ns - SECOND, course.duration_ns)
     assert late.judged > 0
@@ -329,7 +329,7 @@ def test_a_sensor_that_becomes_wrong_is_named_and_leaves_the_estimate_to_the_oth
 
     faults = Faults(quarter_rate(), sensors=(CELL, EFFORT), lies=lies)
     outputs = run(model, course, faults, watch=watch)
-    verdict = judge(course, outputs, 0, course.duration_ns)
+    verdict = judge(course, outputs)
     assert verdict.beyond(5.0) <= BEYOND_FIVE
     assert right[CELL] < 0.1
     assert right[EFFORT] > 0.9

@@ -205,12 +205,12 @@ def course() -> Course:
 
 def _hear_cell(model: Model, course: Course, gain: float, **options: Any) -> LiveEstimator:
     live = LiveEstimator(model, Options(**options))
-    for k in range(0, course.winch.size, 4):
+    for k in range(0, len(course.angle), 4):
         stamp = START + k * 10**6
         if k % 20 == 0:
             live.feed_tensions(stamp, [CELL], [gain * float(course.tension[k, 7])], [0.05])
-        live.feed("motors", stamp, ("winch",), course.winch[k : k + 1])
-        live.feed("joints", stamp, ("elbow",), course.elbow[k : k + 1])
+        live.feed("motors", stamp, ("winch",), course.angle[k, :1])
+        live.feed("joints", stamp, ("elbow",), course.angle[k, 1:])
     return live
 
 

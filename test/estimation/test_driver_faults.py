@@ -10,18 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.campaign import MS, SECOND, Course, course_of, judge
 from support.driver_faults import (
-    Course,
     Fault,
-    course_of,
+    feed,
     frozen,
     in_degrees,
-    judge,
     late_stamps,
     messages_of,
     older,
     repeated,
-    run,
     scaled,
     second,
     swapped,
@@ -35,8 +33,9 @@ from cdrj_ros.simulation import motion
 
 LAW = 0.001
 """Greatest share of tensions with status 0 beyond five standard deviations."""
-BEGIN = 3.0
+BEGIN_S = 3.0
 """Time at which readings freeze: the joints are at speed [s]."""
+BEGIN = round(BEGIN_S) * SECOND
 
 
 @pytest.fixture(scope="module", params=["prototype", "finger", "wrist"])
@@ -72,7 +71,7 @@ def course(robot: Model) -> Course:
 def test_stamps_of_publication_keep_status_0(robot: Model, course: Course) -> None:
     """Readings are even although their stamps are not."""
     messages = late_stamps(0.0003)(messages_of(robot, course, 200))
-    verdict = judge(course, run(robot, messages), 2.0)
+    verdict = judge(course, feed(robot, messages), 2 * SECOND)
     assert verdict.ratio.size > 0.9 * verdict.judged
     assert verdict.beyond(5.0) <= LAW
 
@@ -82,7 +81,9 @@ def test_sensors_read_less_often_than_published_are_no_second_publisher(
 ) -> None:
     named: list[list[str]] = []
     messages = repeated(2)(messages_of(robot, course, 1000))
-    outputs = run(robot, messages, watch=lambda live, _: named.append(live.conditioner.alternating))
+    outputs = feed(
+        robot, messages, watch=lambda live, _: named.append(live.conditioner.alternating)
+    )
     assert judge(course, outputs).beyond(5.0) <= LAW
     assert not any(named)
 
@@ -101,12 +102,12 @@ def test_a_lag_within_a_message_is_in_the_standard_deviations_from_the_start(
     messages = messages_of(robot, course, 200)
     for name in names.get(which) or names_of(robot, which):
         messages = older(name, older_ms // 5)(messages)
-    assert judge(course, run(robot, messages)).beyond(5.0) <= LAW
+    assert judge(course, feed(robot, messages)).beyond(5.0) <= LAW
 
 
 def test_a_lag_that_no_driver_should_have_takes_status_0_away(robot: Model, course: Course) -> None:
     messages = older(first_joint(robot), 20)(messages_of(robot, course, 200))
-    assert judge(course, run(robot, messages), 4.5).beyond(5.0) <= LAW
+    assert judge(course, feed(robot, messages), 4500 * MS).beyond(5.0) <= LAW
 
 
 @pytest.mark.parametrize("hertz", [1000, 200, 50])
@@ -117,7 +118,7 @@ def test_a_clean_stream_keeps_status_0_and_is_called_nothing(
         found = live.conditioner
         assert found.stuck == found.alternating == found.misfitting == []
 
-    verdict = judge(course, run(robot, messages_of(robot, course, hertz), watch=watch), 2.0)
+    verdict = judge(course, feed(robot, messages_of(robot, course, hertz), watch=watch), 2 * SECOND)
     assert verdict.ratio.size > 0.7 * verdict.judged
     assert verdict.beyond(5.0) <= LAW
 
@@ -128,10 +129,10 @@ def test_old_readings_with_new_stamps_make_everything_unsure_within_50_ms(
     mode: str, hertz: int, robot: Model, course: Course
 ) -> None:
     named: set[str] = set()
-    messages = frozen(BEGIN)(messages_of(robot, course, hertz))
+    messages = frozen(BEGIN_S)(messages_of(robot, course, hertz))
     options = Options(conditioning=mode)  # type: ignore[arg-type]
-    outputs = run(robot, messages, options, lambda live, _: named.update(live.conditioner.stuck))
-    assert judge(course, outputs, BEGIN + 0.05).ratio.size == 0
+    outputs = feed(robot, messages, options, lambda live, _: named.update(live.conditioner.stuck))
+    assert judge(course, outputs, BEGIN + 50 * MS).ratio.size == 0
     assert judge(course, outputs).beyond(5.0) <= LAW
     assert named & {axis.name for axis in robot.robot.motors}
 
@@ -141,9 +142,9 @@ def test_old_readings_of_a_slow_joint_are_found_although_few_counts_are_missed(
 ) -> None:
     """At 1 kHz a joint of 60 mrad/s shows a new count with every sixth reading."""
     slow = course_of(robot, 6.0, swing(robot, 0.1))
-    messages = frozen(BEGIN, axes=[first_joint(robot)])(messages_of(robot, slow, 1000))
-    outputs = run(robot, messages)
-    assert judge(slow, outputs, BEGIN + 0.1).ratio.size == 0
+    messages = frozen(BEGIN_S, axes=[first_joint(robot)])(messages_of(robot, slow, 1000))
+    outputs = feed(robot, messages)
+    assert judge(slow, outputs, BEGIN + 100 * MS).ratio.size == 0
     assert judge(slow, outputs).beyond(5.0) <= LAW
 
 
@@ -152,9 +153,9 @@ def test_readings_that_are_old_for_a_while_leave_no_history_that_is_taken_for_kn
     lasting: float, robot: Model, course: Course
 ) -> None:
     """The way of the axes meanwhile is unknown, and with it the friction."""
-    messages = frozen(BEGIN, BEGIN + lasting)(messages_of(robot, course, 200))
+    messages = frozen(BEGIN_S, BEGIN_S + lasting)(messages_of(robot, course, 200))
     found: list[LiveEstimator] = []
-    outputs = run(robot, messages, watch=lambda live, _: found.append(live))
+    outputs = feed(robot, messages, watch=lambda live, _: found.append(live))
     assert judge(course, outputs).beyond(5.0) <= LAW
     assert found[-1].conditioner.stuck == []
     assert found[-1].conditioner.displaced == {}, "nor is it taken for a step of a sensor"
@@ -172,16 +173,18 @@ def test_two_values_for_one_time_contradict_each_other_whichever_comes_first(
         fault = twice(joint, first=comes_first)
     named: list[list[str]] = []
     messages = fault(messages_of(robot, course, hertz))
-    outputs = run(robot, messages, watch=lambda live, _: named.append(live.conditioner.alternating))
+    outputs = feed(
+        robot, messages, watch=lambda live, _: named.append(live.conditioner.alternating)
+    )
     assert judge(course, outputs).beyond(5.0) <= LAW
-    assert judge(course, outputs, 1.0).ratio.size == 0
+    assert judge(course, outputs, SECOND).ratio.size == 0
     assert joint in named[-1]
 
 
 def test_equal_stamps_with_equal_values_change_nothing(robot: Model, course: Course) -> None:
     messages = messages_of(robot, course, 200)
-    once = run(robot, messages)
-    again = run(robot, [one for message in messages for one in (message, message)])
+    once = feed(robot, messages)
+    again = feed(robot, [one for message in messages for one in (message, message)])
     assert [one.values.tobytes() for one in once] == [one.values.tobytes() for one in again]
 
 
@@ -194,11 +197,11 @@ def test_a_late_reading_that_is_off_the_line_of_earlier_ones_contradicts_them(
     pairs = zip(zeros[1:], messages[:-1], strict=True)
     live: list[LiveEstimator] = []
     late = [one for pair in pairs for one in pair]
-    outputs = run(robot, late, watch=lambda one, _: live.append(one))
-    assert judge(course, outputs, 1.0).ratio.size == 0
+    outputs = feed(robot, late, watch=lambda one, _: live.append(one))
+    assert judge(course, outputs, SECOND).ratio.size == 0
     assert first_joint(robot) in live[-1].conditioner.alternating
     honest = [one for two in zip(messages[1::2], messages[::2], strict=True) for one in two]
-    run(robot, honest, watch=lambda one, _: live.append(one))
+    feed(robot, honest, watch=lambda one, _: live.append(one))
     assert live[-1].conditioner.alternating == [], "those that are only late do not"
 
 
@@ -207,7 +210,7 @@ def test_repeated_messages_do_not_keep_an_estimate_from_going_on_after_a_gap(
 ) -> None:
     messages = messages_of(robot, course, 200)
     doubled = [one for message in messages[:200] + messages[600:] for one in (message, message)]
-    outputs = run(robot, doubled)
+    outputs = feed(robot, doubled)
     assert outputs[-1].stamp_ns == messages[-1].stamp_ns
 
 
@@ -230,11 +233,11 @@ def test_angles_in_degrees_are_unsure_before_a_tension_is_wrong(
     around_zero = small._replace(angle=small.angle - small.angle[0])
     messages = messages_of(robot, around_zero, hertz)
     named: set[str] = set()
-    outputs = run(
+    outputs = feed(
         robot, in_degrees(names_of(robot, which))(messages),
         watch=lambda live, _: named.update(live.conditioner.misfitting),
     )  # fmt: skip
-    clean = run(robot, messages)
+    clean = feed(robot, messages)
     expected = {one.stamp_ns: one.tension for one in clean}
     wrong = total = 0
     for one in outputs:
@@ -268,14 +271,14 @@ def test_wrong_signs_and_factors_are_unsure_before_a_tension_is_wrong(
         m._replace(positions=tuple(a + b for a, b in zip(m.positions, begin, strict=True)))
         for m in wrong(sent)
     ]
-    outputs = run(robot, messages, watch=lambda live, _: named.update(live.conditioner.misfitting))
+    outputs = feed(robot, messages, watch=lambda live, _: named.update(live.conditioner.misfitting))
     assert judge(course, outputs).beyond(5.0) <= LAW
     assert named & set(names)
 
 
 def test_axes_with_each_other_s_name_are_unsure(robot: Model, course: Course) -> None:
     motor, joint = robot.robot.motors[0].name, first_joint(robot)
-    outputs = run(robot, swapped(motor, joint)(messages_of(robot, course, 200)))
+    outputs = feed(robot, swapped(motor, joint)(messages_of(robot, course, 200)))
     assert judge(course, outputs).beyond(5.0) <= LAW
 
 
@@ -285,6 +288,6 @@ def test_readings_that_leave_the_range_leave_those_within_it_in_doubt(
     joints = names_of(robot, "both")
     messages = in_degrees(joints)(messages_of(robot, course, 200))
     inside = messages_of(robot, course, 200)[-100:]
-    outputs = run(robot, [*messages[:-100], *inside])
+    outputs = feed(robot, [*messages[:-100], *inside])
     last = [one for one in outputs if one.stamp_ns >= inside[0].stamp_ns]
     assert all((one.status != 0).all() for one in last)

@@ -26,7 +26,7 @@ def _run(model: Model, course: Course, older_ms: int) -> tuple[Verdict, Vector]:
         lags.append(live.ensemble.core.lag[:, 1])
 
     outputs = run(model, course, faults, watch=watch)
-    return judge(course, outputs, 0, course.duration_ns), lags[0]
+    return judge(course, outputs), lags[0]
 
 
 @pytest.mark.parametrize("older_ms", [-10, 5, 20, 30])

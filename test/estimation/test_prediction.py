@@ -82,7 +82,7 @@ def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(
         right.update(live.corrections.right)
 
     outputs = run(model, fast, faults, watch=watch)
-    verdict = judge(fast, outputs, 0, fast.duration_ns)
+    verdict = judge(fast, outputs)
     assert min(right.values()) > 0.5
     assert verdict.ratio.size > 0.25 * verdict.judged
     assert verdict.beyond(2.0) <= 0.04
@@ -102,7 +102,7 @@ def test_fast_motions_that_are_predicted_keep_to_the_law(
 ) -> None:
     """At 150 degrees per second an angle of 20 ms ago is 3 degrees behind."""
     course = course_of(model, 8.0, moves, seed=1)
-    verdict = judge(course, run(model, course, faults), 0, course.duration_ns)
+    verdict = judge(course, run(model, course, faults))
     assert verdict.judged > 16 * 300 * 7
     assert verdict.beyond(5.0) <= 0.001
 

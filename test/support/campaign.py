@@ -13,24 +13,22 @@ from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
+from cdrj_ros.foundation.arrays import Stamps, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.truth import simulate
+from cdrj_ros.simulation.truth import Truth, simulate
 
 How = Literal["freezes", "is stuck", "is off", "is wild", "drifts", "scales"]
 Axis = Literal["winch", "elbow"]
 Mode = Literal["wait", "predict"]
-Stamps = NDArray[np.int64]
-Vector = NDArray[np.float64]
 
 START: Final = 1_700_000_000 * 10**9
 MS: Final = 1_000_000
@@ -52,24 +50,26 @@ FASTEST: Final = 2.5
 class Course(NamedTuple):
     """The truth at 1 kHz."""
 
-    winch: Vector
-    elbow: Vector
-    tension: Vector
+    names: tuple[str, ...]
+    """Of all motors, then all joints."""
+    angle: Table
+    """Of these [rad], shape (n, axes)."""
+    tension: Table
     """Of all elements [N], shape (n, elements)."""
-    effort: Vector
-    """Of the motor [N m], shape (n,)."""
+    effort: Table
+    """Of the motors [N m], shape (n, motors)."""
 
     @property
     def duration_ns(self) -> int:
-        return self.winch.size * MS
-
-    def at(self, name: str, stamps: Stamps) -> Vector:
-        """An axis [rad], the load cell ``CELL`` [N] or the ``effort`` [N m] at stamps [ns]."""
-        values = self.tension[:, 7] if name == CELL else getattr(self, name)
-        return np.interp(stamps, MS * np.arange(self.winch.size), values)
+        return len(self.angle) * MS
 
     def until(self, end_ns: int) -> Course:
-        return Course(*(values[: end_ns // MS] for values in self))
+        return Course(self.names, *(values[: end_ns // MS] for values in self[1:]))
+
+
+def at(stamps: Stamps, values: Vector) -> Vector:
+    """A column of the truth at stamps [ns] since the start."""
+    return np.interp(stamps, MS * np.arange(len(values)), values)
 
 
 class Lie(NamedTuple):
@@ -144,7 +144,7 @@ def sine(hertz: float, amplitude: float = 0.6) -> motion.Motion:
 def course_of(
     model: Model,
     seconds: float,
-    moves: motion.Motion,
+    moves: Callable[[Vector], Table],
     *,
     load: float = 0.0,
     seed: int | None = None,
@@ -154,20 +154,26 @@ def course_of(
     Args:
         model: the robot of the file.
         seconds: duration [s].
-        moves: motion of the joint.
+        moves: from times [s] to angles of all joints [rad], shape (n, joints), or (n,) of one.
         load: mass that the joint carries [kg], which the winch balances; 0: the winch follows the
             lengths of the cables.
         seed: of the numbers of the robot, which differ from the file's; None: they are the file's.
     """
     time = 0.001 * np.arange(round(1000 * seconds))
-    elbow = moves(time)
+    joints = moves(time)
     robot = model.robot if seed is None else _other(model, seed).robot
     loaded = make_load("rolling", load)
-    torque = loaded.torque(*motion.differences(time, elbow)) if load > 0.0 else None
-    truth = simulate(robot, time, elbow, torque, WINCH_SPEED, CELLS, allow_slack=True)
-    return Course(
-        truth.motor_angle[:, 0], truth.joint_angle[:, 0], truth.tension, truth.motor_effort[:, 0]
+    torque = loaded.torque(*motion.differences(time, joints)) if load > 0.0 else None
+    return recorded(
+        model, simulate(robot, time, joints, torque, WINCH_SPEED, CELLS, allow_slack=True)
     )
+
+
+def recorded(model: Model, truth: Truth) -> Course:
+    """A simulation at 1 kHz as a course."""
+    names = tuple(axis.name for axis in model.robot.axes)
+    angle = np.hstack([truth.motor_angle, truth.joint_angle])
+    return Course(names, angle, truth.tension, truth.motor_effort)
 
 
 def _other(model: Model, seed: int) -> Model:
@@ -220,7 +226,8 @@ def _angles(
     generator: np.random.Generator,
 ) -> Vector:  # fmt: skip
     """Readings of an axis [rad]."""
-    values = course.at(name, stamps - faults.older_ns.get(name, 0))
+    older = stamps - faults.older_ns.get(name, 0)
+    values = at(older, course.angle[:, course.names.index(name)])
     for axis, since, size in faults.slips:
         if axis == name:
             values = values + size * (stamps >= since)
@@ -240,7 +247,7 @@ def _measured(
     course: Course, faults: Faults, name: str, stamps: Stamps, generator: np.random.Generator
 ) -> Vector:
     """Readings of a load cell [N] or of an effort [N m]."""
-    true = course.at("effort" if name == EFFORT else name, stamps)
+    true = at(stamps, course.effort[:, 0] if name == EFFORT else course.tension[:, 7])
     values = true + generator.normal(0.0, NOISE[name], stamps.size)
     if name not in faults.lies:
         return values
@@ -365,19 +372,18 @@ class Verdict:
         return float(np.mean(self.ratio > sigmas)) if self.ratio.size else 0.0
 
 
-def judge(course: Course, outputs: Sequence[Estimate], begin_ns: int, end_ns: int) -> Verdict:
+def judge(
+    course: Course, outputs: Sequence[Estimate], begin_ns: int = 0, end_ns: int | None = None
+) -> Verdict:
     """Judge the estimates whose stamps lie between two times since the start [ns]."""
-    inside = [o for o in outputs if begin_ns <= o.stamp_ns - START < end_ns]
+    end = START + (course.duration_ns if end_ns is None else end_ns)
+    inside = [o for o in outputs if START + begin_ns <= o.stamp_ns < end]
     if not inside:
         return Verdict(np.empty(0), 0.0, 0)
-    elements = course.tension.shape[1]
     since = np.array([o.stamp_ns - START for o in inside])
-    low = np.minimum(since // MS, course.winch.size - 1)
-    high = np.minimum(low + 1, course.winch.size - 1)
-    share = ((since - low * MS) / MS)[:, None]
-    truth = course.tension[low] + share * (course.tension[high] - course.tension[low])
+    truth = np.column_stack([at(since, one) for one in course.tension.T])
     error = np.abs(np.array([o.tension for o in inside]) - truth)
-    stddev = np.array([o.stddev[:elements] for o in inside if o.stddev is not None])
+    stddev = np.array([o.stddev[: truth.shape[1]] for o in inside if o.stddev is not None])
     good = np.array([o.status for o in inside]) == 0
     ratio = error / np.maximum(stddev, SMALLEST)
     worst = float(error[good].max()) if good.any() else 0.0

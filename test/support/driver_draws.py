@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros.model.prepared import Model
-from support import campaign
+from support.campaign import Course
 from support.campaign_draws import SECONDS
 from support.driver_faults import (
-    Course,
     Fault,
     Message,
     frozen,
@@ -63,9 +62,7 @@ DRIVERS: Final[Mapping[str, Callable[[np.random.Generator], Fault]]] = {
 """Every kind, by the name of its row."""
 
 
-def messages(model: Model, course: campaign.Course, kind: str, seed: int) -> list[Message]:
+def messages(model: Model, course: Course, kind: str, seed: int) -> list[Message]:
     """Messages of both axes of the prototype with a fault of a kind."""
     generator = np.random.default_rng([seed, list(DRIVERS).index(kind), 77])
-    angle = np.column_stack([course.winch, course.elbow])
-    sent = messages_of(model, Course(NAMES, 1, angle, course.tension), HERTZ)
-    return DRIVERS[kind](generator)(sent)
+    return DRIVERS[kind](generator)(messages_of(model, course, HERTZ))

@@ -1,7 +1,7 @@
 """What drivers are known to send, for any robot: whole messages with faults, and the truth.
 
-A message names all motors and joints, as joint_state_broadcaster sends it.  The truth is the rig of
-``support.campaign``; the estimates are judged in the same way.
+A message names all motors and joints, as joint_state_broadcaster sends it.  Truth and verdict are
+those of ``support.campaign``.
 """
 
 from __future__ import annotations
@@ -10,28 +10,11 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.simulation.truth import simulate
-from support.campaign import CELLS, MS, SMALLEST, START, Verdict
-
-Vector = NDArray[np.float64]
-Table = NDArray[np.float64]
-
-
-class Course(NamedTuple):
-    """The truth at 1 kHz."""
-
-    names: tuple[str, ...]
-    """Of all motors, then all joints."""
-    motors: int
-    angle: Table
-    """Of these [rad], shape (n, axes)."""
-    tension: Table
-    """Of all elements [N], shape (n, elements)."""
+from support.campaign import MS, START, Course
 
 
 class Message(NamedTuple):
@@ -43,21 +26,6 @@ class Message(NamedTuple):
 
 
 Fault = Callable[[list[Message]], list[Message]]
-
-
-def course_of(model: Model, seconds: float, joint_angle: Callable[[Vector], Table]) -> Course:
-    """What happens in the rig of the file while its joints move as given.
-
-    Args:
-        model: the robot.
-        seconds: duration [s].
-        joint_angle: from times [s] to angles of all joints [rad], shape (n, joints).
-    """
-    time = 0.001 * np.arange(round(1000 * seconds))
-    truth = simulate(model.robot, time, joint_angle(time), cells=CELLS, allow_slack=True)
-    names = tuple(axis.name for axis in model.robot.axes)
-    angle = np.hstack([truth.motor_angle, truth.joint_angle])
-    return Course(names, truth.motor_angle.shape[1], angle, truth.tension)
 
 
 def messages_of(
@@ -205,7 +173,7 @@ def repeated(times: int) -> Fault:
 # --- runs -----------------------------------------------------------------------------------------
 
 
-def run(
+def feed(
     model: Model,
     messages: Iterable[Message],
     options: Options | None = None,
@@ -218,20 +186,3 @@ def run(
         if watch is not None:
             watch(live, message)
     return outputs
-
-
-def judge(
-    course: Course, outputs: list[Estimate], begin_s: float = 0.0, end_s: float = np.inf
-) -> Verdict:
-    """Judge the estimates whose stamps lie between two times since the start [s]."""
-    inside = [o for o in outputs if begin_s <= (o.stamp_ns - START) * 1e-9 < end_s]
-    if not inside:
-        return Verdict(np.empty(0), 0.0, 0)
-    time = np.array([o.stamp_ns - START for o in inside]) / MS
-    grid = np.arange(len(course.tension))
-    truth = np.column_stack([np.interp(time, grid, one) for one in course.tension.T])
-    error = np.abs(np.array([o.tension for o in inside]) - truth)
-    stddev = np.array([o.stddev[: truth.shape[1]] for o in inside if o.stddev is not None])
-    good = np.array([o.status for o in inside]) == 0
-    worst = float(error[good].max()) if good.any() else 0.0
-    return Verdict((error / np.maximum(stddev, SMALLEST))[good], worst, error.size)
