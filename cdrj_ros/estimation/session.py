@@ -175,6 +175,7 @@ class LiveEstimator:
         self._earlier: EarlierRun | None = None
         """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
+        self._gaps = self.conditioner.gaps
         self.state: State = initial_state(self.model)
         self._predicted = None
         self.sample: Sample | None = None
@@ -223,8 +224,7 @@ class LiveEstimator:
         """
         if self.sample is None:
             return
-        motor, joint = self.sample.motor_angle, self.sample.joint_angle
-        earlier = EarlierRun(self.state, motor, joint)
+        earlier = self._run_so_far(self.sample)
         known = self.conditioner.memory()
         members = None if self.ensemble is None else deepcopy(self.ensemble.memory())
         self.conditioner.reset()
@@ -233,6 +233,9 @@ class LiveEstimator:
         if self.ensemble is not None and members is not None:
             self.ensemble.recall(members)
         self.resume(earlier)
+
+    def _run_so_far(self, last: Sample) -> EarlierRun:
+        return EarlierRun(self.state, last.motor_angle, last.joint_angle)
 
     def _take_up(self, earlier: EarlierRun, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""
@@ -247,7 +250,12 @@ class LiveEstimator:
             return
         if earlier.has_moved(sample):
             self.ensemble.reset()
-        # until other sensors narrow it, or ``reset`` confirms the angles
+        self._doubt_change(earlier, sample)
+
+    def _doubt_change(self, earlier: EarlierRun, sample: Sample) -> None:
+        """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms the angles."""
+        if self.ensemble is None:
+            return
         change = earlier.pose_change(self.model, sample)
         shares = self.ensemble.length_share * change
         mean = np.array([shares[part].sum() for part in self.model.robot.parts])
@@ -313,6 +321,9 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
+        elif self.sample is not None and self.conditioner.gaps != self._gaps:
+            self._doubt_change(self._run_so_far(self.sample), sample)
+        self._gaps = self.conditioner.gaps
         if self.corrections is None and self.readings.heard and self.ensemble is not None:
             self.begin_corrections()
         if self.ensemble is None:

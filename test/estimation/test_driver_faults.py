@@ -24,6 +24,7 @@ from support.driver_faults import (
     second,
     swapped,
     twice,
+    zeroed,
 )
 from support.places import ROBOTS
 
@@ -159,6 +160,25 @@ def test_readings_that_are_old_for_a_while_leave_no_history_that_is_taken_for_kn
     assert judge(course, outputs).beyond(5.0) <= LAW
     assert found[-1].conditioner.stuck == []
     assert found[-1].conditioner.displaced == {}, "nor is it taken for a step of a sensor"
+
+
+@pytest.mark.parametrize("which", ["motors", "joints"])
+@pytest.mark.parametrize("gap_s", [1.2, 2.0])
+def test_an_axis_that_counts_anew_after_a_gap_has_the_difference_as_standard_deviation(
+    gap_s: float, which: str, robot: Model, course: Course
+) -> None:
+    messages = messages_of(robot, course, 200)
+    for axis in names_of(robot, which):
+        outputs = run(robot, zeroed(axis, BEGIN, gap_s)(messages))
+        assert judge(course, outputs, BEGIN).beyond(5.0) <= LAW
+
+
+def test_a_gap_in_motion_keeps_status_0(robot: Model, course: Course) -> None:
+    messages = messages_of(robot, course, 200)
+    outputs = run(robot, messages[: round(200 * BEGIN)] + messages[round(200 * BEGIN + 300) :])
+    verdict = judge(course, outputs, BEGIN)
+    assert verdict.ratio.size > 0.9 * verdict.judged
+    assert verdict.beyond(5.0) <= LAW
 
 
 @pytest.mark.parametrize("hertz", [200, 50])

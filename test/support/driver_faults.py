@@ -76,6 +76,22 @@ def frozen(begin_s: float, end_s: float = np.inf, axes: Iterable[str] | None = N
     return spoil
 
 
+def zeroed(axis: str, begin_s: float, gap_s: float) -> Fault:
+    """A driver starts anew: nothing for a while, then one axis counts from where it is."""
+
+    def spoil(messages: list[Message]) -> list[Message]:
+        place = messages[0].names.index(axis)
+        since_s = [(m.stamp_ns - START) * 1e-9 for m in messages]
+        before = [m for m, t in zip(messages, since_s, strict=True) if t < begin_s]
+        after = [m for m, t in zip(messages, since_s, strict=True) if t >= begin_s + gap_s]
+        zero = np.zeros(len(after[0].positions))
+        zero[place] = after[0].positions[place]
+        counted = [m._replace(positions=tuple(np.array(m.positions) - zero)) for m in after]
+        return before + counted
+
+    return spoil
+
+
 def second(
     value: float = 0.0, *, first: bool = True, every: int = 1, begin_s: float = 0.0
 ) -> Fault:
