@@ -96,7 +96,7 @@ $(VENV): requirements/constraints.txt requirements/ros.txt requirements/build.tx
 	@PYTHON=$(PYTHON) tools/setup_venv.sh $(FLAVOUR)
 	@touch $@
 
-$(BENCH): $(VENV) requirements/bench.txt
+$(BENCH): $(VENV) requirements/mujoco.txt
 	@tools/setup_venv.sh bench
 	@touch $@
 

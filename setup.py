@@ -142,7 +142,7 @@ setup(
     python_requires=">=3.10",
     install_requires=requirements("runtime"),
     extras_require={
-        "mujoco": ["mujoco<5"],  # for import_robot
+        "mujoco": requirements("mujoco"),
         "view": requirements("view"),
     },
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),

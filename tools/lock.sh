@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../requirements"
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-cp build.txt ros.txt runtime.txt dev.txt bench.txt docs.txt "$scratch"
+cp build.txt ros.txt runtime.txt dev.txt mujoco.txt docs.txt "$scratch"
 # uv reads the platforms to resolve for from a project file; it is needed for nothing else.
 cat >"$scratch/pyproject.toml" <<'END'
 [project]
@@ -17,7 +17,7 @@ requires-python = ">=3.10"
 environments = ["sys_platform == 'linux' and platform_machine == 'x86_64' and implementation_name == 'cpython' and python_version < '3.14'"]
 END
 (cd "$scratch" && uv pip compile --quiet --universal --python-version 3.10 --no-header --no-annotate \
-    --output-file pinned.txt build.txt ros.txt runtime.txt dev.txt bench.txt docs.txt)
+    --output-file pinned.txt build.txt ros.txt runtime.txt dev.txt mujoco.txt docs.txt)
 
 {
     echo "# Every version that is installed, for Python 3.10 to 3.13. Written by \`make lock\`."

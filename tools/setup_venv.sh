@@ -86,7 +86,7 @@ system)
 bench)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
     stage $log "Installing the software that the benchmark compares with" \
-        pip_install -c $pinned -r requirements/bench.txt
+        pip_install -c $pinned -r requirements/mujoco.txt
     ;;
 docs)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi

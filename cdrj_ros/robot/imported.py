@@ -75,7 +75,7 @@ def robot_text(document: Document, remarks: Sequence[str], source: str) -> str:
         "Drums are assumed: their radii and the sign of winding; a cable leaves its drum at the",
         "tendon's first site.",
     )
-    assumed = document.get("assumed", ())
+    assumed = {*document.get("assumed", ())}
     cables = [line for cable in document["cables"] for line in _cable(cable, assumed)]
     return "\n".join([*beginning(document, remarks, head), "cables:", *cables]) + "\n"
 

@@ -3,7 +3,7 @@
 A few hundred bytes of MJCF can ask MuJoCo's compiler for gigabytes, by a height field, a grid of
 bodies or nested replication.  Therefore it runs in a process of its own, with limits, which also
 converts what it has compiled; a model that is too large, or that ends the compiler, ends only that
-process.  Files that a model names must be regular ones, since reading others might not end.
+process.  XML files that a model names must be regular ones, since reading others might not end.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
@@ -31,10 +31,7 @@ LARGEST_XML: Final = 20_000_000
 """Largest accepted size of a model's XML files, each [bytes]."""
 
 MEMORY: Final = 350_000_000
-"""Memory of the process that compiles, for a model of a few files [bytes]."""
-
-MEMORY_PER_BYTE: Final = 20
-"""Additional memory for each byte of meshes, textures and height fields that the model names."""
+"""Memory of the process that compiles [bytes]."""
 
 TIME_S: Final = 15.0
 """Time in which a model must be compiled and converted [s]."""
@@ -44,9 +41,6 @@ LARGEST_RESULT: Final = 8_000_000
 
 FARTHEST_M: Final = 1e6
 """Maximum coordinate or size that is read [m]."""
-
-FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
-"""Attributes of ``compiler`` that name folders of files."""
 
 
 def load_mujoco() -> ModuleType:
@@ -78,14 +72,14 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
             represented.
     """
     name = printable(str(path))
-    memory = MEMORY + MEMORY_PER_BYTE * _size_of_assets(Path(path))
+    _check_files(Path(path))
     wanted = None if tendons is None else [*tendons]
     arguments = json.dumps([str(Path(path).absolute()), name, wanted])
     folders = [str(Path(entry).absolute()) for entry in sys.path]  # "" is the current folder
     with tempfile.TemporaryDirectory() as folder:  # MuJoCo writes a log into the current folder
         try:
             done = subprocess.run(
-                [sys.executable, "-m", "cdrj_ros.robot.mjcf", str(memory), arguments],
+                [sys.executable, "-m", "cdrj_ros.robot.mjcf", arguments],
                 cwd=folder,
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(folders)},
                 stdin=subprocess.DEVNULL,
@@ -100,7 +94,7 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
             ) from None
     if not done.stdout:
         raise UsageError(
-            f"cannot read {name}: MuJoCo gave up, or needs more than {memory / 1e6:.0f} MB for it"
+            f"cannot read {name}: MuJoCo gave up, or needs more than {MEMORY / 1e6:.0f} MB for it"
         )
     found: dict[str, Any] = json.loads(done.stdout)
     if "error" in found:
@@ -108,36 +102,28 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
     return Imported(**found)
 
 
-def _size_of_assets(model: Path) -> int:
-    """Size of all files that a model names [bytes], other than XML.
+def _check_files(model: Path) -> None:
+    """Refuse a model with XML files that are not regular, too large together, or no XML.
 
     Raises:
-        UsageError: one of them, or the model, is not a regular file or too large, or is no XML.
+        UsageError: names the file.
     """
-    size, left, waiting, seen = 0, LARGEST_XML, [model.absolute()], set[Path]()
-    folders: dict[str, str] = {}
+    left, waiting, seen = LARGEST_XML, [model.absolute()], set[Path]()
     while waiting:
-        xml = waiting.pop()
+        path = waiting.pop()
         try:
-            data = read_regular(xml, left)
+            data = read_regular(path, left)
             root = parse_xml(data)
         except InputError as error:
-            raise UsageError(f"cannot read {printable(str(xml))}: {error}") from error
+            raise UsageError(f"cannot read {printable(str(path))}: {error}") from error
         left -= len(data)
-        for compiler in root.iter("compiler"):
-            folders |= {key: compiler.attrib[key] for key in FOLDERS if key in compiler.attrib}
-        bases = {model.absolute().parent, xml.parent}
-        for is_xml, name in _files(root):
-            places = {base / folder / name for base in bases for folder in (".", *folders.values())}
-            for place in map(_existing, places):
-                if place is None or place in seen:
-                    continue
-                seen.add(place)
-                if is_xml:
-                    waiting.append(place)
-                else:
-                    size += place.stat().st_size
-    return size
+        named = [one.get("file", "") for one in root.iter() if one.tag in ("include", "model")]
+        places = {
+            folder / name for folder in (model.absolute().parent, path.parent) for name in named
+        }
+        found = {one for one in map(_existing, places) if one} - seen
+        seen |= found
+        waiting += found
 
 
 def _existing(place: Path) -> Path | None:
@@ -146,19 +132,7 @@ def _existing(place: Path) -> Path | None:
         found = place.resolve(strict=True)
     except (OSError, ValueError, RuntimeError):
         return None
-    if found.is_dir():
-        return None
-    if not found.is_file():
-        raise UsageError(f"cannot read {printable(str(place))}: it is not a regular file")
-    return found
-
-
-def _files(root: Any) -> Iterator[tuple[bool, str]]:
-    """Names of the files that a model names, and whether they are models themselves."""
-    for element in root.iter():
-        for key, name in element.attrib.items():
-            if key.startswith("file"):
-                yield element.tag in ("include", "model"), name
+    return None if found.is_dir() else found
 
 
 def _check_numbers(model: Any, name: str) -> None:
@@ -178,7 +152,32 @@ def _check_numbers(model: Any, name: str) -> None:
             )
 
 
-def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> dict[str, Any]:
+def compiled(mujoco: ModuleType, path: str | Path) -> Any:
+    """The ``MjModel`` of a file, without what tendons do not need.
+
+    Meshes, height fields and textures are left out with all that uses them, so that their files
+    may be missing; masses, which they give, do not count for lengths.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    kinds = mujoco.mjtGeom
+    shaped = (kinds.mjGEOM_MESH, kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF)
+    left_out = [*spec.sensors, *spec.pairs, *spec.tuples, *spec.keys, *spec.skins, *spec.hfields]
+    left_out += [*spec.textures, *(geom for geom in spec.geoms if geom.type in shaped)]
+    fitted = {geom.meshname for geom in spec.geoms if geom.type not in shaped}
+    left_out += [mesh for mesh in spec.meshes if mesh.name not in fitted]
+    for one in left_out:
+        spec.delete(one)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    spec.compiler.boundmass = spec.compiler.boundinertia = 1.0
+    spec.compiler.balanceinertia = True
+    spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE  # muscles would be simulated
+    # Memory for contacts and constraints in motion, of which no use is made: the least.
+    spec.memory = spec.njmax = spec.nconmax = -1
+    return spec.compile()
+
+
+def _imported(path: str, name: str, tendons: list[str] | None) -> dict[str, Any]:
     """What ``read_mjcf`` returns, or its error, as plain values."""
     try:
         mujoco = load_mujoco()
@@ -186,16 +185,13 @@ def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> d
         return {"error": str(error)}
     mujoco.set_mju_user_warning(lambda _: None)
     try:
-        spec = mujoco.MjSpec.from_file(path)
-        # Memory for contacts and constraints in motion, of which no use is made: the least.
-        spec.memory = spec.njmax = spec.nconmax = -1
-        model = spec.compile()
+        model = compiled(mujoco, path)
         _check_numbers(model, name)
         return asdict(convert(mujoco, model, name, tendons))
     except CdrjError as error:
         return {"error": str(error)}
     except MemoryError:
-        return {"error": f"cannot read {name}: MuJoCo needs more than {memory / 1e6:.0f} MB for it"}
+        return {"error": f"cannot read {name}: MuJoCo needs more than {MEMORY / 1e6:.0f} MB for it"}
     except RecursionError:
         return {"error": f"cannot read {name}: its bodies are nested too deep"}
     except (ValueError, OSError, mujoco.FatalError) as error:
@@ -203,10 +199,10 @@ def _compiled(path: str, name: str, tendons: list[str] | None, memory: int) -> d
         return {"error": f"cannot read {name}: {reason}"}
 
 
-def _serve(memory: int, path: str, name: str, tendons: list[str] | None) -> None:
+def _serve(path: str, name: str, tendons: list[str] | None) -> None:
     """Compile within limits and write the result to standard output."""
     for kind, most in (
-        (resource.RLIMIT_DATA, memory),
+        (resource.RLIMIT_DATA, MEMORY),
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_FSIZE, 1_000_000),
     ):
@@ -215,11 +211,11 @@ def _serve(memory: int, path: str, name: str, tendons: list[str] | None) -> None
         resource.setrlimit(kind, (allowed, allowed))
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as answer:
         os.dup2(2, 1)  # what MuJoCo prints is no answer
-        text = json.dumps(_compiled(path, name, tendons, memory))
+        text = json.dumps(_imported(path, name, tendons))
         if len(text) > LARGEST_RESULT:
             text = json.dumps({"error": f"cannot read {name}: it is too large for a robot file"})
         answer.write(text)
 
 
 if __name__ == "__main__":
-    _serve(int(sys.argv[1]), *json.loads(sys.argv[2]))
+    _serve(*json.loads(sys.argv[1]))

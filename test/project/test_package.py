@@ -25,7 +25,7 @@ def test_both_packages_carry_the_version_of_the_library(folder: Path) -> None:
     assert manifest.findtext("version") == cdrj_ros.__version__
 
 
-@pytest.mark.parametrize("name", ["build", "ros", "runtime", "view", "dev", "bench"])
+@pytest.mark.parametrize("name", ["build", "ros", "runtime", "view", "dev", "mujoco"])
 def test_every_requirement_is_pinned(name: str) -> None:
     pinned = requirement_names(ROOT / "requirements" / "constraints.txt")
     assert requirement_names(ROOT / "requirements" / f"{name}.txt") <= pinned

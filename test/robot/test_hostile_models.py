@@ -47,10 +47,6 @@ HOSTILE = {
     ),
     "deep nesting": (model("<body>" * 70_000 + "</body>" * 70_000), "nesting is too deep"),
     "pipe included": (model(rest='<include file="pipe.xml"/>'), "pipe.xml: it is not a regular"),
-    "pipe as a mesh": (
-        '<mujoco><compiler meshdir="meshes"/>' + model(assets='<mesh file="p.stl"/>')[8:],
-        "p.stl: it is not a regular file",
-    ),
     "device included": (model(rest='<include file="/dev/zero"/>'), "zero: it is not a regular"),
     "including itself": (model(rest='<include file="../here/model.xml"/>'), "already included"),
     "too many tendons": (
@@ -68,9 +64,8 @@ HOSTILE = {
 def test_a_hostile_model_is_refused_in_one_line_within_bounds(name: str, tmp_path: Path) -> None:
     text, message = HOSTILE[name]
     folder = tmp_path / "here"
-    (folder / "meshes").mkdir(parents=True)
+    folder.mkdir()
     os.mkfifo(folder / "pipe.xml")
-    os.mkfifo(folder / "meshes" / "p.stl")
     path = folder / "model.xml"
     path.write_text(text)
     assert path.stat().st_size < 1_000_000
@@ -86,6 +81,30 @@ def test_a_hostile_model_is_refused_in_one_line_within_bounds(name: str, tmp_pat
     assert done.stderr.startswith("import_robot: ")
     assert done.stderr.count("\n") == 1
     assert not (tmp_path / "robot.yaml").exists()
+
+
+def test_files_of_meshes_height_fields_and_textures_are_not_needed(tmp_path: Path) -> None:
+    assets = (
+        '<mesh name="m" file="none.stl"/><mesh file="pipe.stl"/>'
+        '<hfield name="h" file="none.png" size="1 1 1 1"/>'
+        '<texture name="t" type="2d" file="none.png"/><material name="c" texture="t"/>'
+    )
+    body = (
+        '<geom type="hfield" hfield="h"/><body><joint range="0 1"/>'
+        '<geom name="g" type="mesh" mesh="m" material="c"/><site name="moving" pos="0.1 0 0"/>'
+        '<body><joint/><geom type="cylinder" size="0.01 0.1" material="c"/></body></body>'
+    )
+    rest = (
+        '<contact><pair geom1="g" geom2="g"/></contact><keyframe><key qpos="0 0"/></keyframe>'
+        '<tendon><spatial name="s"><site site="a"/><site site="moving"/></spatial></tendon>'
+        '<actuator><muscle tendon="s"/></actuator><sensor><tendonpos tendon="s"/></sensor>'
+    )
+    os.mkfifo(tmp_path / "pipe.stl")
+    path = tmp_path / "model.xml"
+    path.write_text(model(body, assets=assets, rest=rest))
+    found = mjcf.read_mjcf(path)
+    assert [cable["name"] for cable in found.document["cables"]] == ["s", "t"]
+    assert [joint["name"] for joint in found.document["joints"]] == ["joint_0"]
 
 
 def test_a_model_that_takes_too_long_is_given_up(
