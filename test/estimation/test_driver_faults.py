@@ -169,13 +169,13 @@ def test_an_axis_that_counts_anew_after_a_gap_has_the_difference_as_standard_dev
 ) -> None:
     messages = messages_of(robot, course, 200)
     for axis in names_of(robot, which):
-        outputs = run(robot, zeroed(axis, BEGIN, gap_s)(messages))
+        outputs = feed(robot, zeroed(axis, BEGIN_S, gap_s)(messages))
         assert judge(course, outputs, BEGIN).beyond(5.0) <= LAW
 
 
 def test_a_gap_in_motion_keeps_status_0(robot: Model, course: Course) -> None:
     messages = messages_of(robot, course, 200)
-    outputs = run(robot, messages[: round(200 * BEGIN)] + messages[round(200 * BEGIN + 300) :])
+    outputs = feed(robot, messages[: round(200 * BEGIN_S)] + messages[round(200 * BEGIN_S + 300) :])
     verdict = judge(course, outputs, BEGIN)
     assert verdict.ratio.size > 0.9 * verdict.judged
     assert verdict.beyond(5.0) <= LAW
