@@ -69,7 +69,7 @@ class ClosedLoop:
 
     def command(self, mode, values):
         """Command all motors: ``position`` [rad], ``velocity`` [rad/s] or ``effort`` [N m]."""
-        order = checked_command(self.limits, mode, None, values)
+        order = checked_command(self.limits, mode, values)
         self.drives.command(order, self.rig.time_s)
 
     def step(self):

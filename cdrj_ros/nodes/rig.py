@@ -23,7 +23,7 @@ from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
 from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
-from cdrj_ros.simulation.commands import Command, Trajectory
+from cdrj_ros.simulation.commands import Command
 from cdrj_ros.simulation.drives import Drives, program_of
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.live import LiveRig
@@ -165,7 +165,7 @@ class RigNode(Node):
             message.clock.sec, message.clock.nanosec = divmod(stamp_ns, 1_000_000_000)
             self._clock_publisher.publish(message)
 
-    def _on_command(self, command: Command | Trajectory) -> None:
+    def _on_command(self, command: Command) -> None:
         self.drives.command(command, self.rig.time_s)
 
     def _on_push(self, request: Push.Request, response: Push.Response) -> Push.Response:
@@ -228,13 +228,12 @@ class RigNode(Node):
             level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"
         elif faults:
             level, message = DiagnosticStatus.WARN, f"faults: {', '.join(faults)}"
-        modes = zip(self.options.limits.motors, self.drives.modes, strict=True)
         values = {
             "real-time factor": f"{factor:.3f}",
             "computing time per second of the rig [s]": f"{busy:.3f}",
             "time left out [s]": f"{self._left_out_s:.3f}",
             "steps": str(self._done),
-            "motors": ", ".join(f"{name} {mode}" for name, mode in modes),
+            "commanded": self.drives.mode,
             "at the stop": "yes" if rig.at_stop else "no",
             "faults": ", ".join(faults) or "none",
             "steps not solved": str(rig.unsolved),
@@ -258,7 +257,7 @@ def _body(argv: Sequence[str]) -> int:
         SETTINGS,
         "rig [--supervised] --ros-args -p robot:=FILE [-p motion:=sine] [-p NAME:=VALUE] ...",
         "A simulated robot in real time. Topics in the namespace /cdrj: in commands/position, "
-        "commands/velocity, commands/effort, motor_commands, motor_trajectory; out motor_states, "
+        "commands/velocity, commands/effort; out motor_states, "
         "joint_states, on request tension_sensors, truth/tensions, truth/nodal_forces, "
         "truth/states and /clock; /diagnostics. Services: ~/push, ~/reset.",
         lambda: (RigNode(), None),

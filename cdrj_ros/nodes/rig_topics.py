@@ -6,7 +6,7 @@ ros2_control's controllers are in the units in which the robot publishes its sta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from heapq import heappop, heappush
 from math import copysign
 from typing import Any, Final
@@ -16,7 +16,6 @@ from cdrj_msgs.msg import CableTensions, NodalForces
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from trajectory_msgs.msg import JointTrajectory
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages import topics
@@ -35,10 +34,7 @@ from cdrj_ros.simulation.commands import (
     CommandError,
     DriveLimits,
     Mode,
-    Trajectory,
     checked_command,
-    checked_trajectory,
-    command_of_states,
 )
 from cdrj_ros.simulation.live import LiveRig
 from cdrj_ros.simulation.sensors import CellGroup, angle_of, encoder_groups, truth_table
@@ -59,12 +55,6 @@ WARNING_S = 5.0
 
 FORWARD: Final[dict[Mode, str]] = {mode: f"/forward_{mode}_controller/commands" for mode in MODES}
 """Topics of ros2_control's forward_command_controller, by the commanded interface."""
-
-TRAJECTORY: Final = "/joint_trajectory_controller/joint_trajectory"
-"""Topic of ros2_control's joint_trajectory_controller."""
-
-Convert = Callable[[Mode, Sequence[str], Sequence[float]], Sequence[float]]
-"""Function from a mode, names of motors and values to values for these motors."""
 
 
 class _Queue:
@@ -213,20 +203,15 @@ class RigOutputs:
         )
 
 
-def as_given(_mode: Mode, _names: Sequence[str], values: Sequence[float]) -> Sequence[float]:
-    """Values that are those of the motors."""
-    return values
-
-
 class CommandListener:
-    """Subscribes to the topics of all kinds of commands."""
+    """Subscribes to the topics of all kinds of commands: one value per motor."""
 
     def __init__(
         self,
         node: Node,
         robot: Robot,
         limits: DriveLimits,
-        accept: Callable[[Command | Trajectory], None],
+        accept: Callable[[Command], None],
         controllers: bool,
     ) -> None:
         """Open the topics.
@@ -238,84 +223,38 @@ class CommandListener:
             accept: called with every valid command.
             controllers: whether to listen to ros2_control's controllers, too.
         """
-        self._node, self._limits, self._accept = node, limits, accept
-        self._motors = {motor.name: motor for motor in robot.motors}
+        self._node, self._robot, self._limits, self._accept = node, robot, limits, accept
         self.accepted = 0
         self.refused: dict[Cause, int] = dict.fromkeys(CAUSES, 0)
         for mode in MODES:
-            self._listen_to_arrays(f"commands/{mode}", mode, as_given)
-        node.create_subscription(JointState, "motor_commands", self._on_states, DEPTH)
-        self._listen_to_trajectories("motor_trajectory", as_given)
-        if controllers:
-            for mode, topic in FORWARD.items():
-                self._listen_to_arrays(topic, mode, self._converted)
-            self._listen_to_trajectories(TRAJECTORY, self._converted)
+            self._listen(f"commands/{mode}", mode, published=False)
+            if controllers:
+                self._listen(FORWARD[mode], mode, published=True)
 
-    def _converted(
-        self, mode: Mode, names: Sequence[str], values: Sequence[float]
-    ) -> Sequence[float]:
-        """Values in the units of publication as values of the motors; others stay as they are."""
-        if len(names) != len(values):
-            return values  # refused later
-        return [
-            value if name not in self._motors else _of_motor(self._motors[name], mode, value)
-            for name, value in zip(names, values, strict=True)
-        ]
-
-    def _listen_to_arrays(self, topic: str, mode: Mode, convert: Convert) -> None:
-        """Subscribe to one value per motor, as forward_command_controller takes them."""
+    def _listen(self, topic: str, mode: Mode, *, published: bool) -> None:
+        """Subscribe; ``published``: the values are in the units in which the robot is published."""
 
         def on_array(message: Float64MultiArray) -> None:
-            def read() -> Command:
+            values, motors = message.data, self._robot.motors
+            if published and len(values) == len(motors):
+                values = [_of_motor(*pair, mode) for pair in zip(motors, values, strict=True)]
+            try:
                 if message.layout.data_offset:
                     raise CommandError("malformed", "data_offset must be 0")
-                values = convert(mode, self._limits.motors, message.data)
-                return checked_command(self._limits, mode, None, values)
-
-            self._take(topic, read)
+                command = checked_command(self._limits, mode, values)
+            except CommandError as error:
+                self.refused[error.cause] += 1
+                self._node.get_logger().warning(
+                    f"{topic} refused: {error}", throttle_duration_sec=WARNING_S
+                )
+                return
+            self.accepted += 1
+            self._accept(command)
 
         self._node.create_subscription(Float64MultiArray, topic, on_array, DEPTH)
 
-    def _on_states(self, message: JointState) -> None:
-        self._take(
-            "motor_commands",
-            lambda: command_of_states(
-                self._limits, message.name, message.position, message.velocity, message.effort
-            ),
-        )
 
-    def _listen_to_trajectories(self, topic: str, convert: Convert) -> None:
-        def on_trajectory(message: JointTrajectory) -> None:
-            names, points = message.joint_names, message.points
-            self._take(
-                topic,
-                lambda: checked_trajectory(
-                    self._limits,
-                    names,
-                    [point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
-                     for point in points],
-                    [convert("position", names, point.positions) for point in points],
-                    [convert("velocity", names, point.velocities) for point in points],
-                ),
-            )  # fmt: skip
-
-        self._node.create_subscription(JointTrajectory, topic, on_trajectory, DEPTH)
-
-    def _take(self, topic: str, read: Callable[[], Command | Trajectory]) -> None:
-        """Execute a command, or refuse it as a whole."""
-        try:
-            command = read()
-        except CommandError as error:
-            self.refused[error.cause] += 1
-            self._node.get_logger().warning(
-                f"{topic} refused: {error}", throttle_duration_sec=WARNING_S
-            )
-            return
-        self.accepted += 1
-        self._accept(command)
-
-
-def _of_motor(motor: Motor, mode: Mode, value: float) -> float:
+def _of_motor(motor: Motor, value: float, mode: Mode) -> float:
     """What a command means for a motor's axis [rad], [rad/s] or [N m].
 
     A positive effort drives the published position up, as hardware does, whatever the efforts are

@@ -25,7 +25,7 @@ from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Cable, Joint, Robot, Winch, turns_of
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.assembly import course
-from cdrj_ros.simulation.commands import Command, DriveLimits, Mode, Trajectory
+from cdrj_ros.simulation.commands import Command, DriveLimits, Mode
 from cdrj_ros.simulation.load import AT_AN_END
 
 Program = Callable[[int], Vector]
@@ -114,7 +114,7 @@ def _stiffness(robot: Robot, motor: str) -> float:
 
 
 class Drives:
-    """All motors of a rig, each with its own mode."""
+    """All motors of a rig."""
 
     def __init__(self, limits: DriveLimits, program: Program | None = None) -> None:
         """Start at rest at the reference angles.
@@ -129,42 +129,21 @@ class Drives:
 
     def reset(self) -> None:
         """Discard all commands and restart the program."""
-        count = len(self.limits.motors)
         self.angle = np.array(self.limits.reference, dtype=np.float64)
         """Angles of all motors [rad], shape (motors,)."""
-        self.speed = np.zeros(count)
+        self.speed = np.zeros(self.angle.size)
         """Speeds of all motors [rad/s], shape (motors,)."""
-        self.modes: list[Mode] = [HOLDING] * count
+        self.mode: Mode = HOLDING
         self._target = self.angle.copy()
-        self._heard_s = np.zeros(count)
-        self._trajectory: Trajectory | None = None
-        self._from = self.angle.copy()
-        self._begin_s = 0.0
+        self._heard_s = 0.0
         self.program = self._program
         self.timeouts = 0
-        """Number of timeouts of motors in velocity or effort mode."""
+        """Number of commands of velocities or efforts that were not renewed in time."""
 
-    def command(self, command: Command | Trajectory, now_s: float) -> None:
-        """Apply a command; motors that it does not name keep their previous commands.
-
-        A command for one motor of a trajectory ends the trajectory for all its motors.
-        """
-        motors = list(command.motors)
-        self.program = None
-        if self._trajectory is not None and set(motors) & set(self._trajectory.motors):
-            self._hold(list(self._trajectory.motors))
-            self._trajectory = None
-        self._hold(motors)
-        if isinstance(command, Trajectory):
-            if command.time.size:
-                self._trajectory, self._begin_s = command, now_s
-                self._from = self.angle[motors]
-            return
-        self._heard_s[motors] = now_s
-        for motor, value in zip(motors, command.values, strict=True):
-            # a torque accelerates the rotor from its current speed
-            self.modes[motor] = command.mode
-            self._target[motor] = value
+    def command(self, command: Command, now_s: float) -> None:
+        """Apply a command; a torque accelerates the rotor from its current speed."""
+        self.program, self.mode, self._heard_s = None, command.mode, now_s
+        self._target = np.array(command.values)
 
     def next(self, step: int, now_s: float, dt: float, effort: Vector) -> Vector:
         """Angles of all motors after a step [rad], shape (motors,).
@@ -178,19 +157,15 @@ class Drives:
         """
         if self.program is not None:
             self._target = self.program(step)
-        if self._trajectory is not None:
-            self._follow(self._trajectory, now_s)
+        if self.mode != HOLDING and now_s - self._heard_s > self.limits.timeout_s:
+            self.timeouts += 1
+            self.mode, self._target = HOLDING, self.angle.copy()
         for motor in range(self.angle.size):
-            mode = self.modes[motor]
-            if mode != HOLDING and now_s - self._heard_s[motor] > self.limits.timeout_s:
-                self.timeouts += 1
-                self._hold([motor])
-                mode = HOLDING
             torque = self.limits.effort_sign[motor] * float(effort[motor])
-            if mode == "effort":
+            if self.mode == "effort":
                 self._accelerate(motor, torque, dt)
             else:
-                self._turn(motor, mode, torque, dt)
+                self._turn(motor, torque, dt)
         return self.angle.copy()
 
     def stopped(self, angle: Vector) -> None:
@@ -198,18 +173,12 @@ class Drives:
         self.angle = angle.copy()
         self.speed[:] = 0.0
 
-    def _hold(self, motors: list[int]) -> None:
-        """Hold the current angles of these motors."""
-        for motor in motors:
-            self.modes[motor] = HOLDING
-            self._target[motor] = self.angle[motor]
-
-    def _turn(self, motor: int, mode: Mode, torque: float, dt: float) -> None:
+    def _turn(self, motor: int, torque: float, dt: float) -> None:
         """Advance a motor towards its target angle, or at its target speed."""
         most = self.limits.speed[motor] * dt
         before = float(self.angle[motor])
         wanted = float(self._target[motor])
-        if mode == "velocity":
+        if self.mode == "velocity":
             wanted = before + wanted * dt
         way = wanted - before
         if abs(way) > most:
@@ -229,36 +198,6 @@ class Drives:
         speed = min(max(speed, -limits.speed[motor]), limits.speed[motor])
         self.speed[motor] = speed
         self.angle[motor] += speed * dt
-
-    def _follow(self, trajectory: Trajectory, now_s: float) -> None:
-        """Set the targets along a trajectory; after its end the last point is held."""
-        motors = list(trajectory.motors)
-        at = now_s - self._begin_s
-        self._target[motors] = _interpolated(trajectory, self._from, at)
-        if at >= trajectory.time[-1]:
-            self._trajectory = None
-
-
-def _interpolated(trajectory: Trajectory, start: Vector, at: float) -> Vector:
-    """Angles of the trajectory's motors [rad]; before the first point from ``start`` at rest."""
-    time, angle, speed = trajectory.time, trajectory.angle, trajectory.speed
-    k = int(np.searchsorted(time, at, side="right"))
-    if k == time.size:
-        return angle[-1].copy()
-    t0, a0 = (0.0, start) if k == 0 else (float(time[k - 1]), angle[k - 1])
-    t1, a1 = float(time[k]), angle[k]
-    span = t1 - t0
-    share = (at - t0) / span
-    if speed is None:
-        return np.asarray(a0 + share * (a1 - a0))
-    v0 = np.zeros_like(start) if k == 0 else speed[k - 1]
-    u2, u3 = share**2, share**3
-    return np.asarray(
-        (2.0 * u3 - 3.0 * u2 + 1.0) * a0
-        + (u3 - 2.0 * u2 + share) * span * v0
-        + (3.0 * u2 - 2.0 * u3) * a1
-        + (u3 - u2) * span * speed[k]
-    )
 
 
 MotionName = Literal["none"] | motion.MotionKind

@@ -52,7 +52,7 @@ class Run:
         return self
 
     def tell(self, mode: Any, *values: float) -> Run:
-        command = checked_command(self.drives.limits, mode, None, values)
+        command = checked_command(self.drives.limits, mode, values)
         self.drives.command(command, self.rig.time_s)
         return self
 
@@ -120,7 +120,7 @@ def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mod
     assert held > 0.01
     run.steps(200)
     assert run.rig.motor_angle[0] == held
-    assert (run.drives.modes, run.drives.timeouts) == (["position"], 1)
+    assert (run.drives.mode, run.drives.timeouts) == ("position", 1)
 
 
 def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots: Robots) -> None:
