@@ -23,6 +23,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import load_mujoco, read_mjcf
+from cdrj_ros.robot.mjcf_drives import HELD, following_joints
 from cdrj_ros.robot.reader import parse_robot
 
 LENGTH = 1e-9
@@ -226,7 +227,8 @@ class Imported:
     joints: NDArray[np.int64]
     """MuJoCo's index of every joint."""
     coupled: list[tuple[int, NDArray[np.float64], float]]
-    """Of every coupled joint MuJoCo's index, its shares of all joints, and its offset."""
+    """Of every joint that follows others, or stands still, MuJoCo's index, its shares of all joints
+    of the robot, and its offset."""
     weights: NDArray[np.float64]
     """Share of every element in MuJoCo's length."""
 
@@ -286,6 +288,8 @@ def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> Imported:
         for entry in model.robot.document["joints"]
         if "coupled" in entry
     ]
+    still = [(j, one) for j, one in following_joints(mj, mujoco).items() if one.leader == HELD]
+    coupled += [(j, np.zeros(len(own)), one.offset) for j, one in still]
     return Imported(model, thin, joints, coupled, np.concatenate(shares))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from cdrj_ros.commands.check_printed import LISTED
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
@@ -59,9 +60,14 @@ def _body(argv: Sequence[str]) -> int:
     wanted = arguments.tendons.split(",") if arguments.tendons else None
     remarks = import_mjcf(path, arguments.out, wanted)
     robot = load_robot(arguments.out)
-    bodies = untouched_bodies(prepare(robot, check_range=False))
-    for remark in (*remarks, *said_once(f"{one.where}: {one.text}" for one in bodies)):
-        print(printable(f"note: {remark}"))
+    bodies = sorted(
+        untouched_bodies(prepare(robot, check_range=False)), key=lambda one: not one.grave
+    )
+    notes = [*remarks, *said_once(f"{one.where}: {one.text}" for one in bodies[:LISTED])]
+    if more := len(bodies[LISTED:]):
+        notes.append(f"and {more} more of bodies: check_robot --all prints them")
+    for note in notes:
+        print(printable(f"note: {note}"))
     print(
         f"{printable(arguments.out)}: {counted(len(robot.cables), 'cable')}, "
         f"{counted(len(robot.joints), 'joint')}; replace the values marked as assumed, then run "

@@ -68,7 +68,8 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     entries = {entry["name"]: entry for entry in robot.document.get("cables", ())}
     found = [*unit_doubts(robot)]
     if assumed := robot.document.get("assumed"):
-        text = f"{', '.join(assumed)}: guesses; measure them and take them off the list"
+        paths = ", ".join(_patterns(robot, assumed))
+        text = f"{paths}: guesses; measure them and take them off the list"
         found.append(Suspicion("assumed", text))
     for cable, check in zip(robot.cables, inspection.cables, strict=True):
         entry = entries.get(cable.name, {})
@@ -88,6 +89,23 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
     found += _joints(inspection)
     found += encoderless_suspicions(inspection.model)
     return tuple(sorted(found, key=lambda suspicion: not suspicion.grave))
+
+
+def _patterns(robot: Robot, paths: Sequence[str]) -> Iterator[str]:
+    """Patterns that match paths: those that differ in the name of a cable or joint alone as one."""
+    every = {
+        "cables": [cable.name for cable in robot.cables],
+        "joints": [joint.name for joint in robot.joints],
+    }
+    alike: dict[tuple[str, str], list[str]] = {}
+    for path in paths:
+        kind, _, rest = path.partition(".")
+        names = (one for one in every.get(kind, ()) if rest.startswith(f"{one}."))
+        name = max(names, key=len, default="")
+        alike.setdefault((kind, rest.removeprefix(name)), []).append(name)
+    for (kind, key), own in alike.items():
+        several = "*" if len(own) == len(every.get(kind, ())) else f"[{','.join(own)}]"
+        yield f"{kind}.{several if len(own) > 1 else own[0]}{key}"
 
 
 def _at(robot: Robot, cable: Cable, pose: tuple[float, ...]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.mjcf_drives import following_joints
+from cdrj_ros.robot.mjcf_drives import HELD, following_joints
 
 NAMED: Final = 3
 """Number of names that differ from the model's of which a remark tells both."""
@@ -122,6 +122,11 @@ class Bodies:
                 "parent": carrier,
             }
             slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
+            one = self._following.get(joint)
+            if one is not None and one.leader == HELD:
+                self._hold(frame, joint, start, one.offset, first=k == 0)
+                carrier, at = frame["name"], position
+                continue
             frame["motion"] = "prismatic" if slides else "revolute"
             frame["joint"] = self._joint_names[joint]
             frame["origin"] = numbers_of(start)
@@ -142,6 +147,38 @@ class Bodies:
             )  # fmt: skip
             carrier = name
         self.places[body] = (carrier, -at)
+
+    def _hold(self, frame: Document, joint: int, start: Any, angle: float, *, first: bool) -> None:
+        """Add a fixed frame in place of that of a joint that stands still.
+
+        Args:
+            frame: its name and parent.
+            joint: index.
+            start: origin of the joint in the parent [m].
+            angle: at which the joint stands [rad] or [m].
+            first: whether it is the body's first joint, whose frame is turned as the body.
+        """
+        model, mujoco = self._model, self._mujoco
+        axis = np.array(model.jnt_axis[joint])
+        moved = angle - float(model.qpos0[model.jnt_qposadr[joint]])
+        turned = np.array(
+            model.body_quat[model.jnt_bodyid[joint]] if first else [1.0, 0.0, 0.0, 0.0]
+        )
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+            way = np.empty(3)
+            mujoco.mju_rotVecQuat(way, moved * axis, turned)
+            start = start + way
+        else:
+            turn, whole = np.empty(4), np.empty(4)
+            mujoco.mju_axisAngle2Quat(turn, axis, moved)
+            mujoco.mju_mulQuat(whole, turned, turn)
+            turned = whole
+        w, x, y, z = numbers_of(turned)
+        frame |= {"motion": "fixed", "origin": numbers_of(start), "quaternion": [x, y, z, w]}
+        self.frames.append(frame)
+        self.remarks.append(
+            f"{self.label('JOINT', joint)} is held by an equality constraint: it is no joint here"
+        )
 
     def renamed(self) -> Iterator[str]:
         """What is said of names that differ from the model's."""

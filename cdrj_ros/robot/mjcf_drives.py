@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -19,21 +19,25 @@ LARGE: Final = 2.0
 SLENDER: Final = 500.0
 """Length over thickness of a tendon beyond which that is said; 30 to 300 in public hands."""
 
+HELD: Final = -1
+"""Leader of a joint that stands still."""
+
 Label = Callable[[str, int], str]
 """Name of an object of the model, from its kind in capitals and its index."""
 
 
 @dataclass(frozen=True)
 class Following:
-    """A joint whose angle is a linear function of that of another one."""
+    """A joint whose angle is a linear function of that of another one, or constant."""
 
     leader: int
+    """Index of the other joint; ``HELD`` where there is none."""
     share: float
     offset: float
 
 
 def following_joints(model: Any, mujoco: Any) -> dict[int, Following]:
-    """Joints that linear equality constraints couple to joints with angles of their own.
+    """Joints that linear equality constraints couple to joints with angles of their own, or hold.
 
     MuJoCo's polynomial is one of the changes since qpos0: q1 = q1_0 + a0 + a1 (q2 - q2_0).
     """
@@ -42,7 +46,9 @@ def following_joints(model: Any, mujoco: Any) -> dict[int, Following]:
     for k in np.flatnonzero(_linear(model, mujoco)).tolist():
         joint, leader = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         first, slope = (float(value) for value in model.eq_data[k, :2])
-        if joint not in found:
+        if leader < 0 or slope == 0.0:
+            found.setdefault(joint, Following(HELD, 0.0, zero[joint] + first))
+        elif joint not in found:
             found[joint] = Following(leader, slope, zero[joint] + first - slope * zero[leader])
     for joint in [*found]:
         seen = {joint}
@@ -58,40 +64,55 @@ def following_joints(model: Any, mujoco: Any) -> dict[int, Following]:
 
 
 def _linear(model: Any, mujoco: Any) -> Any:
-    """Which constraints are active and couple one joint linearly to another."""
-    linear = model.eq_type == mujoco.mjtEq.mjEQ_JOINT
-    linear &= (model.eq_active0 != 0) & (model.eq_obj2id >= 0)
-    return linear & (model.eq_data[:, 2:5] == 0.0).all(axis=1) & (model.eq_data[:, 1] != 0.0)
+    """Which constraints are active and couple one joint linearly to another, or hold it."""
+    linear = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
+    return linear & ((model.eq_obj2id < 0) | (model.eq_data[:, 2:5] == 0.0).all(axis=1))
+
+
+def named_once(remarks: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Remarks, each with all names of which it is true, from pairs of name and remark."""
+    names: dict[str, list[str]] = {}
+    for name, remark in remarks:
+        names.setdefault(remark, []).append(name)
+    for remark, own in names.items():
+        yield f"{'each of ' * (len(own) > 1)}{', '.join(own)} {remark}"
 
 
 def other_constraints(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
     """What is said of the equality constraints that are not carried over."""
+    return named_once(_other_constraints(model, mujoco, label))
+
+
+def _other_constraints(model: Any, mujoco: Any, label: Label) -> Iterator[tuple[str, str]]:
+    """Name of every such constraint with what it is between, and a remark."""
     kinds = mujoco.mjtEq
-    following = following_joints(model, mujoco)
-    taken: set[int] = set()
+    between = {
+        kinds.mjEQ_JOINT: "JOINT", kinds.mjEQ_TENDON: "TENDON",
+        kinds.mjEQ_WELD: "BODY", kinds.mjEQ_CONNECT: "BODY",
+    }  # fmt: skip
+    following, linear, taken = following_joints(model, mujoco), _linear(model, mujoco), set[int]()
     for k in range(model.neq):
-        kind, first, second = (
-            int(one[k]) for one in (model.eq_type, model.eq_obj1id, model.eq_obj2id)
-        )
-        if _linear(model, mujoco)[k] and first in following and first not in taken:
-            taken.add(first)
-            continue
+        kind = mujoco.mjtEq(model.eq_type[k])
+        ends = [int(one[k]) for one in (model.eq_obj1id, model.eq_obj2id) if one[k] >= 0]
+        if int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = [int(model.site_bodyid[one]) for one in ends]
+        name = f"equality constraint {label('EQUALITY', k)}"
+        if kind in between:
+            name += f" of {' and '.join(label(between[kind], one) for one in ends)}"
         if not model.eq_active0[k]:
-            what = "is not active"
+            yield name, "is not active"
+        elif kind == kinds.mjEQ_JOINT and not linear[k]:
+            yield name, "is not linear: the first joint stays a measured joint"
         elif kind == kinds.mjEQ_JOINT:
-            what = (
-                f"of joint {label('JOINT', first)}"
-                + (f" to {label('JOINT', second)}" if second >= 0 else "")
-                + " is no linear function of another joint: it stays a measured joint"
-            )
-        elif kind in (kinds.mjEQ_WELD, kinds.mjEQ_CONNECT):
-            sites = int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE)
-            bodies = [int(model.site_bodyid[one]) if sites else one for one in (first, second)]
-            names = " and ".join(label("BODY", one) for one in bodies)
-            what = f"holds {names} together: it is left out, and arms count as if both moved freely"
+            if ends[0] in taken or ends[0] not in following:
+                yield name, "is left out: the first joint follows another one, or itself, already"
+            taken.add(ends[0])
+        elif kind == kinds.mjEQ_TENDON:
+            yield name, "is left out: each tendon is a cable of its own"
+        elif kind in between:
+            yield name, "is left out: arms count as if these bodies moved freely"
         else:
-            what = "is not between joints or bodies"
-        yield f"equality constraint {label('EQUALITY', k)} {what}"
+            yield name, "is left out: it is not between joints, bodies or tendons"
 
 
 def tendon_actuators(model: Any, mujoco: Any) -> dict[int, list[int]]:
@@ -113,20 +134,29 @@ def other_actuators(
         label: names its objects.
         moving: joints of the robot file.
     """
+    return named_once(_other_actuators(model, mujoco, label, moving))
+
+
+def _other_actuators(
+    model: Any, mujoco: Any, label: Label, moving: Collection[int]
+) -> Iterator[tuple[str, str]]:
+    """Name of every such actuator, and a remark."""
     kinds = mujoco.mjtTrn
-    without = "without a cable: it is not among the motors"
+    without = "without a cable: it is not among the motors, and the joint is measured"
     for k in range(model.nu):
         kind, target = int(model.actuator_trntype[k]), int(model.actuator_trnid[k, 0])
         name = label("ACTUATOR", k)
-        if kind not in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
-            if kind != kinds.mjTRN_TENDON:
-                yield f"{name} drives neither a joint nor a tendon: it is left out"
+        if kind == kinds.mjTRN_TENDON:
+            if model.wrap_type[model.tendon_adr[target]] == mujoco.mjtWrap.mjWRAP_JOINT:
+                yield name, "pulls a fixed tendon, which has no path: it is left out"
+        elif kind not in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+            yield name, "drives neither a joint nor a tendon: it is left out"
         elif target not in moving:
-            yield f"{name} drives a joint that moves no cable: it is left out"
+            yield name, "drives a joint that moves no cable: it is left out"
         elif (joint := label("JOINT", target)) == name:
-            yield f"{name} drives the joint of its name {without}, and the joint is measured"
+            yield name, f"drives the joint of its name {without}"
         else:
-            yield f"{name} drives the joint {joint} {without}, and the joint is measured"
+            yield f"{name} on {joint}", f"drives the joint {without}"
 
 
 def rest_length_of(model: Any, tendon: int) -> float:
@@ -163,16 +193,17 @@ def other_properties(
             f"tendon {label('TENDON', longest)} is {length:.3g} m long and {1e3 * thickness:g} mm "
             "thick: are all lengths of the model in m?"
         )
-    loss = [
-        label("TENDON", k)
-        for k in range(model.ntendon)
-        if float(np.ravel(model.tendon_frictionloss[k])[0]) > 0.0
-    ]
-    if loss:
-        yield (
-            f"frictionloss of {', '.join(loss)} is not carried over: friction follows from mu_c "
-            "and the wraps"
-        )
+    linear = np.zeros(model.ntendon)
+    for name, numbers, why in (
+        ("frictionloss", model.tendon_frictionloss, "friction follows from mu_c and the wraps"),
+        ("damping", model.tendon_damping, "cables are not damped"),
+        ("a stiffness that is not linear", getattr(model, "tendon_stiffnesspoly", linear),
+         "the spring is its linear part"),
+    ):  # fmt: skip
+        own = np.reshape(numbers, (model.ntendon, -1)).any(axis=1) & spatial
+        if own.any():
+            names = ", ".join(label("TENDON", k) for k in np.flatnonzero(own).tolist())
+            yield f"{name} of {names} is not carried over: {why}"
     for name, numbers, key in (
         ("stiffness", model.jnt_stiffness, "spring_stiffness and spring_rest"),
         ("frictionloss", model.dof_frictionloss[model.jnt_dofadr], "bearing_torque"),

@@ -256,6 +256,8 @@ class _Import:
         if passive and rest > 0.0:
             cable["rest_length"] = rest
         else:
+            if not passive and self._model.tendon_limited[tendon]:
+                self._remarks.append(f"{name} has a limited length, which is not carried over")
             cable["preload"] = PRELOAD
             self._assumed.append(f"cables.{name}.preload")
         cable["nodes"] = nodes
