@@ -21,7 +21,6 @@ FILE = ROOT / "launch" / "estimator.launch.py"
 DEMO = FILE.with_name("demo.launch.py")
 CDRJ = FILE.with_name("cdrj.launch.py")
 STACK = FILE.with_name("ros2_control.launch.py")
-VALIDATE = FILE.with_name("validate.launch.py")
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PATIENCE_S = 120.0
 
@@ -249,14 +248,3 @@ def test_the_real_launch_of_the_demonstration_estimates() -> None:
     said = until(launch(DEMO.name, "robot:=prototype", "view:=false"), "first estimate")
     for node in ("estimator-1", "rig-2", "markers-3"):
         assert f"[{node}]: process has finished cleanly" in said
-
-
-@with_launch
-@pytest.mark.parametrize(("bag", "code"), [("prototype_preload_36_26", 0), ("nowhere", 1)])
-def test_the_real_launch_of_validate_ends_with_its_success(bag: str, code: int) -> None:
-    path = FILE.parents[1] / "bags" / bag
-    given = (f"bag:={path}", "robot:=prototype", "options:=--duration 1")
-    process = launch(VALIDATE.name, *given)
-    output, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == code, output
-    assert ("validate exited with 2" in output) == (code == 1)
