@@ -6,7 +6,7 @@ assumed to follow the joints such that every cable keeps its preload as well as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import Stribeck, blended_loss
-from cdrj_ros.foundation.arrays import Matrix, Vector
+from cdrj_ros.foundation.arrays import Matrix, Table, Vector
 from cdrj_ros.inspection.poses import on_common_motors, visited_poses
 from cdrj_ros.model.following import followed_by, stiffness_at_preload, whole_lengths
 from cdrj_ros.model.laws import (
@@ -24,7 +24,7 @@ from cdrj_ros.model.laws import (
     friction_numbers,
     secant_at,
 )
-from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
+from cdrj_ros.model.prepared import Model, course_of, prepare
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
 from cdrj_ros.robot.groups import joints_of, motors_of
 
@@ -125,21 +125,34 @@ class Inspection:
     """Poses in which the joints can move without changing the length of any cable."""
 
 
+RUN: Final = 100
+"""Largest number of poses whose geometry is computed at once."""
+
 LOOSEST: Final = 1e-7
 """Moment arms below this are treated as zero [m]."""
 
 
-def transmissions(cable: Cable, pulley: Pulley, wrap_angle: float) -> tuple[float, float]:
-    """eta of a pulley at rest and sliding fast, by the cable's law: (37), (41) and their blend."""
+def transmissions(cable: Cable, pulley: Pulley, wrap_angle: Vector) -> Matrix:
+    """eta of a pulley at rest and sliding fast, by the cable's law: (37), (41) and their blend.
+
+    Args:
+        cable: of the pulley.
+        pulley: one of its pulleys.
+        wrap_angle: [rad], shape (n,).
+
+    Returns:
+        Shape (n, 2).
+    """
     law = friction_law(cable.law)
     if not law.sliding:
-        return 1.0, 1.0
-    values = friction_numbers(pulley, law)
-    kinetic, static = blended_loss(
-        values["rho"], values["mu_c"], values["mu_s"], wrap_angle, values["bearing_ratio"],
-        Stribeck[pulley.friction.stribeck],
-    )  # fmt: skip
-    return 1.0 - kinetic - static, 1.0 - kinetic
+        return np.ones((wrap_angle.size, 2))
+    one = friction_numbers(pulley, law)
+    rho, mu_c, mu_s, bearing = (one[key] for key in ("rho", "mu_c", "mu_s", "bearing_ratio"))
+    stribeck = Stribeck[pulley.friction.stribeck]
+    kinetic, static = np.transpose(
+        [blended_loss(rho, mu_c, mu_s, wrap, bearing, stribeck) for wrap in wrap_angle.tolist()]
+    )
+    return np.stack([1.0 - kinetic - static, 1.0 - kinetic], axis=1)
 
 
 def inspect_robot(model: Model) -> Inspection:
@@ -163,9 +176,8 @@ def inspect_robot(model: Model) -> Inspection:
         cables |= {check.name: check for check in checks}
         wound = {name for cable in own for name in motors_of(cable)}
         motors |= {name: angles[name] for name in wound}
-    poses = visited_poses(robot, [joint.name for joint in robot.joints])
-    parts = robot.parts
-    arms = [_total_arms(parts, shape_at(model, pose)) for pose in poses]
+    poses, arms = _total_arms(model, visited_poses(robot, [joint.name for joint in robot.joints]))
+    ranks = np.linalg.matrix_rank(_scaled(arms))
     still = Extent(0.0, 0.0, tuple(robot.reference_pose), tuple(robot.reference_pose))
     drums = robot.drums
     return Inspection(
@@ -176,47 +188,75 @@ def inspect_robot(model: Model) -> Inspection:
             MotorCheck(motor.name, motors.get(motor.name, still), tuple(drums[:, m].tolist()))
             for m, motor in enumerate(robot.motors)
         ),
-        tuple(
-            tuple(pose)
-            for pose, one in zip(poses.tolist(), arms, strict=True)
-            if np.linalg.matrix_rank(_scaled(one)) < len(robot.joints)
-        ),
+        tuple(map(tuple, poses[ranks < len(robot.joints)].tolist())),
     )
 
 
-def _total_arms(parts: Sequence[slice], shape: Shape) -> Matrix:
-    """Derivatives of every cable's length by every joint, shape (cables, joints)."""
-    return np.stack([shape.lever_arm[part].sum(axis=0) for part in parts])
+@dataclass(frozen=True)
+class _Geometry:
+    """A robot in n poses."""
+
+    poses: Matrix
+    """Shape (n, joints)."""
+    length: Matrix
+    """Of every element [m], shape (n, elements)."""
+    lever_arm: Table
+    """Of every element about every joint [m], shape (n, elements, joints)."""
+    wrap: Matrix
+    """Of every pulley [rad], shape (n, pulleys)."""
+
+
+def _possible(model: Model, poses: Matrix) -> Iterator[_Geometry]:
+    """The robot in all poses but the impossible ones, in runs of at most ``RUN``."""
+    at = 0
+    while at < len(poses):
+        some = poses[at : at + RUN]
+        course, done = course_of(model, some)
+        if done:
+            found = some, course.length, course.lever_arm, course.wrap
+            yield _Geometry(*(one[:done] for one in found))
+        at += done if done == len(some) else done + 1
+
+
+def _total_arms(model: Model, poses: Matrix) -> tuple[Matrix, Table]:
+    """Possible poses, and in each derivatives of all cables' lengths, (poses, cables, joints)."""
+    starts = [part.start for part in model.robot.parts]
+    found = [
+        (some.poses, np.add.reduceat(some.lever_arm, starts, axis=1))
+        for some in _possible(model, poses)
+    ]
+    kept, arms = zip(*found, strict=True)
+    return np.concatenate(kept), np.concatenate(arms)
 
 
 def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str, Extent]]:
     """The cables of a robot in some poses, and the angles of its motors by name."""
     robot = model.robot
-    shapes = [shape_at(model, pose) for pose in poses]
-    whole = whole_lengths(robot, np.stack([one.length for one in shapes]))
+    found = [vars(some).values() for some in _possible(model, poses)]
+    geometry = _Geometry(*(np.concatenate(one) for one in zip(*found, strict=True)))
+    poses = geometry.poses
+    whole = whole_lengths(robot, geometry.length)
     stiffness = stiffness_at_preload(robot, whole[0])
     motors, followed = followed_by(robot, whole, stiffness, robot.drums)
     names = [motor.name for motor in robot.motors]
     angles = {name: _extent(motors[:, m], poses) for m, name in enumerate(names)}
-    return list(_cables(model, poses, shapes, followed, stiffness, motors)), angles
+    return list(_cables(model, geometry, followed, stiffness, motors)), angles
 
 
 def _cables(
     model: Model,
-    poses: Matrix,
-    shapes: list[Shape],
+    geometry: _Geometry,
     followed: Matrix,
     stiffness: Vector,
     motors: Matrix,
 ) -> Iterator[CableCheck]:
-    robot = model.robot
+    robot, poses = model.robot, geometry.poses
     joints = range(len(robot.joints))
     pulley_at = 0
     for c, (cable, part) in enumerate(zip(robot.cables, robot.parts, strict=True)):
-        length = np.array([shape.length[part] for shape in shapes])
-        by_joint = np.array([shape.lever_arm[part] for shape in shapes])
+        length, by_joint = geometry.length[:, part], geometry.lever_arm[:, part]
         count = len(cable.pulleys)
-        wrap = np.array([shape.wrap[pulley_at : pulley_at + count] for shape in shapes])
+        wrap = geometry.wrap[:, pulley_at : pulley_at + count]
         pulley_at += count
         eta = _transmissions(cable, wrap)
         arms = by_joint.sum(axis=1)
@@ -268,11 +308,10 @@ def _elements(
 
 def _transmissions(cable: Cable, wrap: Matrix) -> NDArray[np.float64]:
     """eta of every pulley at rest and sliding fast, shape (poses, pulleys, 2)."""
-    eta = [
-        [transmissions(cable, pulley, pose[p]) for p, pulley in enumerate(cable.pulleys)]
-        for pose in wrap
-    ]
-    return np.array(eta).reshape(wrap.shape[0], len(cable.pulleys), 2)
+    found = np.empty((wrap.shape[0], len(cable.pulleys), 2))
+    for p, pulley in enumerate(cable.pulleys):
+        found[:, p] = transmissions(cable, pulley, wrap[:, p])
+    return found
 
 
 def _wound(robot: Robot, cable: Cable, motors: Matrix) -> Vector:
@@ -316,8 +355,8 @@ def _extent(values: Vector, poses: Matrix) -> Extent:
     )  # fmt: skip
 
 
-def _scaled(arms: Matrix) -> Matrix:
+def _scaled(arms: Table) -> Table:
     """Moment arms with columns of unit norm, so that their units do not affect the rank."""
-    norm = np.linalg.norm(arms, axis=0)
-    scaled: Matrix = arms / np.where(norm > LOOSEST, norm, np.inf)
+    norm = np.linalg.norm(arms, axis=-2, keepdims=True)
+    scaled: Table = arms / np.where(norm > LOOSEST, norm, np.inf)
     return scaled

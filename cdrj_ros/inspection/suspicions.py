@@ -24,6 +24,9 @@ from cdrj_ros.robot.description import (
     turns_of,
 )
 
+LARGEST_ARM: Final = 2.0
+"""Moment arm about a hinge beyond which millimetres were probably given as metres [m]."""
+
 NARROW_WRAP: Final = 2.0 * pi / 180.0
 """Wrap below which a cable is about to leave its pulley [rad]."""
 
@@ -153,6 +156,10 @@ def _arms_and_spans(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[S
     changing = []
     for joint, arm in zip(robot.joints, check.moment_arm, strict=True):
         size = max(abs(arm.low), abs(arm.high))
+        if size > LARGEST_ARM and joint.name not in robot.prismatic_joints:
+            yield Suspicion(
+                cable.name, f"moves {size:.3g} m per radian of {joint.name}: are all lengths in m?"
+            )
         if arm.low < -SMALL_ARM * size and arm.high > SMALL_ARM * size and size > 1e-9:
             changing.append(f"about {joint.name} ({_arm(robot, joint.name, arm)})")
     if changing:  # normal for the cables of a platform; a dead centre for a single joint

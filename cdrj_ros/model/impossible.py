@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import degrees, pi, radians
+from math import degrees, hypot, pi, radians
 from typing import Any, Final
 
 import numpy as np
@@ -29,6 +29,10 @@ SMALLEST_RADIUS: Final = 1e-4
 FARTHEST: Final = 50.0
 """Coordinate beyond which millimetres were probably given as metres [m]."""
 
+LONGER: Final = 50.0
+"""Distance of a node from the origin of its frame, over the largest one between frames, beyond
+which one of them was probably given in millimetres."""
+
 
 @dataclass(frozen=True)
 class Suspicion:
@@ -49,8 +53,9 @@ def unit_doubts(robot: Robot) -> Iterator[Suspicion]:
             yield from _range(joint)
     for frame in robot.frames:
         yield from _coordinates(f"frame {frame.name}", "origin", frame.origin)
+    largest = max((hypot(*frame.origin) for frame in robot.frames), default=0.0)
     for cable in robot.cables:
-        yield from _nodes(cable)
+        yield from _nodes(cable, largest)
 
 
 def _range(joint: Joint) -> Iterator[Suspicion]:
@@ -75,15 +80,24 @@ def _coordinates(where: str, key: str, values: tuple[float, ...]) -> Iterator[Su
         yield Suspicion(where, f"{key} is {farthest:g} m away: is it {key}_mm? A URDF is in m.")
 
 
-def _nodes(cable: Cable) -> Iterator[Suspicion]:
+def _nodes(cable: Cable, largest: float) -> Iterator[Suspicion]:
+    """Doubtful numbers of nodes; ``largest``: the largest distance between frames [m]."""
     for k, node in enumerate(cable.nodes):
         where = f"{cable.name}/{k + 1}"
         if node.radius > LARGEST_RADIUS:
             yield Suspicion(where, f"radius is {node.radius:g} m: is it radius_mm?")
         elif 0.0 < node.radius < SMALLEST_RADIUS:
             yield Suspicion(where, f"radius is {1e3 * node.radius:g} mm: is it radius, in m?")
-        if node.place is not None:
-            yield from _coordinates(where, "position", node.place.position)
+        if node.place is None:
+            continue
+        yield from _coordinates(where, "position", node.place.position)
+        away = hypot(*node.place.position)
+        if node.place.frame != "base" and FARTHEST >= away > LONGER * largest > 0.0:
+            yield Suspicion(
+                where,
+                f"position is {away:.3g} m from the origin of its frame, and frames are at most "
+                f"{largest:.3g} m apart: is it position_mm?",
+            )
 
 
 RIM: Final = 1e-6

@@ -13,11 +13,12 @@ from cdrj_ros.foundation.output import counted
 PULLEY: Final = 2
 """MuJoCo's code of the beginning of a branch, ``mjWRAP_PULLEY``."""
 
-LARGE: Final = 2.0
-"""Length of a tendon [m] beyond which its thickness may show that lengths are not in m."""
+LARGE: Final = 1.0
+"""Length of a tendon [m] beyond which its thickness may show that lengths are not in m; 0.7 in
+MyoSuite's whole body."""
 
-SLENDER: Final = 500.0
-"""Length over thickness of a tendon beyond which that is said; 30 to 300 in public hands."""
+SLENDER: Final = 150.0
+"""Length over thickness of a tendon beyond which that is said; up to 150 in public models."""
 
 HELD: Final = -1
 """Leader of a joint that stands still."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +225,25 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
         "friction.mu_c, cables.flexor.nodes.1.radius, cables.flexor.nodes.1.winding, "
         "cables.[flexor,leash,cord].axial_stiffness, cables.[flexor,cord].preload: guesses"
     )
+
+
+def larger(xml: str, factor: float) -> str:
+    """A model all of whose lengths but those of springs and slides are larger."""
+
+    def scaled(found: re.Match[str]) -> str:
+        return f'{found[1]}="{" ".join(str(factor * float(one)) for one in found[2].split())}"'
+
+    return re.sub(r'(pos|size)="([^"]*)"', scaled, xml)
+
+
+@pytest.mark.parametrize("factor", [1, 10, 1000])
+def test_a_finger_of_metres_with_cables_of_millimetres_is_asked_for_its_unit(
+    factor: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = imported(larger(FINGER, factor), tmp_path)
+    assert ("are all lengths of the model in m?" in capsys.readouterr().out) == (factor > 1)
+    doubts = [one.text for one in find_suspicions(inspect_robot(model))]
+    assert any("are all lengths in m?" in text for text in doubts) == (factor == 1000)
 
 
 def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path: Path) -> None:

@@ -42,6 +42,13 @@ MISTAKES = [
         "150 m away: is it position_mm?",
         True,
     ),
+    (
+        "frame: arm, radius_mm: 40, position_mm: [0, 0], turn: cw",
+        "frame: arm, position: [20, 5]",
+        "flexor/3",
+        "20.6 m from the origin of its frame, and frames are at most 0.3 m apart: is it",
+        False,
+    ),
     ("origin_mm: [300, 0]", "origin: [300, 0]", "frame arm", "300 m away: is it origin_mm?", True),
 ]
 
