@@ -7,7 +7,7 @@ estimate is therefore known as soon as its inputs are sent.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from time import perf_counter
 from typing import Final, NamedTuple
 
@@ -75,6 +75,9 @@ class Tally:
             f"{self.lost} lost"
         )
         return words + (f", {self.strange} strange" if self.strange else "")
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import monotonic, perf_counter
 from typing import Any, Final
 
@@ -11,8 +13,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.task import Future
 
 from cdrj_ros.estimation.conditioner import Kind
-from cdrj_ros.evaluation.answers import Run, Tally
-from cdrj_ros.evaluation.replayed import Ending, NodeSettings, Played, require_every_sample
+from cdrj_ros.evaluation.answers import Answers, Run, Tally
+from cdrj_ros.evaluation.replayed import NodeSettings, require_every_sample
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.messages.cdr import stamped
@@ -53,8 +55,30 @@ ANSWERS_S: Final = 0.5
 """Maximum time to wait for answers in flight after a signal [s]."""
 
 
+class Ending(enum.Enum):
+    """Reason for the end of a pass."""
+
+    END = "at the end"
+    USER = "by the user"
+    GONE = "because the estimator disappeared"
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """One pass: what was played since a reset of the estimator, and its answers."""
+
+    answers: Answers
+    ending: Ending
+    span_s: float
+    """Duration of the played part of the recording [s]."""
+    wall_s: float
+    """Elapsed wall time [s]."""
+    behind_s: float
+    """Maximum delay of a message after its due time [s]; 0 if played as fast as possible."""
+
+
 class Player:
-    """Plays recordings, one after another, and shows the progress."""
+    """Plays recordings, one pass at a time, and shows the progress."""
 
     def __init__(
         self, model: Model, node: ReplayNode, executor: EventsExecutor, stop: StopRequest
@@ -67,6 +91,8 @@ class Player:
         self.estimator = NodeSettings()
         """Settings of the estimator; valid after ``wait_for_estimator``."""
         self._stop = stop
+        self._before = Tally()
+        """Counters of the earlier passes."""
         self._chores_s = 0.0
         self._presence_s = 0.0
         self._clock_s = 0.0
@@ -111,7 +137,7 @@ class Player:
         return True
 
     def play(self, playback: Playback) -> Played:
-        """Play a recording from a reset of the estimator on.
+        """Play one pass from a reset of the estimator on.
 
         Raises:
             UsageError: others publish the estimator's inputs, too.
@@ -132,6 +158,7 @@ class Player:
         wall_s = perf_counter() - begin_s
         end_ns = playback.end_ns if ending is Ending.END else self._reached_ns
         answers = run.finish()
+        self._before += answers.tally
         silent = not run.received_s and answers.tally.expected > 0
         if silent and ending is not Ending.GONE and not self._stop:
             self._refuse_silence(answers.tally)
@@ -139,7 +166,7 @@ class Player:
         return Played(answers, ending, span_s, wall_s, playback.behind_s)
 
     def _loop(self, playback: Playback, run: Run) -> Ending:
-        """Send messages that are due and process answers until the playback ends."""
+        """Send messages that are due and process answers until the pass ends."""
         routes = self._routes(run)
         spin_once = self.executor.spin_once
         paced = 0
@@ -251,10 +278,11 @@ class Player:
                 self._gone = True
 
     def _show(self, now: float, playback: Playback, run: Run) -> None:
-        """Draw the bar: the position, and the counters."""
+        """Draw the bar: the position, and the counters of all passes."""
         done = (playback.position_ns(now) - playback.begin_ns) * 1e-9
         total = (playback.end_ns - playback.begin_ns) * 1e-9
-        self.bar(done, f"{done:.1f}/{total:.1f} s, {run.tally().words}")
+        counters = (self._before + run.tally()).words
+        self.bar(done, f"{done:.1f}/{total:.1f} s, {counters}")
 
     def _refuse_intruders(self) -> None:
         """Refuse to play to an estimator that hears a robot as well; it may be discovered late."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -22,13 +23,14 @@ from cdrj_ros.commands.shared import (
 )
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
-from cdrj_ros.evaluation.replayed import Ending, Played, preload_difference
+from cdrj_ros.evaluation.replayed import Outcome, preload_difference
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.topics import CLOCK
 from cdrj_ros.model.prepared import Model, load_model
-from cdrj_ros.nodes.player import Player
+from cdrj_ros.nodes.player import Ending, Player
 from cdrj_ros.nodes.replay_node import ReplayNode
 from cdrj_ros.nodes.spinning import StopRequest, exit_code, ros_context, serving, starting
 from cdrj_ros.recordings.recording import Recording, Topics
@@ -36,7 +38,9 @@ from cdrj_ros.recordings.source import (
     MAX_RATE,
     MIN_RATE,
     Playback,
+    Source,
     checked_rate,
+    open_source,
     rate_in_words,
     read_messages,
 )
@@ -53,13 +57,17 @@ class Bag:
     """One recording to be played."""
 
     path: str
+    source: Source
     recording: Recording
+    begin_ns: int
+    end_ns: int
 
     def playback(self, topics: Sequence[str], rate: float | None) -> Playback:
-        """All messages on these topics."""
-        begin_ns, end_ns = self.recording.start_ns, self.recording.end_ns
-        messages = read_messages(self.path, topics, start_ns=begin_ns, end_ns=end_ns + 1)
-        return Playback(messages, begin_ns, end_ns, rate=rate)
+        """One pass over these topics."""
+        messages = read_messages(
+            self.source, topics, start_ns=self.begin_ns, end_ns=self.end_ns + 1
+        )
+        return Playback(messages, self.begin_ns, self.end_ns, rate=rate)
 
 
 def replay_parser() -> argparse.ArgumentParser:
@@ -89,9 +97,28 @@ def _add_playback_options(parser: argparse.ArgumentParser) -> None:
         "(default: as fast as the estimator keeps up)",
     )  # fmt: skip
     group.add_argument(
+        "-l", "--loop", type=int, nargs="?", const=0, default=1, metavar="N",
+        help="play N times, or until Ctrl-C; the estimator is reset before every pass",
+    )  # fmt: skip
+    group.add_argument(
+        "--start-offset", type=_seconds, default=0.0, metavar="S",
+        help="start this long after the beginning of the bag [s]",
+    )  # fmt: skip
+    group.add_argument(
+        "--playback-duration", type=_seconds, default=math.inf, metavar="S",
+        help="play this much of the bag [s]",
+    )  # fmt: skip
+    group.add_argument(
         "--clock", type=_hertz, nargs="?", const=CLOCK_HZ, default=0.0, metavar="HZ",
         help=f"publish the recording's time on {CLOCK} (default {CLOCK_HZ:g} Hz)",
     )  # fmt: skip
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < 1e10:
+        raise argparse.ArgumentTypeError(f"must be seconds, 0 or more, got {text}")
+    return value
 
 
 def _hertz(text: str) -> float:
@@ -101,19 +128,50 @@ def _hertz(text: str) -> float:
     return value
 
 
+def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
+    """Read one recording and choose what of it is played."""
+    source = open_source(path)
+    recording = read_inputs(path, topics, model, force_vectors=True)
+    first, last = recording.start_ns, recording.end_ns
+    begin = first + round(arguments.start_offset * 1e9)
+    if begin > last:
+        raise UsageError(
+            f"--start-offset: {path} is {(last - first) * 1e-9:.3f} s long, "
+            f"got {arguments.start_offset:g} s"
+        )
+    duration_s = min(arguments.playback_duration, (last - begin) * 1e-9)
+    return Bag(path, source, recording, begin, min(begin + round(duration_s * 1e9), last))
+
+
 def _play_all(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
-) -> list[Played]:
-    """Play the bags in turn, up to the first that is not played to its end."""
+) -> tuple[list[Outcome], Ending]:
+    """Play all bags in turn, pass after pass; returns an outcome for each bag and the ending."""
     topics = [player.node.topics.motors, player.node.topics.joints]
-    found = []
-    for bag in bags:
-        duration_s = (bag.recording.end_ns - bag.recording.start_ns) * 1e-9
-        player.bar.say(f"playing {bag.path}: {duration_s:.3f} s, {rate_in_words(arguments.rate)}")
-        found.append(player.play(bag.playback(topics, arguments.rate)))
-        if found[-1].ending is not Ending.END or stop:
-            break
-    return found
+    outcomes = [Outcome(player.model) for _ in bags]
+    passes = arguments.loop or math.inf
+    ending, done = Ending.END, 0
+    while done < passes and ending is Ending.END:
+        done += 1
+        for bag, outcome in zip(bags, outcomes, strict=True):
+            again = "" if passes == 1 else f", pass {done}"
+            player.bar.say(
+                f"playing {bag.path}{again}: {(bag.end_ns - bag.begin_ns) * 1e-9:.3f} s, "
+                f"{rate_in_words(arguments.rate)}"
+            )
+            played = player.play(bag.playback(topics, arguments.rate))
+            ending = played.ending
+            outcome.add(played.answers, whole=ending is Ending.END)
+            outcome.span_s += played.span_s
+            outcome.wall_s += played.wall_s
+            outcome.behind_s = max(outcome.behind_s, played.behind_s)
+            at = "" if ending is Ending.END else f" at {played.span_s:.3f} s"
+            outcome.ending = f"{ending.value}{at}"
+            if ending is Ending.END and stop:
+                ending = Ending.USER
+            if ending is not Ending.END:
+                break
+    return outcomes, ending
 
 
 def _replay(
@@ -136,28 +194,29 @@ def _play_and_report(
     if words := preload_difference(player.model, player.estimator):
         player.bar.say(f"warning: {words}")
     with player.bar:
-        played = _play_all(arguments, player, bags, stop)
-    if stop.interrupted and not any(one.answers.tally.sent for one in played):
+        outcomes, ending = _play_all(arguments, player, bags, stop)
+    if stop.interrupted and not any(outcome.tally.sent for outcome in outcomes):
         return exit_code("replay", stop, supervised=False)
-    code = _report(arguments, player.model, bags, played)
+    code = _report(arguments, player.model, bags, outcomes, ending)
     sys.stdout.flush()
     return exit_code("replay", stop, supervised=False) or code
 
 
 def _report(
-    arguments: argparse.Namespace, model: Model, bags: Sequence[Bag], played: Sequence[Played]
-) -> int:
+    arguments: argparse.Namespace, model: Model, bags: Sequence[Bag],
+    outcomes: Sequence[Outcome], ending: Ending,
+) -> int:  # fmt: skip
     """Print what was played and the comparison with the references; returns the exit code."""
     comparisons, uncompared = [], []
-    for bag, one in zip(bags, played, strict=False):
-        if not one.answers.tally.sent:
+    for bag, outcome in zip(bags, outcomes, strict=True):
+        if not outcome.tally.sent:
             continue
-        comparison = one.comparison(model, bag.path, bag.recording)
+        comparison = outcome.comparison(bag.path, bag.recording)
         say(f"{bag.path}:")
         for name, value in comparison.facts.items():
             say(f"  {name}: {value}")
         comparisons.append(comparison)
-        if why := one.why_nothing(model, comparison, bag.recording):
+        if why := outcome.why_nothing(comparison, bag.recording):
             uncompared.append(f"{bag.path}: {why}")
     sys.stdout.flush()
     if not comparisons:
@@ -168,13 +227,13 @@ def _report(
         title = f"{model.robot.name}: estimator node against reference"
         write_files(arguments, model, errors, title)
         print_results(arguments, errors, title)
-    if played[-1].ending is Ending.GONE:
+    if ending is Ending.GONE:
         print("replay: the estimator disappeared during the playback", file=sys.stderr)
         return INCOMPLETE
     for words in uncompared:
         print(f"replay: nothing was compared: {words}", file=sys.stderr)
-    lost = any(one.answers.tally.lost for one in played)
-    return INCOMPLETE if lost or uncompared else DONE
+    complete = not uncompared and all(outcome.complete for outcome in outcomes)
+    return DONE if complete else INCOMPLETE
 
 
 @contextmanager
@@ -212,11 +271,11 @@ def _body(argv: Sequence[str]) -> int:
     check_outputs(results, [*arguments.bags, arguments.robot])
     if arguments.rate is not None:
         checked_rate(arguments.rate)
+    if arguments.loop < 0:
+        raise UsageError(f"--loop must be at least 1, got {arguments.loop}")
     model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
-    bags = [
-        Bag(path, read_inputs(path, topics, model, force_vectors=True)) for path in arguments.bags
-    ]
+    bags = [_open(arguments, model, topics, path) for path in arguments.bags]
     with ros_context(["replay", *ros]) as stop, stop.listening(), _second_signal_aborts(stop):
         return _replay(arguments, model, topics, bags, stop)
 

@@ -16,9 +16,8 @@ from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
 from cdrj_ros.evaluation.replayed import (
-    Ending,
     NodeSettings,
-    Played,
+    Outcome,
     preload_difference,
     require_every_sample,
 )
@@ -139,6 +138,24 @@ def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
     assert np.all(answers.latency_s >= 0)
 
 
+@pytest.mark.parametrize("off", [0.0, 0.25])
+def test_passes_are_counted_and_their_difference_is_noted(model: Model, off: float) -> None:
+    outcome = Outcome(model)
+    for difference in (0.0, off):
+        bench = Bench(model)
+        values = bench._estimate.values + difference
+        bench._estimate = replace(bench._estimate, values=values)
+        bench.send(*range(5))
+        bench.answer(*range(5))
+        outcome.add(bench.run.finish(), whole=True)
+    assert (outcome.passes, outcome.whole_passes) == (2, 2)
+    assert outcome.difference == pytest.approx(off)
+    assert outcome.answers is not None
+    assert outcome.answers.estimates.stamp_ns.size == 5
+    assert outcome.tally.received == 10
+    assert ["should be identical" in note for note in outcome.notes()] == [True] * (off > 0.0)
+
+
 def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
     """The joint is read at every fifth stamp; what was predicted between is computed again."""
     bench = Bench(model, "predict")
@@ -160,16 +177,16 @@ def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
     stddev[:, -1] = np.nan
     conditioned = Conditioned((samples,), {}, 0, 0, 0)
     answers = Answers(Tally(), conditioned, replace(estimates, stddev=stddev), np.empty(0))
-    played = Played(answers, Ending.END, 1.0, 1.0, 0.0)
+    outcome = Outcome(model, answers=answers)
     recording = read_inputs(str(SAMPLE), Topics(), model)
-    errors = errors_of([played.comparison(model, "bag", recording)]).pooled
+    errors = errors_of([outcome.comparison("bag", recording)]).pooled
     half, whole = errors["tension/upper/8"].coverage, errors["nodal_force/upper/8"].coverage
     assert half is not None
     assert whole is not None
     assert 0.0 < half < 1.0
     assert 0.0 < whole < 1.0
     stddev[: count // 2, :16] = 0.05
-    all_known = errors_of([played.comparison(model, "bag", recording)]).pooled["tension/upper/8"]
+    all_known = errors_of([outcome.comparison("bag", recording)]).pooled["tension/upper/8"]
     assert all_known.coverage == pytest.approx(half, abs=0.1)
     assert errors["effort/elbow"].coverage is None
 
