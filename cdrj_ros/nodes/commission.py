@@ -82,7 +82,7 @@ def _hear(
             if silent := [topic for topic, heard in angles.items() if not heard]:
                 if monotonic() - asked_s > PATIENCE_S:
                     there = remapping(node, silent[0], JOINT_STATE.name).split(":")[0]
-                    raise BagError(f"no message on {silent[0]}" + (f"; {there}" if there else ""))
+                    raise BagError(f"no message on {silent[0]}; {there}")
                 continue
             begin_s = min(begin_s, monotonic())
             report(monotonic() - begin_s)

@@ -89,7 +89,7 @@ class InputTopic:
         """Whether a message had no stamp."""
         self.publishers = 0
         self.remapping = ""
-        """Where messages of this type are, while this topic has no publisher."""
+        """Where messages of this type are, or are not, while this topic has no publisher."""
         self.silent_s = 0.0
         """Time since the last message, to the second, as of the last ``look`` [s]."""
         self.heard_s = -inf

@@ -6,6 +6,7 @@ read at the start, the parameter file and the page docs/ros_reference.md.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -208,8 +209,12 @@ def default_profile() -> QoSProfile:
     return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
+RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+"""Variable of the environment: which computers a node hears."""
+
+
 def remapping(node: Node, topic: str, msgtype: str) -> str:
-    """The remapping to another topic of the same type that has publishers; empty if none has.
+    """The remapping to another topic of the same type that has publishers, or where none was found.
 
     The truth of a simulated rig is none: no robot publishes it.
 
@@ -224,7 +229,9 @@ def remapping(node: Node, topic: str, msgtype: str) -> str:
         there = {one.node_name for one in node.get_publishers_info_by_topic(other)}
         if other != topic and there - {node.get_name()} and f"/{TRUTH}/" not in other:
             return f"there is {other}: --ros-args -r {name}:={other}"
-    return ""
+    domain, reach = os.environ.get("ROS_DOMAIN_ID") or "0", os.environ.get(RANGE) or "SUBNET"
+    kind = msgtype.rpartition("/")[2]
+    return f"no other {kind} in ROS_DOMAIN_ID {domain} ({RANGE} {reach})"
 
 
 def reliability_parameter(topic: str) -> str:

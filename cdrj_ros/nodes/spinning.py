@@ -24,15 +24,13 @@ from cdrj_ros.commands.entry import DONE
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.interruption import INTERRUPTED, announce_interruption
 from cdrj_ros.foundation.output import say
-from cdrj_ros.nodes.settings import Setting, parameter_file, refuse_unknown_parameters
+from cdrj_ros.nodes.settings import RANGE, Setting, parameter_file, refuse_unknown_parameters
 
 STOP_POLL_S: Final = 0.1
 """Maximum time until a stop request is noticed [s]."""
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask a node to stop."""
-
-RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 REACH: Final = (
     RANGE,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections import Counter
@@ -29,7 +28,7 @@ from cdrj_ros.messages.cdr import CABLE_TENSIONS
 from cdrj_ros.model.packing import INVALID, STALE
 from cdrj_ros.nodes.feed import LastMessage, Rate
 from cdrj_ros.nodes.settings import publishing_nodes, remapping
-from cdrj_ros.nodes.spinning import RANGE, RosError, ros_context, serving, starting
+from cdrj_ros.nodes.spinning import RosError, ros_context, serving, starting
 from cdrj_ros.report.status import FOREIGN_S, SIGMAS, status_words
 
 DRAW_S: Final = 0.125
@@ -69,10 +68,8 @@ class WatchNode(Node):
         """Why no message arrives."""
         if others := publishing_nodes(self, self.topic):
             return f"nothing from {', '.join(others)} on {self.topic}"
-        domain, reach = os.environ.get("ROS_DOMAIN_ID") or "0", os.environ.get(RANGE) or "SUBNET"
         there = remapping(self, self.topic, CABLE_TENSIONS.name)
-        text = f"no publisher of {self.topic} in ROS domain {domain}, {RANGE}={reach}; {there}"
-        return text.removesuffix("; ")
+        return f"no publisher of {self.topic}; {there}"
 
     def rows(self) -> list[tuple[str, float, float, int]]:
         """Name, tension [N], two standard deviations [N] and status of all elements."""

@@ -24,7 +24,8 @@ from cdrj_ros.nodes.markers import MarkersNode
 from cdrj_ros.nodes.replay_node import ReplayNode
 from cdrj_ros.nodes.rig import RigNode
 from cdrj_ros.nodes.robot_description import listener_of
-from cdrj_ros.nodes.spinning import RANGE, REACH, ros_context, stay_on_this_machine
+from cdrj_ros.nodes.settings import RANGE
+from cdrj_ros.nodes.spinning import REACH, ros_context, stay_on_this_machine
 from cdrj_ros.nodes.watch import WatchNode
 from cdrj_ros.recordings.recording import Topics
 

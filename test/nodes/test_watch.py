@@ -129,7 +129,7 @@ class Looking:
 
 def test_it_says_why_no_message_arrives(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     watch = Looking(bench, monkeypatch)
-    watch.says("no publisher of /cdrj/tensions in ROS domain ")
+    watch.says("no publisher of /cdrj/tensions; no other CableTensions in ROS_DOMAIN_ID ")
     Source(bench.node, "/left/cdrj/tensions")
     watch.says("; there is /left/cdrj/tensions: --ros-args -r tensions:=/left/cdrj/tensions")
     Source(bench.node)
