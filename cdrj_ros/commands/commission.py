@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.commands.commission_checks import refuse_signs, swapped
+from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unusual
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
 from cdrj_ros.commands.commission_rests import pose_words
 from cdrj_ros.commands.commission_steps import TAKE, Commissioned, begin, provenance
@@ -128,6 +128,8 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             on = name == "rest" and not arguments.yes
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
         now = take(now, _measured(now, name, given, topics))
+        if name in ("motion", "cells") and (pair := swapped(now)):
+            raise UsageError(SWAPPED.format(*pair))
         known = judged(now.model, now.heard)
         for note in _notes(now, suspected=bool(arguments.preload)):
             say(f"note: {note}")
@@ -148,15 +150,15 @@ def _notes(now: Commissioned, *, suspected: bool) -> Iterator[str]:
     for one in now.fits:
         doubt = SUSPECTED if suspected else ""
         left = [f"{sentence}{doubt}" for sentence in lacking(one.found.unexplained)]
-        for sentence in (*sentences(one.found.drums), *left):
+        for sentence in (*sentences(one.found.drums), *left, *unusual(one)):
             said.setdefault(sentence, []).append(one.cables)
     for sentence, cables in said.items():
         yield sentence if len(cables) == len(now.fits) else f"{'; '.join(cables)}: {sentence}"
 
 
 SWAPPED: Final = (
-    "The spring scale's readings of {0} and {1} seem to be swapped: the efforts in {2} fit them "
-    "only the other way round."
+    "the spring scale's readings of {} and {} fit the recordings only the other way round: "
+    "exchange them"
 )
 
 SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the tare?"
@@ -189,9 +191,7 @@ def _measured(now: Commissioned, name: str, given: Any, topics: Topics | Columns
         return {motor: 1e-3 * size for motor, size in _numbers(given, "--drum", "MOTOR=MM").items()}
     read = [_read(now, bag, topics) for bag in given]
     for one in read:
-        refuse_signs(now.measured, one)
-        if pair := swapped(now.measured, one, now.weighed):
-            say(f"note: {SWAPPED.format(*pair, one.name)}")
+        refuse_efforts(now.measured, one)
     return read
 
 

@@ -1,18 +1,19 @@
 """Measurements that contradict each other in a way that names the mistake.
 
-A fit would put such a mistake into numbers of the robot: efforts of the wrong sign, or readings of
-a spring scale that were noted for each other's cables.
+A fit would put such a mistake into numbers of the robot: efforts of the wrong sign or unit, or
+readings of a spring scale that were noted for each other's cables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
-from math import log
 from typing import Final
 
 import numpy as np
 
+from cdrj_ros.commands.commission_fits import PartFit
+from cdrj_ros.commands.commission_steps import Commissioned, read_again
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded
@@ -23,15 +24,24 @@ from cdrj_ros.robot.groups import motors_of
 OPPOSITE: Final = -1.0 / 3.0
 """Ratio of efforts below which their sign is wrong: that of a cable never changes."""
 
-APART: Final = 0.08
-"""Logarithm of the ratio of efforts from which a reading is suspected."""
+UNIT: Final = 5.0
+"""Ratio of all efforts, or its inverse, beyond which a unit is wrong and no load the reason,"""
 
-ALIKE: Final = 0.05
-"""The same up to which a reading of another cable fits: a drum errs by 3 %, a scale by 1 %."""
+ALIKE: Final = 1.5
+"""and by what factor the ratios of motors may then differ."""
+
+APART: Final = 1.05
+"""Ratio of two readings below which it does not matter to which cable they belong."""
+
+BETTER: Final = 3.0
+"""Factor by which the largest deviation must fall for two readings to be swapped."""
+
+UNUSUAL: Final = 3.0
+"""A number that a fit moves by so many of its standard deviations is reported."""
 
 
-def refuse_signs(model: Model, recorded: Recorded) -> None:
-    """Refuse efforts that push the cables.
+def refuse_efforts(model: Model, recorded: Recorded) -> None:
+    """Refuse efforts that push the cables, or that no cable with such preloads has.
 
     Args:
         model: the robot, with its preloads as they were read.
@@ -41,35 +51,68 @@ def refuse_signs(model: Model, recorded: Recorded) -> None:
         UsageError: names the motors and what to change.
     """
     ratios = effort_ratios(model, recorded)
-    signs = {motor.name: motor.effort_sign for motor in model.robot.motors}
+    motors = {motor.name: motor for motor in model.robot.motors}
     wrong = [name for name, ratio in ratios.items() if ratio < OPPOSITE]
     if wrong:
-        fits = ", ".join(f"motors.{name}.effort_sign: {-signs[name]:+d}" for name in wrong)
+        fits = ", ".join(
+            f"motors.{one}.effort_sign: {-motors[one].effort_sign:+d}" for one in wrong
+        )
         raise UsageError(f"{recorded.name}: efforts are opposite to the cables' pull; {fits} fits")
+    least, most = min(ratios.values(), default=1.0), max(ratios.values(), default=1.0)
+    if 0.0 < most < ALIKE * least and not 1.0 / UNIT < most < UNIT:
+        fits = ", ".join(f"{motors[one].effort_scale / ratio:.4g}" for one, ratio in ratios.items())
+        raise UsageError(
+            f"{recorded.name}: efforts are {least:.3g} to {most:.3g} times what the preloads give; "
+            f"effort_scale: {fits} fits, or the preloads are not in N (1 kgf is 9.81 N)"
+        )
 
 
-def swapped(model: Model, recorded: Recorded, read: Collection[str]) -> tuple[str, str] | None:
-    """Two cables whose readings on a spring scale fit the efforts only the other way round.
+def swapped(now: Commissioned) -> tuple[str, str] | None:
+    """Two cables whose readings on a spring scale fit the recordings only the other way round.
 
-    Args:
-        model: the robot, with its preloads as they were read.
-        recorded: a motion with efforts of motors.
-        read: names of the cables that were read.
+    Tried where a fit leaves far more than the noise of its sensors, or moves a number far.
     """
-    preload = {cable.name: cable.preload for cable in model.robot.cables}
-    cables = _single_cables(model)
-    off = {
-        cables[name]: log(ratio)
-        for name, ratio in effort_ratios(model, recorded).items()
-        if ratio > 0.0 and cables[name] in read
-    }
-    for one, other in combinations(off, 2):
-        step = log(preload[other] / preload[one])
-        before = min(abs(off[one]), abs(off[other]))
-        after = max(abs(off[one] - step), abs(off[other] + step))
-        if before > APART and after < ALIKE:
-            return one, other
-    return None
+    found, least = None, _worst(now.fits)
+    if not now.readings:
+        return None
+    least /= BETTER
+    names = {name.split("/")[0]: name for name in now.readings[0]}
+    for fit in now.fits:
+        own = [cable.name for cable in fit.part.robot.cables if cable.name in names]
+        for pair in combinations(own if _worst([fit]) > UNUSUAL else (), 2):
+            first, second = (now.readings[0][names[cable]] for cable in pair)
+            if max(first, second) < APART * min(first, second):
+                continue
+            other = _worst(read_again(now, [_exchanged(row, pair) for row in now.readings]).fits)
+            if other < least:
+                found, least = pair, other
+    return found
+
+
+def _worst(fits: Sequence[PartFit]) -> float:
+    """The largest deviation: residual over noise, or change of a number over its deviation."""
+    left = [one.rms / one.noise for fit in fits for one in fit.found.unexplained.values()]
+    return max([*left, *(float(np.abs(fit.found.values).max(initial=0.0)) for fit in fits)])
+
+
+def unusual(fit: PartFit) -> list[str]:
+    """Numbers that a fit has moved far from what was known of them."""
+    return [
+        f"{one.paths[0]} became {one.shifts[0] + value * one.factors[0]:.4g} instead of "
+        f"{one.shifts[0]:.4g}, by {abs(value):.2g} standard deviations: is this number wrong, or "
+        "one that it stands for, such as the gear (scale) for a drum's radius?"
+        for one, value in zip(fit.found.unknowns, fit.found.values.tolist(), strict=True)
+        if abs(value) > UNUSUAL
+    ]
+
+
+def _exchanged(row: Mapping[str, float], pair: tuple[str, str]) -> dict[str, float]:
+    """The readings in a pose with those of two cables exchanged."""
+    names = [[name for name in row if name.split("/")[0] == cable] for cable in pair]
+    changed = dict(row)
+    for first, second in zip(*names, strict=False):
+        changed[first], changed[second] = row[second], row[first]
+    return changed
 
 
 def effort_ratios(model: Model, recorded: Recorded) -> dict[str, float]:
@@ -82,19 +125,11 @@ def effort_ratios(model: Model, recorded: Recorded) -> dict[str, float]:
     robot, columns = model.robot, channel_columns(model.layout)
     pose = Samples(np.zeros(1, np.int64), robot.reference_motors[None], robot.reference_pose[None])
     values = run(model, initial_state(model), pose)[1].values[0]
+    wound = [name for cable in robot.cables for name in motors_of(cable)]
     found = {}
-    for name in _single_cables(model):
+    for name in (one for one in wound if wound.count(one) == 1):
         channel = f"{EFFORT}/{name}"
         expected = float(values[columns[channel]])
         if channel in recorded.references and expected != 0.0:
             found[name] = float(np.nanmedian(recorded.references[channel].value)) / expected
     return found
-
-
-def _single_cables(model: Model) -> Mapping[str, str]:
-    """The cable of every motor that winds one."""
-    found: dict[str, list[str]] = {}
-    for cable in model.robot.cables:
-        for motor in motors_of(cable):
-            found.setdefault(motor, []).append(cable.name)
-    return {motor: names[0] for motor, names in found.items() if len(names) == 1}

@@ -70,8 +70,8 @@ class Commissioned:
     """That of the tare."""
     poses: tuple[Sample, ...] = ()
     """Those in which the robot rests there, the reference pose first."""
-    weighed: tuple[str, ...] = ()
-    """Cables that were read on a spring scale in the reference pose."""
+    readings: tuple[Mapping[str, float], ...] = ()
+    """Those of the spring scale [N], by cable or element, in every pose."""
 
     @property
     def model(self) -> Model:
@@ -136,8 +136,14 @@ def preloaded(now: Commissioned, readings: Sequence[Mapping[str, float]]) -> Com
     preloads, recorded = scale_readings(robot, now.rest, now.poses, readings)
     values = preloads_of(now.model, preloads).values
     after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.1%}")
-    after = replace(after, weighed=(*preloads,))
+    after = replace(after, readings=(*readings,))
     return after if recorded is None else fitted(after, [recorded])
+
+
+def read_again(now: Commissioned, readings: Sequence[Mapping[str, float]]) -> Commissioned:
+    """The file with other readings of the spring scale, fitted to the same motions."""
+    before = replace(now, text=now.base, fits=(), recordings=())
+    return fitted(preloaded(before, readings), [one for one in now.recordings if not one.scales])
 
 
 def drums_measured(now: Commissioned, diameters: Mapping[str, float]) -> Commissioned:

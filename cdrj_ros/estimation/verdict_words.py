@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from cdrj_ros.estimation.verdicts import ALL_EFFORTS, Finding, Verdict
 from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.groups import motors_of
 
 CLEAR: Final = 14.0
 """Margin beyond which it is not said: a million."""
@@ -136,14 +137,18 @@ def _sentence(robot: Robot, found: Finding) -> str:
 
 
 def _remedy(robot: Robot, found: Finding) -> str:
-    """The key that mends the scale of an effort, and its value."""
+    """The keys that mend the scale of an effort, and their values."""
     one, ratio = found.change, 1.0 + found.amount / found.change.factor
     if one.what == ALL_EFFORTS and abs(ratio) >= LEAST_RATIO:
-        return f"; if their unit is wrong, effort_scale: {1.0 / ratio:.3g} times as much mends it"
+        text = f"; if their unit is wrong, effort_scale: {1.0 / ratio:.3g} times as much mends it"
+        return text + (f"; if that of the preloads is, {ratio:.3g} times" if ratio > 0.0 else "")
     axis = next((a for a in robot.axes if one.what == f"scale of effort of {a.name}"), None)
     if axis is None or abs(ratio) < LEAST_RATIO:
         return ""
     text = f"; if its unit is wrong, effort_scale: {axis.effort_scale / ratio:.4g} mends it"
+    cables = [cable for cable in robot.cables if axis.name in motors_of(cable)]
+    if len(cables) == 1 and ratio > 0.0:
+        text += f"; if its preload is, {ratio * cables[0].preload:.4g} N"
     radii = {
         node.radius
         for cable in robot.cables

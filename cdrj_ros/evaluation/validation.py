@@ -64,6 +64,9 @@ NO_PRELOAD: Final = 5.0
 EFFORT_DIFFERS: Final = 3.0
 """Ratio of efforts, or its inverse, beyond which their unit or sign is questioned."""
 
+LEFT: Final = 0.25
+"""Share of the square of efforts that may be left where another unit or sign is the reason."""
+
 
 Progress = Callable[[float], None]
 
@@ -186,6 +189,9 @@ def _effort_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
             continue
         axis = axes[channel.name]
         ratio = float(np.sum(channel.reference * channel.estimate)) / squares
+        whole = float(np.sum(np.square(channel.reference)))
+        if whole - ratio**2 * squares > LEFT * whole:
+            continue
         if ratio < -1.0 / EFFORT_DIFFERS:
             fits = f"effort_sign: {-axis.effort_sign:+d}"
         elif ratio > EFFORT_DIFFERS or 0.0 < ratio < 1.0 / EFFORT_DIFFERS:

@@ -203,9 +203,10 @@ def effect_of_rho(study: Study) -> Figure:
                     _over_angle(axes, run.angle[stroke], force[stroke], line, DARK[cable])
             _along(along, run, cable)
         winch.set_ylim(0.0, 66.0)
-        for x, name, value in zip((0.03, 0.6), ("up", "down"), difference(run, 1), strict=True):
+        places = ((0.03, "up", "left"), (0.97, "down", "right"))
+        for (x, name, side), value in zip(places, difference(run, 1), strict=True):
             text = rf"$\Delta T_\mathrm{{{name}}}$ = {value:.1f} N".replace("-", "−")
-            winch.text(x, 0.95, text, va="top", transform=winch.transAxes)
+            winch.text(x, 0.95, text, va="top", ha=side, transform=winch.transAxes)
     for axes, place in zip(
         panels[:, 0],
         (

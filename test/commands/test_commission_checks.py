@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from support.fingers import finger, hand
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_checks import refuse_signs, swapped
+from cdrj_ros.commands.commission_checks import refuse_efforts, swapped
 from cdrj_ros.commands.commission_judged import Judged
 from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.estimation.estimator import Samples
@@ -23,6 +24,8 @@ from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.drives import follow_joints
+from cdrj_ros.simulation.truth import simulate
 
 EPOCH_NS = 1_700_000_000_000_000_000
 RADIUS = 0.006
@@ -48,19 +51,45 @@ def pulled(first: float, second: float, sign: float = -1.0) -> Recorded:
 
 
 def test_readings_of_two_cables_that_were_swapped_are_named() -> None:
-    both = ("a_0", "a_1")
-    assert swapped(read_as(17.0, 14.0), pulled(14.2, 17.1), both) == both
-    assert swapped(read_as(14.0, 17.0), pulled(14.2, 17.1), both) is None
-    assert swapped(read_as(17.0, 14.0), pulled(14.2, 14.0), both) is None, "one is right"
-    assert swapped(read_as(17.0, 14.0), pulled(14.2, 17.1), ("a_0",)) is None, "not read"
+    """Truth: two flexors of 16 and 12 N over an extensor, with four contact cells per pulley."""
+    document = dict(hand(finger("a", cables=3)).document)
+    values = {"cables.a_0.preload": 16.0, "cables.a_1.preload": 12.0, "cables.a_2.preload": 14.0}
+    robot = build_robot(with_numbers(document, values), "truth")
+    time = np.arange(0.0, 20.0, 0.04)
+    grown = np.clip(time - 1.5, 0.0, 1.0)[:, None]
+    joints = grown * (0.45 + 0.4 * np.sin(2.0 * np.pi * time[:, None] * [0.31, 0.23]))
+    motors = follow_joints(prepare(robot), joints).motor_angle
+    truth = simulate(robot, time, joints, motor_angle=motors, cells=4, allow_slack=True)
+    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
+    noise = np.random.default_rng(0).normal(0.0, 0.002, truth.motor_effort.shape)
+
+    def series(names: list[str], columns: np.ndarray) -> dict[str, Series]:
+        table = zip(names, np.ascontiguousarray(columns.T), strict=True)
+        return {name: Series(stamps, stamps, column) for name, column in table}
+
+    axes = [f"a_motor{k}" for k in range(3)]
+    efforts = series([f"effort/{name}" for name in axes], truth.motor_effort + noise)
+    motion = Recorded("motion", series(axes, truth.motor_angle),
+                      series(["a_mcp", "a_pip"], truth.joint_angle), efforts)  # fmt: skip
+    right = {"a_0": 15.9, "a_1": 12.1, "a_2": 14.1}
+    exchanged = {"a_0": 12.1, "a_1": 15.9, "a_2": 14.1}
+    fresh = steps.begin(yaml.safe_dump(document), "finger")
+    tared = steps.tared(fresh, replace(motion, references={}))
+    for readings, pair in ((right, None), (exchanged, ("a_0", "a_1"))):
+        now = steps.fitted(steps.preloaded(tared, [readings]), [motion])
+        assert swapped(now) == pair
 
 
-def test_efforts_of_the_wrong_sign_are_refused_with_the_key_that_fits() -> None:
+def test_efforts_of_the_wrong_sign_or_unit_are_refused_with_the_key_that_fits() -> None:
     model = read_as(14.0, 17.0)
-    refuse_signs(model, pulled(14.0, 17.0))
-    refuse_signs(model, pulled(9.0, 30.0))
+    refuse_efforts(model, pulled(14.0, 17.0))
+    refuse_efforts(model, pulled(9.0, 30.0))
     with pytest.raises(UsageError, match=r"motors\.a_motor0\.effort_sign: -1, motors\.a_motor1"):
-        refuse_signs(model, pulled(14.0, 17.0, sign=1.0))
+        refuse_efforts(model, pulled(14.0, 17.0, sign=1.0))
+    kgf = "9.81 to 9.81 times what the preloads give; effort_scale: 0.1019, 0.1019 fits, or .* kgf"
+    with pytest.raises(UsageError, match=kgf):
+        refuse_efforts(read_as(14.0 / 9.81, 17.0 / 9.81), pulled(14.0, 17.0))
+    refuse_efforts(read_as(1.4, 17.0), pulled(14.0, 17.0))  # a load on one cable, not a unit
 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.0, 1.2, 1.6, 2.0, 3.0])

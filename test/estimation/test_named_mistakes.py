@@ -46,6 +46,18 @@ def motor_key(motor: str, key: str) -> Callable[[str], str]:
     return lambda text: text.replace(f"name: {motor},", f"name: {motor}, {key},")
 
 
+def preloads(factor: float, *cables: str) -> Callable[[str], str]:
+    """The text with the preloads of some cables in another unit."""
+
+    def change(text: str) -> str:
+        for name in cables:
+            entry = rf"(- name: {name}\s[^§]*?preload: )([\d.]+)"
+            text = re.sub(entry, lambda found: f"{found[1]}{factor * float(found[2]):g}", text)
+        return text
+
+    return change
+
+
 def exchanged(a: int, b: int, *, angles: bool) -> Callable[[Readings], Readings]:
     order = np.arange(3)
     order[[a, b]] = b, a
@@ -86,6 +98,11 @@ SWAPPED = "the readings of {} and {} seem to be swapped: exchange their names"
         pytest.param(
             lambda text: text.replace("_motor, max", "_motor, effort_scale: 0.05, max"), kept,
             "scale of all efforts", id="efforts before the gear",
+        ),
+        pytest.param(preloads(2.0, "deep"), kept, "if its preload is, 18", id="doubled preload"),
+        pytest.param(
+            preloads(1.0 / 9.81, "deep", "superficial", "extensor"), kept,
+            "preload of all cables has risen by", id="preloads in kgf",
         ),
         pytest.param(
             same, exchanged(0, 1, angles=True),
