@@ -6,7 +6,7 @@ and the motors follow.  The change of a tension is the cause's contribution (U7)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.inspection.poses import on_common_motors
 from cdrj_ros.model.following import following_motors
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import Model, mover_of, prepare
 from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -136,8 +136,9 @@ def tension_effects(model: Model, causes: Sequence[Mapping[str, float]]) -> NDAr
     motors, joints = sweep(model)
     before = _tensions(model, motors, joints)
     effects = np.zeros((len(causes), *before.shape))
+    moved = mover_of(model)
     for k, cause in enumerate(causes):
-        deviating = _deviating(model, cause)
+        deviating = _deviating(model, cause, moved)
         if deviating is not None:
             shift = np.subtract(deviating.robot.offsets, robot.offsets)
             own = motors + shift[: len(robot.motors)], joints + shift[len(robot.motors) :]
@@ -160,15 +161,21 @@ def sweep(model: Model, samples: int = SAMPLES) -> tuple[Table, Table]:
     return following_motors(model, joints), joints
 
 
-def _deviating(model: Model, cause: Mapping[str, float]) -> Model | None:
+def _deviating(
+    model: Model,
+    cause: Mapping[str, float],
+    moved: Callable[[Mapping[str, float]], Model | None],
+) -> Model | None:
     """The robot with one cause deviating by a standard deviation; None if neither sign works."""
     document: Any = model.robot.document
     numbers = {**document, "uncertainty": {"others": "exact"}}  # numbers alone matter
     for sign in (1.0, -1.0):
-        values = {}
-        for path, stddev in cause.items():
-            values[path] = float(within_range(document, path, np.array([sign * stddev]))[0])
         try:
+            if found := moved({path: sign * stddev for path, stddev in cause.items()}):
+                return found
+            values = {}
+            for path, stddev in cause.items():
+                values[path] = float(within_range(document, path, np.array([sign * stddev]))[0])
             return prepare(
                 build_robot(with_numbers(numbers, values), model.robot.source), check_range=False
             )

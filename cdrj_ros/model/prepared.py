@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -98,26 +98,68 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
     Raises:
         RobotFileError: the geometry is impossible somewhere in the joint ranges.
     """
-    model, rest = _at_rest(robot)
-    robot = _with_passive_preloads(divided(robot, rest.wrap), rest)
+    model, rest = _at_rest(_model(robot))
+    if (fine := divided(robot, rest.wrap)) is not robot:
+        model, rest = _at_rest(_model(fine))
+    model = _settled(model, rest)
+    if check_range:
+        _check_range(model)
+    model.constants.flags.writeable = False
+    return model
+
+
+def mover_of(model: Model) -> Callable[[Mapping[str, float]], Model | None]:
+    """A function that moves points of a prepared robot without reading the robot again.
+
+    It takes changes of coordinates of frames' origins and nodes' positions, by path [m], and
+    returns None where a path is none of these; it raises RobotFileError where the geometry is
+    impossible in the reference pose.
+    """
+    robot = model.robot
+    points: dict[str, tuple[str, str, int]] = {}
+    for k, frame in enumerate(robot.frames):  # of those of a coupled joint, the first one counts
+        points.setdefault(f"frames.{frame.name.partition('#')[0]}.origin", ("frames", "origin", k))
+    nodes = [
+        f"{cable.name}.nodes.{n + 1}" for cable in robot.cables for n in range(len(cable.nodes))
+    ]
+    for k, name in enumerate(nodes):
+        points[f"cables.{name}.position"] = ("nodes", "centre", k)
+
+    def moved(changes: Mapping[str, float]) -> Model | None:
+        constants = model.constants.copy()
+        views: Any = constant_views(model.sizes, constants)
+        for path, change in changes.items():
+            point, _, axis = path.rpartition(".")
+            if point not in points:
+                return None
+            rows, column, k = points[point]
+            getattr(views, rows)[column][k, int(axis) - 1] += change
+        views.nodes["turn_reference"] = views.nodes["lead"] = 0.0
+        return _settled(*_at_rest(replace(model, constants=constants)))
+
+    return moved
+
+
+def _settled(model: Model, rest: Shape) -> Model:
+    """The model with its unstretched lengths, from the geometry in the reference pose."""
+    views: Any = constant_views(model.sizes, model.constants)
+    robot = _with_passive_preloads(model.robot, rest)
     if robot is not model.robot:
-        model, rest = _at_rest(robot)
+        model = replace(model, robot=robot)
+        preloads = [cable.preload for cable in robot.cables]
+        views.cables["preload"] = views.cables["wound_tension"] = preloads
     for name, length in zip(model.layout.elements, rest.length, strict=True):
         if not length > 0.0:
             raise RobotFileError(
                 f"element {name} has the length {length:.4g} m in the reference pose "
                 f"({robot.source})"
             )
-    material: Any = constant_views(model.sizes, model.constants).segments
     for c, cable in enumerate(robot.cables):
         own = segments_of(model, c)
         stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
         if cable.rest_length:
             stretch = rest.segment[own].sum() / cable.rest_length
-        material["material"][own] = rest.segment[own] / stretch
-    if check_range:
-        _check_range(model)
-    model.constants.flags.writeable = False
+        views.segments["material"][own] = rest.segment[own] / stretch
     return model
 
 
@@ -133,17 +175,16 @@ def _with_passive_preloads(robot: Robot, rest: Shape) -> Robot:
     return replace(robot, cables=tuple(cables))
 
 
-def _at_rest(robot: Robot) -> tuple[Model, Shape]:
-    """A model without unstretched lengths, and its geometry in the reference pose.
+def _at_rest(model: Model) -> tuple[Model, Shape]:
+    """The model, still without unstretched lengths, and its geometry in the reference pose.
 
     Raises:
         RobotFileError: the geometry is impossible there.
     """
-    model = _model(robot)
-    reference = robot.reference_pose
+    reference = model.robot.reference_pose
     rest, views = placed(model, reference)
     if not rest.possible:
-        raise RobotFileError(reason(robot, reference, views))
+        raise RobotFileError(reason(model.robot, reference, views))
     if model.sizes.frames:
         _set_references(model, views, reference)
         rest = shape_at(model, reference)
