@@ -36,6 +36,9 @@ MOST_LINKS: Final = 8
 MOST_GEARS: Final = 3
 """Number of gears of motors that remarks name one by one."""
 
+LEFT_OUT: Final = "none of its reductions is in the file"
+"""What becomes of a transmission that is not carried over."""
+
 TURN: Final = (-pi, pi)
 """Assumed range of a joint without limits [rad]."""
 
@@ -234,6 +237,7 @@ class _Begun:
             yield "there is no ros2_control: motors and joints are those of the transmissions"
         for one in self._transmissions:
             yield from self._of_transmission(one)
+        yield from self._refused()
         yield from self._of_gears()
         if not self.motors:
             yield "no joint has a command interface: add the motors under their names"
@@ -260,16 +264,12 @@ class _Begun:
             )
 
     def _of_transmission(self, one: Transmission) -> Iterator[str]:
-        """How a transmission is carried over, or why it is not."""
-        joints, actuators = {*one.joints}, {*one.actuators}
-        couples = (
-            f"transmission {one.name} ({one.kind}) couples {', '.join(one.joints) or 'no joint'} "
-            f"to {', '.join(one.actuators) or 'no actuator'}"
-        )
-        left_out = "none of its reductions is in the file"
+        """How a transmission whose map is known is carried over, or why it is not."""
         if one.refused:
-            yield f"{couples}: {one.refused}: {left_out}"
-        elif joints <= {*self._following}:
+            return
+        joints, actuators = {*one.joints}, {*one.actuators}
+        couples = f"transmission {_couples(one)}"
+        if joints <= {*self._following}:
             yield (
                 f"{couples}: the joints follow the actuators, which are measured joints here and "
                 "no motors; if cables move the joints, list the actuators under motors, and the "
@@ -283,7 +283,16 @@ class _Begun:
             yield f"{couples}: {_drums(one.actuators)}"
         else:
             missing = sorted((actuators or joints) - {*self.motors})
-            yield f"{couples}: {', '.join(missing)} is not published: {left_out}"
+            yield f"{couples}: {', '.join(missing)} is not published: {LEFT_OUT}"
+
+    def _refused(self) -> Iterator[str]:
+        """Transmissions whose maps are not known, by the reason."""
+        alike: dict[str, list[str]] = {}
+        for one in self._transmissions:
+            if one.refused:
+                alike.setdefault(one.refused, []).append(_couples(one))
+        for reason, names in alike.items():
+            yield f"transmission {_some(names)}: {reason}: {LEFT_OUT}"
 
     def _of_gears(self) -> Iterator[str]:
         """What is said of simple transmissions whose joints are the motors."""
@@ -307,6 +316,13 @@ class _Begun:
                 f"does; if the hardware publishes {actuator} itself, scale: "
                 f"{1.0 / reduction:.6g} and effort_scale: {reduction:g}"
             )
+
+
+def _couples(one: Transmission) -> str:
+    """A transmission and what it is between."""
+    joints, actuators = ", ".join(one.joints), ", ".join(one.actuators)
+    between = f"{joints or 'no joint'} to {actuators or 'no actuator'}"
+    return f"{one.name} ({one.kind}) couples {between}"
 
 
 def _drums(shafts: Mapping[str, Coupling]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -211,8 +212,9 @@ def parsed_urdf(data: bytes, path: Path) -> Xml.Element:
 
 def expanding(path: Path) -> str:
     """The command that expands a xacro file."""
-    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    return f"expand it first: ros2 run xacro xacro {printable(str(path))} -o {printable(name)}.urdf"
+    name = re.sub(r"(\.xacro|\.urdf)+$", "", path.name)
+    out = f"{name}.urdf" if f"{name}.urdf" != path.name else f"{name}.expanded.urdf"
+    return f"expand it first: ros2 run xacro xacro {printable(str(path))} -o {printable(out)}"
 
 
 def held_joints(root: Xml.Element) -> list[str]:

@@ -289,3 +289,12 @@ def test_a_kind_that_is_not_known_is_named(
     said = capsys.readouterr().out
     assert "transmission t (ScrewTransmission) couples j1, j2 to a1, a2" in said
     assert "ScrewTransmission is not known: none of its reductions is in the file" in said
+
+
+def test_transmissions_left_out_for_one_reason_share_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = ros2("ScrewTransmission") + ros2("ScrewTransmission").replace('"t"', '"u"')
+    begun(driven("a1", "a2") + measured("j1", "j2") + both, tmp_path)
+    (said,) = re.findall("note: .*ScrewTransmission is not known.*", capsys.readouterr().out)
+    assert "t (ScrewTransmission) couples j1, j2 to a1, a2, u (ScrewTransmission) couples" in said

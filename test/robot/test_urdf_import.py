@@ -246,7 +246,12 @@ UNREADABLE = {
         LINKED.replace('<link name="world"/>', '<link name="world"/><link name="spare"/>'),
         "must have one root link, got 2: world, spare; a link that is the child of no joint",
     ),
-    "arm.urdf.xacro": (LINKED, "expand it first: ros2 run xacro xacro "),
+    "arm.urdf.xacro": (LINKED, "arm.urdf.xacro -o arm.urdf"),
+    "arm.xacro.urdf": (LINKED.replace("<link", "<xacro/><link", 1), "arm.xacro.urdf -o arm.urdf"),
+    "arm.urdf": (
+        LINKED.replace("<link", "<xacro/><link", 1),
+        "arm.urdf -o arm.expanded.urdf",
+    ),
 }
 
 
