@@ -119,7 +119,8 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     for name, take in TAKE.items():
         given = getattr(arguments, name)
         if not given and not arguments.yes:
-            say(f"the next step would bring: {words_of(foretold(now, name))}")
+            if name in ("motion", "cells"):
+                say(f"the next step would bring: {words_of(foretold(now, name))}")
             given = _asked_for(now, name, live=record is not None and name in LIVE_S)
         if not given:
             continue
@@ -269,11 +270,15 @@ def words_of(one: Judged) -> str:
 
 
 def say_cables(one: Judged) -> None:
-    """A line for every cable of many, the worst first."""
+    """A line for every cable of many, the worst first, and elements that are seldom OK."""
     if len(one.relative) > FEW:
         say("standard deviation over tension:")
         for name, share in sorted(one.relative.items(), key=lambda item: -item[1]):
             say(f"  {name}: {share:.1%}")
+    if 0 < len(one.unsure) < len(one.relative):
+        say(
+            f"seldom OK: {', '.join(one.unsure)}; check_robot says which numbers are in doubt there"
+        )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

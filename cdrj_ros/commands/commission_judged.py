@@ -1,29 +1,26 @@
-"""How well a robot file on its way knows its tensions, and what a step would bring."""
+"""How well a robot file on its way knows its tensions, and what a recording would bring."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.commands.commission_steps import TAKE, Commissioned, preloaded
+from cdrj_ros.commands.commission_steps import Commissioned, fitted
 from cdrj_ros.estimation.estimator import Estimate, Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Series, Stamps, Table
+from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.output import ProgressBar
-from cdrj_ros.identification.observations import Recorded, samples_of
-from cdrj_ros.identification.unknowns import drum_radii
+from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.inspection.shares import DURATION_S, sweep
 from cdrj_ros.model.packing import EFFORT, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.groups import connected_cables, part_of
-from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.robot.tolerances import SCALE_READING
 
 SWEEP_SAMPLES: Final = 2000
 """Samples of the motion by which a file is judged; 50 a second."""
@@ -39,6 +36,8 @@ class Judged(NamedTuple):
     """Share of all tensions with status OK."""
     relative: Mapping[str, float]
     """Median of standard deviation over tension, by cable."""
+    unsure: tuple[str, ...] = ()
+    """Elements that are OK in less than half of the time."""
 
 
 def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) -> Judged:
@@ -52,6 +51,7 @@ def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) ->
         efforts: noise of those that it publishes, by motor [N m].
     """
     robot, ok, relative = model.robot, list[NDArray[np.bool_]](), dict[str, float]()
+    unsure = set[str]()
     groups = connected_cables(robot)
     with ProgressBar("judging", len(groups)) as progress:
         for group in groups:
@@ -61,17 +61,19 @@ def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) ->
             read = {name: efforts[name] for name in own.layout.motors if name in efforts}
             known, deviation = _estimated(own, read)
             ok.append(known)
+            unsure |= {own.layout.elements[k] for k in np.flatnonzero(known.mean(axis=0) < 0.5)}
             for cable, span in zip(own.robot.cables, own.robot.parts, strict=True):
                 relative[cable.name] = float(np.median(deviation[:, span]))
             progress(len(ok))
     share, names = float(np.mean(np.hstack(ok))), [cable.name for cable in robot.cables]
-    return Judged(share, {name: relative[name] for name in names})
+    late = tuple(name for name in model.layout.elements if name in unsure)
+    return Judged(share, {name: relative[name] for name in names}, late)
 
 
 def _estimated(model: Model, efforts: Mapping[str, float]) -> tuple[NDArray[np.bool_], Table]:
     """Whether tensions are OK, and their relative deviations, shape (samples, elements) each."""
     elements = len(model.layout.elements)
-    read = _made_up(model, _sweep(model), {_effort(name): efforts[name] for name in efforts})
+    read = _made_up(model, _sweep(model), {f"{EFFORT}/{name}": efforts[name] for name in efforts})
     axes = {**read.motors, **read.joints}
     angles = np.stack([one.value for one in axes.values()], axis=1)
     heard = np.array([one.value for one in read.references.values()])
@@ -89,76 +91,26 @@ def _estimated(model: Model, efforts: Mapping[str, float]) -> tuple[NDArray[np.b
 
 def _sweep(model: Model) -> Samples:
     motors, joints = sweep(model, SWEEP_SAMPLES)
-    return Samples(_stamps(), np.ascontiguousarray(motors), np.ascontiguousarray(joints))
-
-
-def _at_rest(model: Model) -> Samples:
-    motors, joints = model.robot.reference_motors, model.robot.reference_pose
-    count = (SWEEP_SAMPLES, 1)
-    return Samples(_stamps(), np.tile(motors, count), np.tile(joints, count))
-
-
-def _stamps() -> Stamps:
-    return round(DURATION_S / SWEEP_SAMPLES * 1e9) * np.arange(1, SWEEP_SAMPLES + 1)
+    stamps = round(DURATION_S / SWEEP_SAMPLES * 1e9) * np.arange(1, SWEEP_SAMPLES + 1)
+    return Samples(stamps, np.ascontiguousarray(motors), np.ascontiguousarray(joints))
 
 
 def foretold(now: Commissioned, step: str) -> Judged:
-    """What a step would bring if the file were right but for what it says of its accuracy.
+    """What a recording in motion would bring if the file were right but for its accuracy.
 
     Args:
         now: the file.
-        step: one of ``TAKE``.
+        step: ``motion``, or ``cells``.
     """
-    if step in ("motion", "cells") and now.recordings:
-        right = replace(now, text=now.base, fits=(), recordings=())
-        if any(one.scales for one in now.recordings):
-            right = preloaded(right, _scale_made_up(right))
-    else:
-        right = now
-    after = TAKE[step](right, _expected(right, step, now.heard))
-    return judged(after.model, {**after.heard, **now.heard})
-
-
-def _expected(now: Commissioned, step: str, heard: Mapping[str, float]) -> Any:
-    """What would be measured if the file were right; ``heard`` is the noise of efforts."""
-    robot = now.model.robot
-    if step == "rest":
-        return _made_up(now.model, _at_rest(now.model), {})
-    if step == "preload":
-        return _scale_made_up(now)
-    if step == "drum":
-        document: Any = robot.document
-        return {motor: 2.0 * find_number(document, paths[0]).value
-                for motor, paths in drum_radii(document).items()}  # fmt: skip
-    noise = {_effort(motor.name): motor.effort_noise for motor in robot.motors}
-    noise |= {_effort(name): read for name, read in heard.items()}
+    model, heard = now.model, now.heard
+    noise = {f"{EFFORT}/{one.name}": one.effort_noise for one in model.robot.motors}
+    noise |= {f"{EFFORT}/{name}": read for name, read in heard.items()}
     if step == "cells":
-        cable = robot.cables[0]
+        cable = model.robot.cables[0]
         noise[f"{TENSION}/{cable.element_names[-1]}"] = cable.sensor_noise
-    return [_made_up(now.model, _sweep(now.model), noise)]
-
-
-def _effort(name: str) -> str:
-    return f"{EFFORT}/{name}"
-
-
-def _scale_made_up(now: Commissioned) -> list[dict[str, float]]:
-    """What a spring scale would read at the last element of every cable."""
-    cables = now.model.robot.cables
-    readings = [{cable.name: cable.preload for cable in cables}]
-    if now.rest is None or len(now.poses) < 2:
-        return readings
-    samples = samples_of(now.model, now.rest)
-    _, estimates = run(now.model, initial_state(now.model), samples)
-    columns, generator = channel_columns(now.model.layout), np.random.default_rng(0)
-    for pose in now.poses[1:]:
-        values = estimates.values[int(np.searchsorted(samples.stamp_ns, pose.stamp_ns))]
-        ends = [cable.element_names[-1] for cable in cables]
-        true = {end: float(values[columns[f"{TENSION}/{end}"]]) for end in ends}
-        errors = generator.normal(1.0, SCALE_READING, len(ends)).tolist()
-        readings.append({end: true[end] * one for end, one in zip(ends, errors, strict=True)
-                         if true[end] > 0.0})  # fmt: skip
-    return readings
+    right = replace(now, base=now.text, fits=(), recordings=())
+    after = fitted(right, [_made_up(model, _sweep(model), noise)])
+    return judged(after.model, {**after.heard, **heard})
 
 
 def _made_up(model: Model, samples: Samples, noise: Mapping[str, float]) -> Recorded:

@@ -148,15 +148,16 @@ def test_a_drum_may_be_named_without_the_prefix_of_the_file() -> None:
 def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_first(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    few = Judged(0.5, {"upper": 0.1, "lower": 0.2})
+    few = Judged(0.5, {"upper": 0.1, "lower": 0.2}, ("upper/8",))
     many = Judged(0.5, {f"cable{k}": 0.01 * (k + 1) for k in range(15)})
     assert commission.words_of(few).endswith("upper 10.0%, lower 20.0%")
     assert commission.words_of(many).endswith("1.0% to 15.0%, most in cable14")
     commission.say_cables(few)
     commission.say_cables(many)
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1:3] == ["  cable14: 15.0%", "  cable13: 14.0%"]
-    assert len(lines) == 16
+    assert lines[0].startswith("seldom OK: upper/8; ")
+    assert lines[2:4] == ["  cable14: 15.0%", "  cable13: 14.0%"]
+    assert len(lines) == 17
 
 
 def test_a_joint_without_encoder_needs_a_sensor_for_a_fit() -> None:
