@@ -44,6 +44,9 @@ constexpr double FROZEN = -50.0;
 /// Least weight of a hypothesis, so that it can recover.
 constexpr double LEAST_WEIGHT = 1e-6;
 
+/// So many stray readings in a row are no evidence.
+constexpr Index STRAYS = 2;
+
 std::vector<double> squares(std::span<const double> stddev) {
     std::vector<double> found(stddev.begin(), stddev.end());
     for (double& one : found) one *= one;
@@ -77,7 +80,7 @@ Beliefs::Beliefs(
 
 void Beliefs::hear(Accuracy sensor) {
     const std::size_t before = unknowns(), sensors = heard.size() + 1;
-    const double errors[] = {sensor.bias, sensor.gain, sensor.friction};
+    const double errors[] = {sensor.bias, sensor.gain};
     std::vector<std::vector<bool>> patterns(1, std::vector<bool>(sensors, true));
     for (std::size_t k = 0; k < sensors; ++k) {
         patterns.emplace_back(sensors, true)[k] = false;
@@ -89,12 +92,12 @@ void Beliefs::hear(Accuracy sensor) {
         const Hypothesis& from = hypotheses[nearest({right.begin(), right.end() - 1})];
         const double prior = right.back() ? 1.0 - sensor.faulty : sensor.faulty;
         Hypothesis& own = now.emplace_back(Hypothesis{
-            right, from.mean, DenseMatrix(before + 3, before + 3), from.weight * prior});
-        own.mean.resize(before + 3);
+            right, from.mean, DenseMatrix(before + 2, before + 2), from.weight * prior});
+        own.mean.resize(before + 2);
         for (std::size_t i = 0; i < before; ++i) {
             std::ranges::copy(from.covariance.row(i), own.covariance.row(i).begin());
         }
-        for (std::size_t i = 0; i < 3; ++i) {
+        for (std::size_t i = 0; i < 2; ++i) {
             own.covariance(before + i, before + i) = errors[i] * errors[i];
         }
         total += own.weight;
@@ -102,8 +105,8 @@ void Beliefs::hear(Accuracy sensor) {
     for (Hypothesis& own : now) own.weight /= total;
     hypotheses = std::move(now);
     heard.push_back({std::move(sensor), before});
-    change_.resize(before + 3);
-    across_.resize(before + 3);
+    change_.resize(before + 2);
+    across_.resize(before + 2);
 }
 
 /// The hypothesis that holds the same sensors right; or that none is.
@@ -136,6 +139,10 @@ void Beliefs::take(std::size_t k, const SensorReading& reading) {
     }
     one.strays = used ? 0 : one.strays + 1;
     one.rest = std::move(rests);
+    if (one.strays == 0 || one.strays > STRAYS) {
+        const double noise = square(reading.noise);
+        one.evidence.add(reading, noise, one.variance - noise);
+    }
     const double most = *std::ranges::max_element(scores);
     const double share = std::min(1.0, passed / INDEPENDENT_S);
     for (std::size_t b = 0; b < scores.size(); ++b) {
@@ -158,7 +165,6 @@ void Beliefs::note(Heard& one, const SensorReading& reading) {
     one.value = reading.value;
     one.h = reading.h;
     one.slopes.assign(reading.slopes.begin(), reading.slopes.end());
-    one.direction = reading.direction;
     one.variance = square(reading.noise) + one.sensor.model_variance(reading.value) +
                    square(reading.history);
     ++one.used;
@@ -181,15 +187,13 @@ double Beliefs::shift_of(const Hypothesis& own, const Heard& one) const {
 
 /// What a hypothesis expects of a sensor's last reading; writes its change per unknown, (B3).
 double Beliefs::expect(const Hypothesis& own, const Heard& one, std::span<double> change) const {
-    const auto errors = std::span(own.mean).subspan(one.first, 3);
-    const double bias = errors[0], gain = errors[1], friction = errors[2];
+    const double bias = own.mean[one.first], gain = own.mean[one.first + 1];
     const double truth = one.h + shift_of(own, one);
     std::ranges::fill(change, 0.0);
     for (std::size_t i = 0; i < count(); ++i) change[i] = (1.0 + gain) * one.slopes[i];
     change[one.first] = 1.0;
     change[one.first + 1] = truth;
-    change[one.first + 2] = one.direction;
-    return (1.0 + gain) * truth + bias + one.direction * friction;
+    return (1.0 + gain) * truth + bias;
 }
 
 /// Explain a reading under a hypothesis, and let it correct the unknowns if that holds the sensor right
@@ -272,6 +276,7 @@ void Beliefs::pause() {
     for (Heard& one : heard) {
         one.slopes.clear();
         one.rest.clear();
+        one.evidence = {};
         one.equal = 0;
         one.lowest = INFINITE;
         one.highest = -INFINITE;

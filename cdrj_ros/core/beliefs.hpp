@@ -3,10 +3,10 @@
 // Let h be the quantity that a sensor reads, by the model, and s the signatures (B2) of the unknowns x
 // there. The sensor reads
 //
-//     z = (1 + g) (h + s x) + b + F d + v,                                                     (B3)
+//     z = (1 + g) (h + s x) + b + v,                                                           (B3)
 //
-// with a bias b, an error g of its gain and the friction F of its axis in the direction d: three more
-// unknowns. The errors v of noise, model and friction history are no unknowns.
+// with a bias b and an error g of its gain: two more unknowns. The errors v of noise, model and
+// friction history are no unknowns.
 //
 // A hypothesis says which sensors are right. For each there is one Kalman filter over all unknowns,
 // which no sensor that it holds wrong has touched; there is one for all sensors, one for all but each,
@@ -31,6 +31,9 @@ inline constexpr double NONLINEAR = 0.1;
 /// Time for which errors of the model and of the history last [s].
 inline constexpr double LASTS_S = 0.2;
 
+/// Time after which a reading weighs a third as evidence [s]: a few strokes of a slow joint.
+inline constexpr double FADES_S = 5.0;
+
 inline double square(double number) { return number * number; }
 
 /// What is open about a sensor; see `cdrj_ros.estimation.sensors`.
@@ -38,7 +41,7 @@ struct Accuracy {
     std::size_t quantity;            // that it reads
     std::vector<bool> contributes;   // whether its cables contribute to every quantity
     double scale;                    // what the preloads contribute to its reading [N] or [N m]
-    double bias, gain, friction;     // standard deviations of b, g and F
+    double bias, gain;               // standard deviations of b and g
     double drift;                    // random walk of b after 1 s
     double model_share, model_least; // error of the model, as a share of the reading and at least
     double faulty;                   // least weight of its being wrong
@@ -57,18 +60,34 @@ struct SensorReading {
     double h;
     std::span<const double> slopes;  // signatures of the robot's unknowns
     double history;                  // standard deviation of h by its friction history
-    double direction;                // change of the reading per unit of the axis' friction
+    std::span<const double> parts;   // what each cable of the sensor contributes to h
+};
+
+/// What the latest readings of a sensor show, whatever was believed before: with the slopes a of (B3)
+/// for the robot's unknowns, bias and gain, and the variance R of the errors v, the sums of
+///
+///     z - h = a x + v:     M = sum a a' / R,    u = sum a (z - h) / R,                         (B5)
+///
+/// in which older readings fade.
+struct Evidence {
+    DenseMatrix sums{0, 0};        // M, then u, and the sum of (z - h)^2 / R, symmetric
+    double number = 0.0;           // of readings whose errors are independent
+    std::vector<double> recent{};  // over the last readings: (z - h)^2 / R with what h would be
+                                   // without each cable, then with all, and their number
+    Nanoseconds stamp_ns = NEVER_NS;
+
+    /// Add a reading whose errors v have the variance `noise` in each, and `lasting` together.
+    void add(const SensorReading& reading, double noise, double lasting);
 };
 
 /// A sensor that has been heard, and its last reading.
 struct Heard {
     Accuracy sensor;
-    std::size_t first;             // its bias among the unknowns; gain and friction follow
+    std::size_t first;             // its bias among the unknowns; the gain follows
     Nanoseconds stamp_ns = NEVER_NS;
     double value = 0.0;
     double h = 0.0;
     std::vector<double> slopes{};  // empty where the estimate has begun anew since
-    double direction = 0.0;
     double variance = INFINITE;    // of the errors v
     Index equal = 0;               // how many readings before the last were equal to it,
     double lowest = INFINITE;      // and the range of h since the first of them
@@ -76,6 +95,7 @@ struct Heard {
     Index used = 0;                // number of readings
     std::vector<double> rest{};    // last reading less what was expected, by hypotheses
     Index strays = 0;              // how many of the latest were stray if all sensors are right
+    Evidence evidence{};
 
     /// Whether equal readings contradict the motion.
     bool frozen() const;
@@ -135,7 +155,7 @@ public:
     std::vector<double> least_weights() const;
 
     std::size_t count() const { return drift_.size(); }  // of the robot's unknowns, which come first
-    std::size_t unknowns() const { return count() + 3 * heard.size(); }
+    std::size_t unknowns() const { return count() + 2 * heard.size(); }
 
     std::vector<Heard> heard;
     std::vector<Hypothesis> hypotheses;

@@ -18,14 +18,14 @@ std::vector<double> numbers_of(const Given& array) {
 }
 
 /// The robots of all unknowns.
-std::vector<Ends> ends_of(const GivenIntegers& rows, Index robots, Index cables) {
+std::vector<Ends> ends_of(const GivenIntegers& rows, Index robots, const Sizes& sizes) {
     std::vector<Ends> found;
     for (Index u = 0; u < rows.shape(0); ++u) {
         const auto own = row_of(rows, u);
         require(
             own.size() == 3 && 0 <= own[0] && own[0] < robots && 0 <= own[1] && own[1] < robots &&
-                -1 <= own[2] && own[2] < cables,
-            "there is no such robot or cable");
+                -1 <= own[2] && own[2] < sizes.cables + sizes.axes(),
+            "there is no such robot, cable or axis");
         found.push_back({own[0], own[1], own[2]});
     }
     return found;
@@ -40,7 +40,7 @@ struct HeldSignatures {
           signatures(
               robot.robot.topology, numbers_of(constants), numbers_of(shift),
               std::vector<bool>(slipping.data(), slipping.data() + slipping.size()),
-              ends_of(unknowns, constants.shape(0), robot.robot.topology.sizes.cables)) {
+              ends_of(unknowns, constants.shape(0), robot.robot.topology.sizes)) {
         require(
             constants.has({constants.shape(0), robot.constants.size()}) &&
                 shift.has({constants.shape(0), robot.robot.topology.sizes.axes()}) &&
@@ -72,20 +72,19 @@ void hear(
     Beliefs& beliefs, std::size_t quantity, const GivenFlags& contributes, double scale,
     const std::vector<double>& prior, double drift, const std::vector<double>& model, double faulty) {
     require(
-        prior.size() == 3 && model.size() == 2 && Index(quantity) < contributes.size(),
+        prior.size() == 2 && model.size() == 2 && Index(quantity) < contributes.size(),
         "prior, model or contributes have not the sizes of a sensor's");
     const std::vector<bool> of(contributes.data(), contributes.data() + contributes.size());
-    beliefs.hear(
-        {quantity, of, scale, prior[0], prior[1], prior[2], drift, model[0], model[1], faulty});
+    beliefs.hear({quantity, of, scale, prior[0], prior[1], drift, model[0], model[1], faulty});
 }
 
 void take(
     Beliefs& beliefs, std::size_t k, Nanoseconds stamp_ns, double value, double noise, double h,
-    const Given& slopes, double history, double direction) {
+    const Given& slopes, double history, const Given& parts) {
     require(
         k < beliefs.heard.size() && slopes.size() == Index(beliefs.count()),
         "there is no such sensor, or slopes are of other unknowns");
-    beliefs.take(k, {stamp_ns, value, noise, h, span_of(slopes), history, direction});
+    beliefs.take(k, {stamp_ns, value, noise, h, span_of(slopes), history, span_of(parts)});
 }
 
 using Three = std::tuple<Written, Written, Written>;
@@ -173,6 +172,23 @@ std::tuple<Nanoseconds, Index, bool, Index> heard(const Beliefs& beliefs, std::s
     return {one.stamp_ns, one.used, one.frozen(), one.strays};
 }
 
+/// (B5) of a sensor at a time: M with u and the sum of squares, the number of independent readings,
+/// and what the last ones say of each cable; of no reading, nothing.
+std::tuple<Written, double, Written> evidence(
+    const Beliefs& beliefs, std::size_t k, Nanoseconds stamp_ns) {
+    require(k < beliefs.heard.size(), "there is no such sensor");
+    const Evidence& own = beliefs.heard[k].evidence;
+    const auto size = Index(beliefs.count()) + 3;
+    const Written sums({size, size});
+    std::ranges::fill(span_of(sums), 0.0);
+    if (own.stamp_ns == NEVER_NS) return {sums, 0.0, copy_of(own.recent)};
+    const double passed = static_cast<double>(std::max(stamp_ns - own.stamp_ns, Nanoseconds{0}));
+    const double kept = std::exp(-passed * 1e-9 / FADES_S);
+    std::ranges::transform(
+        own.sums.numbers(), sums.data(), [kept](double one) { return kept * one; });
+    return {sums, kept * own.number, copy_of(own.recent)};
+}
+
 /// Standard deviations of an estimate with what sensors say, which it becomes.
 Written correct_estimate(
     const HeldRobot& held, const Written& values, const Given& stddev, const Given& history,
@@ -208,7 +224,8 @@ void bind_beliefs(nb::module_& core) {
                 shift: their angles less those that are read [rad], shape (robots, axes).
                 slipping: whether their cables slip on the drums, shape (robots,).
                 unknowns: the robots at plus and at minus one unit, and the only cable that this
-                    changes, -1 for several, shape (unknowns, 3).
+                    changes, or the only axis, counted after the cables; -1 for several cables;
+                    shape (unknowns, 3).
 
             Raises:
                 ValueError: the arrays are not those of such robots.)")
@@ -244,13 +261,13 @@ void bind_beliefs(nb::module_& core) {
                 quantity: that it reads.
                 contributes: whether its cables contribute to every quantity, shape (quantities,).
                 scale: what the preloads contribute to its reading [N] or [N m].
-                prior: standard deviations of bias, gain and friction.
+                prior: standard deviations of bias and gain.
                 drift: random walk of the bias after 1 s.
                 model: error of the model, as a share of the reading and at least.
                 faulty: prior probability that it is wrong, and least weight of that in variances.)")
         .def(
             "take", take, "k"_a, "stamp_ns"_a, "value"_a, "noise"_a, "h"_a, "slopes"_a, "history"_a,
-            "direction"_a, R"(
+            "parts"_a, R"(
             Take a reading, (B3).
 
             Args:
@@ -261,7 +278,7 @@ void bind_beliefs(nb::module_& core) {
                 h: what the model says [N] or [N m].
                 slopes: signatures of the robot's unknowns, shape (unknowns,).
                 history: standard deviation of h by its friction history.
-                direction: change of the reading per unit of the axis' friction.)")
+                parts: what each cable of the sensor contributes to h, shape (cables,).)")
         .def("present", present, "stamp_ns"_a, "h"_a, "slopes"_a, "deviation"_a, R"(
             What the sensors say about the present, (B4).
 
@@ -286,7 +303,14 @@ void bind_beliefs(nb::module_& core) {
         .def("heard", heard, "k"_a,
             "Stamp of a sensor's last reading [ns], number of readings, whether it is frozen, and how "
             "many of the latest were stray.")
-        .def_prop_ro("mean", mean_of, "Shape (hypotheses, unknowns with three for every sensor).")
+        .def("evidence", evidence, "k"_a, "stamp_ns"_a, R"(
+            What the latest readings of a sensor show, (B5), as of a time [ns].
+
+            Returns:
+                M, u and the sum of squares as one symmetric matrix, of the robot's unknowns, bias,
+                gain and z - h; the number of independent readings; and sums of squares of the last
+                ones without each cable and with all, and their number, empty before the first.)")
+        .def_prop_ro("mean", mean_of, "Shape (hypotheses, unknowns with two for every sensor).")
         .def_prop_ro("covariance", covariance_of)
         .def_prop_ro("weight", weight_of, "Probability of every hypothesis.")
         .def_prop_ro("right", right_of, "Which sensors each holds right, shape (hypotheses, sensors).")

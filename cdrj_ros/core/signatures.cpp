@@ -31,7 +31,13 @@ void Signatures::follow(
     for (Index u = 0; u < unknowns(); ++u) {
         const auto own = slopes.subspan(u * quantities(), quantities());
         const Ends& ends = unknowns_[u];
-        ends.cable < 0 ? compare(ends, own) : compare_cable(ends, own);
+        if (ends.only < 0) {
+            compare(ends, 0, quantities(), own);
+        } else if (ends.only < sizes_.cables) {
+            compare_cable(ends, own);
+        } else {
+            compare(ends, efforts_at_ + ends.only - sizes_.cables, 1, own);
+        }
     }
 }
 
@@ -58,28 +64,25 @@ void Signatures::step(
     }
 }
 
-void Signatures::compare(const Ends& ends, std::span<double> slopes) const {
+/// Compare some quantities.
+void Signatures::compare(
+    const Ends& ends, Index first, Index count, std::span<double> slopes) const {
     const double* const more = values_.data() + ends.more * quantities();
     const double* const less = values_.data() + ends.less * quantities();
-    for (Index q = 0; q < quantities(); ++q) slopes[q] = 0.5 * (more[q] - less[q]);
+    for (Index q = first; q < first + count; ++q) slopes[q] = 0.5 * (more[q] - less[q]);
 }
 
 /// Compare the quantities of the cable that an unknown changes, and its part in the efforts.
 void Signatures::compare_cable(const Ends& ends, std::span<double> slopes) const {
-    const double* const more = values_.data() + ends.more * quantities();
-    const double* const less = values_.data() + ends.less * quantities();
-    const CableTopology& cable = topology_.cables[ends.cable];
-    const auto compared = [&](Index first, Index count) {
-        for (Index q = first; q < first + count; ++q) slopes[q] = 0.5 * (more[q] - less[q]);
-    };
-    compared(tensions_at_ + cable.first_element, cable.elements);
-    compared(forces_at_ + cable.first_pulley, cable.pulleys);
-    for (const Index a : topology_.paths->of_cable[ends.cable].axes) {
+    const CableTopology& cable = topology_.cables[ends.only];
+    compare(ends, tensions_at_ + cable.first_element, cable.elements, slopes);
+    compare(ends, forces_at_ + cable.first_pulley, cable.pulleys, slopes);
+    for (const Index a : topology_.paths->of_cable[ends.only].axes) {
         if (topology_.paths->cables_of_axis[a].size() == 1) {  // with friction and spring of the axis
-            compared(efforts_at_ + a, 1);
+            compare(ends, efforts_at_ + a, 1, slopes);
         } else {
             slopes[efforts_at_ + a] =
-                0.5 * (effort(ends.more, ends.cable, a) - effort(ends.less, ends.cable, a));
+                0.5 * (effort(ends.more, ends.only, a) - effort(ends.less, ends.only, a));
         }
     }
 }

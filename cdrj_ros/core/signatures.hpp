@@ -12,8 +12,8 @@ namespace cdrj {
 struct Ends {
     Index more;   // at plus one unit
     Index less;   // at minus one unit
-    Index cable;  // the only one that it changes, as the others of these robots show other unknowns;
-                  // -1 where it changes several
+    Index only;   // cable that it changes, as the others of these robots show other unknowns; or
+                  // axis, counted after the cables; -1 where it changes several cables
 };
 
 /// The signatures of all unknowns of a robot,
@@ -47,7 +47,7 @@ public:
 private:
     void step(
         Index robot, std::span<const double> motor_angle, std::span<const double> joint_angle, double dt);
-    void compare(const Ends& ends, std::span<double> slopes) const;
+    void compare(const Ends& ends, Index first, Index count, std::span<double> slopes) const;
     void compare_cable(const Ends& ends, std::span<double> slopes) const;
     double effort(Index robot, Index cable, Index axis) const;
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.estimation.sensors import Sensor
 from cdrj_ros.estimation.unknowns import Unknown
-from cdrj_ros.foundation.arrays import Table, Vector
+from cdrj_ros.foundation.arrays import Vector
 
 FAULTY: Final = 0.1
 """Prior probability that a sensor is wrong, and what it keeps in the variance whatever it reads."""
@@ -40,26 +40,6 @@ class Beliefs:
         sizes = [(one.start, one.drift, one.jump, one.error) for one in unknowns]
         self.core = _core.Beliefs(*np.array(sizes).reshape(-1, 4).T)
 
-    @property
-    def mean(self) -> Table:
-        """Of all unknowns under every hypothesis, shape (hypotheses, unknowns)."""
-        return self.core.mean
-
-    @property
-    def covariance(self) -> NDArray[np.float64]:
-        """Shape (hypotheses, unknowns, unknowns)."""
-        return self.core.covariance
-
-    @property
-    def weight(self) -> Vector:
-        """Probability of every hypothesis, shape (hypotheses,)."""
-        return self.core.weight
-
-    @property
-    def right(self) -> NDArray[np.bool_]:
-        """Which sensors each holds right, shape (hypotheses, sensors)."""
-        return self.core.right
-
     def hear(self, sensor: Sensor, quantity: int, contributes: NDArray[np.bool_]) -> None:
         """Add a sensor: its errors become unknowns, and hypotheses extend those there are.
 
@@ -69,49 +49,45 @@ class Beliefs:
             contributes: whether its cables contribute to each of these, shape (quantities,).
         """
         self.sensors.append(sensor)
+        scale, known = sensor.scale, sensor.accuracy
         self.core.hear(
-            quantity=quantity, contributes=contributes, scale=sensor.scale, prior=sensor.prior,
-            drift=sensor.drift, model=sensor.model,
+            quantity=quantity, contributes=contributes, scale=scale,
+            prior=(known.bias * scale, sensor.gain), drift=known.drift * scale,
+            model=(known.model, known.model_least * scale),
             faulty=VERIFIED if sensor.verified else FAULTY,
         )  # fmt: skip
 
-    def errors_of(self, k: int) -> range:
-        """Indices of a sensor's bias, gain and friction among the unknowns."""
-        return range(self.count + 3 * k, self.count + 3 * k + 3)
-
-    # --- all hypotheses together ------------------------------------------------------------------
+    def errors_of(self, k: int) -> tuple[int, int]:
+        """Indices of a sensor's bias and gain among the unknowns."""
+        return self.count + 2 * k, self.count + 2 * k + 1
 
     def moments(self) -> tuple[Vector, Vector]:
         """Mean and standard deviation of all unknowns over all hypotheses."""
-        return self._mixture(self.mean, np.einsum("bii->bi", self.covariance))
+        core = self.core
+        mean = core.weight @ core.mean
+        variances = np.einsum("bii->bi", core.covariance) + (core.mean - mean) ** 2
+        return mean, np.sqrt(core.least_weights @ variances)
 
     def moment_of(self, share: Vector) -> tuple[float, float]:
-        """Mean and standard deviation of a sum of the first unknowns, over all hypotheses."""
-        n = share.size
-        variances = np.einsum("i,bij,j->b", share, self.covariance[:, :n, :n], share)
-        mean, stddev = self._mixture(self.mean[:, :n] @ share, variances)
-        return float(mean), float(stddev)
-
-    def _mixture(self, means: Table, variances: Table) -> tuple[Vector, Vector]:
-        """Mean and standard deviation over the hypotheses, which are the first axis."""
-        mean = self.weight @ means
-        variance = self.core.least_weights @ (variances + (means - mean) ** 2)
-        return mean, np.sqrt(variance)
+        """Mean and standard deviation of a sum of the robot's unknowns, over all hypotheses."""
+        core, n = self.core, self.count
+        means = core.mean[:, :n] @ share
+        mean = float(core.weight @ means)
+        variances = np.einsum("i,bij,j->b", share, core.covariance[:, :n, :n], share)
+        return mean, float(np.sqrt(core.least_weights @ (variances + (means - mean) ** 2)))
 
     def probability_right(self, k: int) -> float:
         """Probability that a sensor is right."""
-        return float(self.weight @ self.right[:, k])
-
-    # --- over a restart ---------------------------------------------------------------------------
+        return float(self.core.weight @ self.core.right[:, k])
 
     def memory(self) -> dict[str, Any]:
         """What ``recall`` needs to go on, as JSON."""
         stamps = [self.core.heard(k)[0] for k in range(len(self.sensors))]
         return {
             "sensors": [[one.name, at] for one, at in zip(self.sensors, stamps, strict=True)],
-            "mean": self.mean.tolist(),
-            "covariance": self.covariance.tolist(),
-            "weight": self.weight.tolist(),
+            "mean": self.core.mean.tolist(),
+            "covariance": self.core.covariance.tolist(),
+            "weight": self.core.weight.tolist(),
         }
 
     def restore(self, memory: Mapping[str, Any]) -> None:

@@ -20,7 +20,8 @@ from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, Sample
 from cdrj_ros.estimation.group import HISTORY_NS, Group, Past
 from cdrj_ros.estimation.model_error import unmodelled
-from cdrj_ros.estimation.sensors import Directions, Reading, Sensor
+from cdrj_ros.estimation.sensors import Reading, Sensor
+from cdrj_ros.estimation.unknowns import AXIS
 from cdrj_ros.estimation.verdict_words import Report, report
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model
@@ -49,21 +50,20 @@ class Corrections:
     """What a robot's sensors say, and the estimate with it."""
 
     def __init__(
-        self, model: Model, known: Uncertainty | None, sensors: Mapping[str, Sensor]
+        self, model: Model, changed: Mapping[str, float], sensors: Mapping[str, Sensor]
     ) -> None:
-        """Prepare; the members of the robot's ensemble are those with ``exact(known)``.
+        """Prepare; the members of the robot's ensemble hold no error of its numbers, see ``exact``.
 
         Args:
             model: the robot.
-            known: standard deviations of its file's numbers.
+            changed: numbers of its file that were measured at run time, see ``narrowed``.
             sensors: all that it may have, by name.
         """
         self.model = model
         self.sensors = sensors
-        self.groups = [Group(model, cables, known) for cables in _groups_of(model, sensors)]
+        self.groups = [Group(model, cables, changed) for cables in _groups_of(model, sensors)]
         self._columns = stddev_columns(model.layout)
         self._group_of = {c: group for group in self.groups for c in group.cables}
-        self._directions = Directions(model.robot)
         self.doubted: NDArray[np.bool_] | None = None
         """Elements whose tensions are in doubt whatever their deviations say, shape (elements,);
         None for none."""
@@ -85,22 +85,17 @@ class Corrections:
         for group in self.groups:
             group.restart()
         self.doubted = None
-        self._directions.forget()
         self._past.clear()
         self._said[1] = self._known[:] = 0.0
 
     def widen(self, changes: Vector) -> None:
         """Leave open changes of all cables' mean tensions of these sizes [N], shape (cables,)."""
         for group in self.groups:
-            size = np.zeros(group.beliefs.count)
-            at = {one.name: k for k, one in enumerate(group.unknowns)}
-            for c in group.cables:
-                k = at[f"preload of {self.model.layout.cables[c]}"]
-                size[k] = (changes[c] / group.unknowns[k].unit) ** 2
-            group.beliefs.core.widen(size)
+            group.widen(changes)
 
-    def take(self, sample: Sample, estimate: Estimate, readings: Iterable[Reading],
-             ensemble: Ensemble) -> None:  # fmt: skip
+    def take(
+        self, sample: Sample, estimate: Estimate, readings: Iterable[Reading], ensemble: Ensemble
+    ) -> None:
         """Take a sample and the readings up to it, and ``correct`` the model's estimate.
 
         Beliefs and what is said of the present are renewed by one group after the other, so that no
@@ -108,16 +103,12 @@ class Corrections:
 
         Args:
             sample: not a predicted one.
-            estimate: for it, with standard deviations; changed.
+            estimate: for it by the model, with standard deviations; changed.
             readings: that have become due.
             ensemble: whose members have been updated with the sample.
         """
         assert estimate.stddev is not None
-        angles = np.concatenate([sample.motor_angle, sample.joint_angle])
-        now = Past(
-            sample.stamp_ns, estimate.values[self._columns], estimate.stddev,
-            self._directions.follow(angles),
-        )  # fmt: skip
+        now = Past(sample.stamp_ns, estimate.values[self._columns], estimate.stddev)
         self._past.append(now)
         while now.stamp_ns - self._past[0].stamp_ns > HISTORY_NS:
             self._past.popleft()
@@ -175,8 +166,9 @@ class Corrections:
         right, found = self.right, {}
         for group in self.groups:
             mean, stddev = group.beliefs.moments()
+            frictions = {one.name: k for k, one in enumerate(group.unknowns) if one.kind is AXIS}
             for k, sensor in enumerate(group.beliefs.sensors):
-                bias, gain, friction = group.beliefs.errors_of(k)
+                bias, gain = group.beliefs.errors_of(k)
                 _, used, frozen, _ = group.beliefs.core.heard(k)
                 unit = sensor.unit
                 words = (
@@ -184,25 +176,33 @@ class Corrections:
                     f"bias {mean[bias]:.3g} +- {stddev[bias]:.2g} {unit}, "
                     f"gain {mean[gain]:+.1%} +- {stddev[gain]:.1%}"
                 )
-                if sensor.prior[2] > 0.0:
-                    words += f", friction {mean[friction]:.3g} +- {stddev[friction]:.2g} {unit}"
+                friction = frictions.get(AXIS.what.format(sensor.name))
+                if friction is not None:
+                    size = group.unknowns[friction].unit
+                    words += (
+                        f", friction {size * mean[friction]:.3g} +- "
+                        f"{size * stddev[friction]:.2g} {unit}"
+                    )
                 found[sensor.name] = words + (", frozen" if frozen else "")
         return found
 
     def confirmed_by(self, preloads: Mapping[str, float]) -> set[str]:
         """Sensors of cables whose preload, read on a spring scale [N], is as they say."""
-        found: set[str] = set()
-        for group in self.groups:
-            for cable, value in preloads.items():
-                known = group.preload_of(cable)
-                if known is None:
-                    continue
-                mean, stddev = known
-                allowed = CONFIRMED * float(np.hypot(stddev, SPRING_SCALE_NOW * value))
-                if stddev <= TELLING * value and abs(value - mean) <= allowed:
-                    c = self.model.layout.cables.index(cable)
-                    found |= {one.name for one in group.beliefs.sensors if c in one.cables}
+        found, changes = set[str](), self.changes()
+        for c, cable in enumerate(self.model.robot.cables):
+            value = preloads.get(cable.name)
+            if value is None:
+                continue
+            by, stddev = changes[f"cables.{cable.name}.preload"]
+            allowed = CONFIRMED * float(np.hypot(stddev, SPRING_SCALE_NOW * value))
+            if stddev <= TELLING * value and abs(value - cable.preload - by) <= allowed:
+                heard = self._group_of[c].beliefs.sensors
+                found |= {one.name for one in heard if c in one.cables}
         return found
+
+    def changes(self) -> dict[str, tuple[float, float]]:
+        """``Group.changes`` of all groups."""
+        return {path: one for group in self.groups for path, one in group.changes().items()}
 
     def memory(self) -> list[dict[str, Any]]:
         """What ``recall`` needs to go on, as JSON."""

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros import _core
 from cdrj_ros.estimation.beliefs import Beliefs
+from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import NEVER, Sample
-from cdrj_ros.estimation.evidence import FADES_S, Sums, contributions, nothing
 from cdrj_ros.estimation.sensors import Reading, Sensor
-from cdrj_ros.estimation.unknowns import ALIKE, SLIP, Unknown, unknowns_of
-from cdrj_ros.estimation.verdicts import Verdict, judge
+from cdrj_ros.estimation.unknowns import ALIKE, PRELOAD, SLIP, signatures_of, unknowns_of
+from cdrj_ros.estimation.verdicts import Heard, Verdict, judge
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.packing import constant_views, stddev_places
+from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Uncertainty
-from cdrj_ros.robot.groups import has_number, part_of
+from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.reader import build_robot
 
 HISTORY_NS: Final = 200_000_000
@@ -37,14 +34,12 @@ LONGEST_NS: Final = 1_000_000_000
 JUDGED_NS: Final = 500_000_000
 """Time between two verdicts [ns]."""
 
-STRAYS: Final = 2
-"""So many stray readings in a row are no evidence."""
-
 CONTRADICTED: Final = 2.0
 """Tensions contradict readings that show others by more than so many standard deviations."""
 
-CONTRADICTED_NS: Final = round(2e9 * FADES_S)
-"""Time for which they do until the tensions are in doubt [ns]."""
+LOST_NS: Final = 10_000_000_000
+"""Time for which they do, or nothing explains the readings, until the tensions are in doubt [ns]:
+after a sudden change its readings mix with those before."""
 
 
 Said = tuple[Vector, Vector, Vector]
@@ -58,8 +53,6 @@ class Past(NamedTuple):
     values: Vector
     """Of all quantities of the robot, shape (columns,)."""
     stddev: Vector
-    direction: Vector
-    """Of the axes' friction, see ``Directions``."""
 
 
 def _at(past: Sequence[Past], stamp_ns: int, column: int) -> tuple[float, Past] | None:
@@ -81,27 +74,29 @@ def _at(past: Sequence[Past], stamp_ns: int, column: int) -> tuple[float, Past] 
 class Group:
     """Cables that belong together: their unknowns and what the sensors say about them."""
 
-    def __init__(self, model: Model, cables: Sequence[int], known: Uncertainty | None) -> None:
+    def __init__(self, model: Model, cables: Sequence[int], changed: Mapping[str, float]) -> None:
         """Prepare.
 
         Args:
             model: the whole robot.
             cables: numbers of the group's.
-            known: standard deviations of the robot's numbers.
+            changed: numbers of the file that were measured at run time, see ``narrowed``.
         """
         own = _of_cables(model, cables)
         layout = model.layout
         self._motors = [layout.motors.index(name) for name in own.layout.motors]
         self._joints = [layout.joints.index(name) for name in own.layout.joints]
         self.cables = list(cables)
-        own_known = _known_of(known, own)
-        self._parameters = own_known.parameters if own_known is not None else ()
-        self.unknowns, self.modes = unknowns_of(own, own_known)
+        known = narrowed(own.robot, changed)
+        self._parameters = known.parameters if known is not None else ()
+        self.unknowns, self.modes = unknowns_of(own, known)
         """Change of the file's numbers per unit of every mode, see ``unknowns_of``."""
-        self.signatures = _signatures(own, self.unknowns)
+        self.signatures = signatures_of(own, self.unknowns)
         self.columns = _columns_in(model, own)
         """Index of every quantity of the group among those of the robot."""
         self._alike = [one.kind for one in self.unknowns].index(ALIKE)
+        self._preloads = {one.only: k for k, one in enumerate(self.unknowns) if one.kind is PRELOAD}
+        """Index of the unknown of every own cable's preload."""
         self.place = {column: k for k, column in enumerate(self.columns.tolist())}
         self.refused = 0
         """Readings that were too old."""
@@ -116,6 +111,8 @@ class Group:
         self.beliefs = Beliefs(self.unknowns)
         self.index: dict[str, int] = {}
         """Index of every sensor that was heard in ``beliefs``, by name."""
+        self._parts: list[Table] = []
+        """``Sensor.parts_of`` each."""
         self.forget_evidence()
 
     def restart(self) -> None:
@@ -132,8 +129,6 @@ class Group:
         """Number of the last renewal."""
         self._slopes: deque[tuple[int, Table]] = deque(maxlen=HISTORY_NS // TICK_NS + 1)
         """Signatures with the stamps of their samples [ns]."""
-        self.sums = [self._no_evidence(sensor) for sensor in self.beliefs.sensors]
-        """(B5) of every sensor that was heard."""
         self.verdict: Verdict | None = None
         """What the latest readings show; None: they are too few."""
         self.doubted: Sequence[int] = ()
@@ -163,9 +158,12 @@ class Group:
         said = self.correction(sample.stamp_ns, past[-1].values, deviation)
         if abs(sample.stamp_ns - self._judged_ns) >= JUDGED_NS:
             self._judged_ns = sample.stamp_ns
-            self._judge(past[-1], said)
+            self._judge(sample.stamp_ns)
         shift, known, left = said
-        return shift, known, left * self._unexplained()
+        if self.verdict is not None:
+            left = left * self.verdict.unexplained
+            left = left + self._contradicted(shift, left)
+        return shift, known, left
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -197,22 +195,24 @@ class Group:
         if not self._slopes:
             return variances
         mean, stddev = self.beliefs.moments()
-        of_elements, cables = self._cable_of[self._tensions], self._own.layout.cables
-        names = [one.name for one in self.unknowns]
         for k, one in enumerate(self.unknowns):
-            if one.kind is SLIP and one.cable is not None:
-                preload = names.index(f"preload of {cables[one.cable]}")
-                taken = self.slopes[k, self._tensions][of_elements == one.cable].mean()
+            if one.kind is SLIP:
+                taken = self.slopes[k, self._own.robot.parts[one.only]].mean()
+                preload = self._preloads[one.only]
                 size = taken / self.unknowns[preload].unit
                 variances[preload] = size**2 * (mean[k] ** 2 + stddev[k] ** 2)
         return variances
 
+    def widen(self, changes: Vector) -> None:
+        """Leave open changes of mean tensions of these sizes [N], shape (all cables,)."""
+        size = np.zeros(self.beliefs.count)
+        for c, k in self._preloads.items():
+            size[k] = (changes[self.cables[c]] / self.unknowns[k].unit) ** 2
+        self.beliefs.core.widen(size)
+
     def memory(self) -> dict[str, Any]:
         """What ``recall`` needs to go on, as JSON."""
         return self.beliefs.memory() | {"slipped": self._slipped().tolist()}
-
-    def _no_evidence(self, sensor: Sensor) -> Sums:
-        return nothing(self.beliefs.count + 3, contributions(self._model.robot, sensor))
 
     def hear(self, sensor: Sensor) -> int:
         """Index of a sensor in ``beliefs``, which begin to know it."""
@@ -221,7 +221,7 @@ class Group:
             own = [self.cables.index(c) for c in sensor.cables if c in self.cables]
             contributes = np.isin(self._cable_of, [-1, *own])
             self.beliefs.hear(sensor, self.place[sensor.column], contributes)
-            self.sums.append(self._no_evidence(sensor))
+            self._parts.append(sensor.parts_of(self._model.robot))
         return self.index[sensor.name]
 
     def _take(self, reading: Reading, sensor: Sensor, past: Sequence[Past]) -> None:
@@ -234,53 +234,49 @@ class Group:
         since = (one for at, one in reversed(self._slopes) if at <= then.stamp_ns)
         slopes = next(since, self._slopes[0][1])
         k, own = self.hear(sensor), slopes[:, self.place[sensor.column]]
-        direction = float(then.direction[sensor.axis]) if sensor.axis >= 0 else 0.0
-        history, core = float(then.stddev[sensor.column]), self.beliefs.core
-        core.take(k, reading.stamp_ns, reading.value, reading.noise, h, own, history, direction)
-        *_, strays = core.heard(k)
-        if not 0 < strays <= STRAYS:
-            self.sums[k].add(
-                reading.stamp_ns, reading.value - h, np.concatenate([own, [1.0, h, direction]]),
-                reading.noise**2, sensor.model_error(reading.value) ** 2 + history**2, then.values,
-            )  # fmt: skip
+        parts = self._parts[k] @ then.values[: self._parts[k].shape[1]]
+        self.beliefs.core.take(
+            k, reading.stamp_ns, reading.value, reading.noise, h, own,
+            float(then.stddev[sensor.column]), parts,
+        )  # fmt: skip
 
-    def _judge(self, now: Past, said: Said) -> None:
+    def _judge(self, now_ns: int) -> None:
         """Renew ``verdict`` and ``doubted``; both stay while the sensors are silent."""
-        beliefs, names = self.beliefs, self._model.layout.cables
-        frozen = [beliefs.core.heard(k)[2] for k in range(len(beliefs.sensors))]
-        sums = [one.faded(now.stamp_ns) for one in self.sums]
-        verdict = judge(self.unknowns, beliefs.sensors, frozen, sums, names)
+        core, names = self.beliefs.core, self._model.layout.cables
+        heard = [
+            Heard(
+                sensor,
+                core.heard(k)[2],
+                self.beliefs.probability_right(k),
+                self._parts[k],
+                *core.evidence(k, now_ns),
+            )
+            for k, sensor in enumerate(self.beliefs.sensors)
+        ]
+        verdict = judge(self.unknowns, heard, names)
         if verdict is None:
             return
         self.verdict = verdict
-        if verdict.broken or self._agrees(verdict, now, said):
-            self._agreed_ns = now.stamp_ns
-        # after a sudden change its readings mix with those before
-        lost = now.stamp_ns - self._agreed_ns > CONTRADICTED_NS
+        if verdict.broken or verdict.explained:
+            self._agreed_ns = now_ns
         broken = [names.index(verdict.broken)] if verdict.broken else []
+        lost = now_ns - self._agreed_ns > LOST_NS
         self.doubted = self.cables if lost else broken
 
-    def _unexplained(self) -> float:
-        """By how much variances are too small, since the readings deviate more than is expected."""
-        if self.verdict is None:
-            return 1.0
-        squares = number = 0.0
-        for name, (own, readings) in self.verdict.left_of.items():
-            right = self.beliefs.probability_right(self.index[name])
-            squares += right * own
-            number += right * readings
-        return max(1.0, squares / max(number, 1.0))
+    def _contradicted(self, shift: Vector, left: Vector) -> Vector:
+        """Variances of all quantities by which the changes found contradict what is published.
 
-    def _agrees(self, verdict: Verdict, now: Past, said: Said) -> bool:
-        """Whether the published tensions are those of what the latest readings show."""
-        if not any(one.matters for one in verdict.found):
-            return verdict.explained
-        shift, known, left = (one[self._tensions] for one in said)
-        slopes = self.slopes[:, self._tensions]
-        variance = (1.0 - known) * now.stddev[self.columns[self._tensions]] ** 2 + left
-        variance += np.einsum("iq,ij,jq->q", slopes, verdict.covariance, slopes)
-        differs = (verdict.mean @ slopes - shift) ** 2 > CONTRADICTED**2 * variance
-        return verdict.explained and not differs.any()
+        Args:
+            shift: of the model's quantities by the beliefs, shape (quantities,).
+            left: its variances.
+        """
+        if self.verdict is None or self.verdict.robot is None or not self.verdict.named:
+            return np.zeros(shift.size)
+        mean, covariance = self.verdict.robot
+        slopes = self.slopes
+        differs = (mean @ slopes - shift) ** 2
+        variance = left + np.einsum("iq,ij,jq->q", slopes, covariance, slopes)
+        return np.where(differs > CONTRADICTED**2 * variance, differs, 0.0)
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:
         """What the sensors say about the present, (B4).
@@ -299,19 +295,28 @@ class Group:
             stamp_ns, values[columns], self.slopes, deviation[:, columns]
         )
 
-    def preload_of(self, cable: str) -> tuple[float, float] | None:
-        """The preload of a cable and its standard deviation [N]; None if it is of another group."""
-        names = self._own.layout.cables
-        if cable not in names:
-            return None
-        change = [one.name for one in self.unknowns].index(f"preload of {cable}")
-        share = np.zeros(self.beliefs.count)
-        share[[change, self._alike]] = self.unknowns[change].unit
-        path = f"cables.{cable}.preload"
-        if path in self._parameters:
-            share[: self.modes.shape[1]] = self.modes[self._parameters.index(path)]
-        mean, stddev = self.beliefs.moment_of(share)
-        return self._own.robot.cables[names.index(cable)].preload + mean, stddev
+    def changes(self) -> dict[str, tuple[float, float]]:
+        """What preloads and reference angles differ by from the file, and standard deviations [SI].
+
+        By path.  A reading that is too large by an angle belongs to a reference angle that is too
+        small by it.
+        """
+        found, places = {}, {path: k for k, path in enumerate(self._parameters)}
+        for k, one in enumerate(self.unknowns):
+            if not one.path:
+                continue
+            share = np.zeros(self.beliefs.count)
+            of_file = [(one.path, 1.0)]
+            if one.kind is PRELOAD:
+                share[[k, self._alike]] = one.unit
+            else:
+                share[k] = -one.unit
+                of_file.append((one.path.replace(".reference_angle", ".offset"), -1.0))
+            for path, sign in of_file:
+                if path in places:
+                    share[: self.modes.shape[1]] += sign * self.modes[places[path]]
+            found[one.path] = self.beliefs.moment_of(share)
+        return found
 
     def recall(self, memory: Mapping[str, Any], sensors: Mapping[str, Sensor]) -> None:
         """Take up ``memory``.
@@ -327,39 +332,6 @@ class Group:
         if not (np.isfinite(slipped).all() and (slipped >= 0.0).all()):
             raise ValueError("what has slipped is negative or infinite")
         self.beliefs.core.widen(slipped)
-
-
-def _signatures(model: Model, unknowns: Sequence[Unknown]) -> _core.Signatures:
-    """The robots at plus and minus one unit of every unknown of a robot."""
-    ends = {id(end): end for one in unknowns for end in (one.more, one.less)}
-    number = {end: k for k, end in enumerate(ends)}
-    constants = np.stack([end.model.constants for end in ends.values()])
-    residuals: Any = constant_views(model.sizes, constants).residuals
-    residuals["bound"] = 0.0  # the estimate alone is corrected by what its file has learned
-    return _core.Signatures(
-        model.core, constants, np.stack([end.angle for end in ends.values()]),
-        np.array([end.slipping for end in ends.values()]),
-        np.array(
-            [
-                (number[id(one.more)], number[id(one.less)], -1 if one.cable is None else one.cable)
-                for one in unknowns
-            ],
-            dtype=np.int64,
-        ),
-    )  # fmt: skip
-
-
-def _known_of(known: Uncertainty | None, own: Model) -> Uncertainty | None:
-    """The standard deviations of the numbers that a robot with fewer cables has."""
-    if known is None:
-        return None
-    document: Any = own.robot.document
-    kept = [k for k, path in enumerate(known.parameters) if has_number(document, path)]
-    return replace(
-        known, parameters=tuple(known.parameters[k] for k in kept),
-        covariance=known.covariance[np.ix_(kept, kept)],
-        stated=sum(k < known.stated for k in kept),
-    )  # fmt: skip
 
 
 def _of_cables(model: Model, cables: Sequence[int]) -> Model:

@@ -12,11 +12,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cdrj_ros.estimation.unknowns import preload_of
-from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.estimation.unknowns import AXIS, efforts_of_preloads, preload_of
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import stddev_places
-from cdrj_ros.model.prepared import Model, shape_at
-from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
+from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot, Winch, turns_of
 
 LARGEST: Final = 1e9
@@ -46,25 +45,20 @@ class Accuracy(NamedTuple):
     """Random walk of the bias after 1 s, as the same share."""
     gain: float
     """Error of the gain [-]."""
-    friction: float
-    """Friction of its axis that the file does not know, as the same share."""
     model: float
     """Error of the model, as a share of the reading."""
     model_least: float
     """The least error of the model, as a share of what the preloads contribute."""
 
 
-CELL: Final = Accuracy(0.005, 0.0005, 0.03, 0.0, 0.01, 0.0)
+CELL: Final = Accuracy(0.005, 0.0005, 0.03, 0.01, 0.0)
 """A load cell, within 3 % by its data sheet and its mounting."""
 
-EFFORT: Final = Accuracy(0.02, 0.002, 0.05, 0.1, 0.01, 0.02)
+EFFORT: Final = Accuracy(0.02, 0.002, 0.05, 0.01, 0.02)
 """An effort computed from a motor's current, or of a joint; it is a small difference of cables."""
 
 VERIFIED_GAIN: Final = 0.02
 """Error of the gain of a sensor that was compared with a known load or a spring scale [-]."""
-
-FRICTION_KNOWN: Final = 0.3
-"""Standard deviation of an axis' friction as a share of what the robot file states."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +67,6 @@ class Sensor:
 
     name: str
     """``cable/element``, or a motor or joint."""
-    title: str
-    """The same in words: ``load cell upper/8``."""
-    unit: str
-    """Of its readings: ``N`` or ``N m``."""
     column: int
     """Index of the quantity that it reads, in ``stddev_columns``."""
     cables: tuple[int, ...]
@@ -85,27 +75,52 @@ class Sensor:
     """Standard deviation of a reading, unless its message states one [N] or [N m]."""
     scale: float
     """What the preloads contribute to its reading, regardless of signs [N] or [N m]."""
-    prior: tuple[float, float, float]
-    """Standard deviations of its bias [N] or [N m], of the error of its gain [-] and of the
-    friction of its axis [N m]: (B3)."""
-    drift: float
-    """Random walk of the bias after 1 s [N] or [N m]."""
-    model: tuple[float, float]
-    """Error of the model: as a share of the reading, and at least [N] or [N m]."""
+    accuracy: Accuracy
     pulls: tuple[tuple[int, float], ...] = ()
     """Elements whose tensions it reads, and the reading per newton of each [-] or [m]; none where
     that depends on angles."""
     axis: int = -1
-    """Axis whose friction the reading contains, of motors, then joints; -1 for none."""
+    """Axis whose effort it reads, of motors, then joints; -1 for a load cell."""
     clock_offset_ns: int = 0
     """Added to the stamps of its readings [ns]."""
     verified: bool = False
-    """Whether it was compared with a known load."""
+    """Whether it was compared with a known load, or a spring scale."""
 
-    def model_error(self, value: float) -> float:
-        """Standard deviation of the model's error at a reading [N] or [N m]."""
-        share, least = self.model
-        return max(share * abs(value), least)
+    @property
+    def unit(self) -> str:
+        """Of its readings."""
+        return "N" if self.axis < 0 else "N m"
+
+    @property
+    def title(self) -> str:
+        """Its name in words: ``load cell upper/8``."""
+        return f"{'load cell' if self.axis < 0 else 'effort of'} {self.name}"
+
+    @property
+    def gain(self) -> float:
+        """Standard deviation of the error of its gain [-]."""
+        return min(self.accuracy.gain, VERIFIED_GAIN) if self.verified else self.accuracy.gain
+
+    def stddev_of(self, reading: Reading) -> float:
+        """Standard deviation of a reading whose errors nothing has shown yet [N] or [N m]."""
+        own = self.accuracy
+        axis = 0.0 if self.axis < 0 else AXIS.unit
+        shares = np.array([own.bias, own.model_least, axis]) * self.scale
+        errors = [reading.noise, self.gain * reading.value, own.model * reading.value, *shares]
+        return float(np.linalg.norm(errors))
+
+    def parts_of(self, robot: Robot) -> Table:
+        """What every element's tension contributes to a reading, by cables of the sensor.
+
+        Returns:
+            Shape (cables of the sensor, elements of the robot).
+        """
+        found = np.zeros((len(self.cables), robot.parts[-1].stop))
+        for row, c in zip(found, self.cables, strict=True):
+            part = robot.parts[c]
+            for element, share in self.pulls:
+                row[element] += share * (part.start <= element < part.stop)
+        return found
 
 
 def sensors_of(model: Model, confirmed: Collection[str] = ()) -> dict[str, Sensor]:
@@ -115,15 +130,8 @@ def sensors_of(model: Model, confirmed: Collection[str] = ()) -> dict[str, Senso
         model: the robot.
         confirmed: sensors that count as verified although its file does not say so.
     """
-    every = (*_cells(model), *_efforts(model))
-    return {
-        one.name: _verified(one) if one.verified or one.name in confirmed else one for one in every
-    }
-
-
-def _verified(sensor: Sensor) -> Sensor:
-    bias, gain, friction = sensor.prior
-    return replace(sensor, prior=(bias, min(gain, VERIFIED_GAIN), friction), verified=True)
+    every = {one.name: one for one in (*_cells(model), *_efforts(model))}
+    return every | {name: replace(every[name], verified=True) for name in confirmed}
 
 
 def _cells(model: Model) -> Iterator[Sensor]:
@@ -131,41 +139,24 @@ def _cells(model: Model) -> Iterator[Sensor]:
     for c, cable in enumerate(model.robot.cables):
         for name in cable.element_names:
             column = places[f"tension/{name}"]
-            title, scale = f"load cell {name}", preload_of(cable)
-            yield replace(
-                _sensor(name, title, "N", column, (c,), cable.sensor_noise, scale, CELL),
-                pulls=((column, 1.0),),
+            yield Sensor(
+                name, column, (c,), cable.sensor_noise, preload_of(cable), CELL, ((column, 1.0),),
                 verified=cable.sensor_verified,
-            )
+            )  # fmt: skip
 
 
 def _efforts(model: Model) -> Iterator[Sensor]:
     """Efforts of motors, and of joints whose file gives ``effort_noise``."""
-    robot, layout = model.robot, model.layout
-    places = stddev_places(layout)
-    arms = shape_at(model, robot.reference_pose).lever_arm
-    of_joints = np.array([np.abs(arms[part]).max(axis=0, initial=0.0) for part in robot.parts])
-    contributes = np.hstack([np.abs(robot.drums), of_joints.reshape(len(robot.cables), -1)])
-    preload = np.array([preload_of(cable) for cable in robot.cables])
+    robot, places = model.robot, stddev_places(model.layout)
+    contributes = efforts_of_preloads(model)
     for a, axis in enumerate(robot.axes):
-        own = contributes[:, a]
-        cables = tuple(np.flatnonzero(own > 0.0).tolist())
-        if axis.effort_noise is None or not cables:
-            continue
-        scale = float(own @ preload)
-        name = axis.name
-        one = _sensor(
-            name, f"effort of {name}", "N m", places[f"effort/{name}"], cables, axis.effort_noise,
-            scale, EFFORT,
-        )  # fmt: skip
-        yield replace(
-            one,
-            prior=(*one.prior[:2], _friction_stddev(robot, a, scale)),
-            pulls=tuple(_winding(robot, name)),
-            axis=a,
-            clock_offset_ns=axis.sensor.clock_offset_ns,
-            verified=axis.effort_verified,
-        )
+        cables = tuple(np.flatnonzero(contributes[:, a]).tolist())
+        if axis.effort_noise is not None and cables:
+            yield Sensor(
+                axis.name, places[f"effort/{axis.name}"], cables, axis.effort_noise,
+                float(contributes[:, a].sum()), EFFORT, tuple(_winding(robot, axis.name)), a,
+                axis.sensor.clock_offset_ns, axis.effort_verified,
+            )  # fmt: skip
 
 
 def _winding(robot: Robot, motor: str) -> Iterator[tuple[int, float]]:
@@ -176,81 +167,6 @@ def _winding(robot: Robot, motor: str) -> Iterator[tuple[int, float]]:
             if isinstance(node, Winch) and turns:
                 sign = next(one.effort_sign for one in robot.motors if one.name == motor)
                 yield element, -sign * turns * node.reel
-
-
-def _sensor(
-    name: str,
-    title: str,
-    unit: str,
-    column: int,
-    cables: tuple[int, ...],
-    noise: float,
-    scale: float,
-    accuracy: Accuracy,
-) -> Sensor:
-    """A sensor whose axis, if it has one, is without friction."""
-    return Sensor(
-        name, title, unit, column, cables, noise, scale,
-        prior=(accuracy.bias * scale, accuracy.gain, 0.0),
-        drift=accuracy.drift * scale,
-        model=(accuracy.model, accuracy.model_least * scale),
-    )  # fmt: skip
-
-
-def _friction_stddev(robot: Robot, a: int, scale: float) -> float:
-    """Standard deviation of the unknown friction of an axis [N m]; the file's, if it states one."""
-    axis, known = robot.axes[a], robot.uncertainty
-    kind = "motors" if a < len(robot.motors) else "joints"
-    path = f"{kind}.{axis.name}.bearing_torque"
-    if known is not None and path in known.parameters[: known.stated]:
-        return known.stddev[path]
-    return float(np.hypot(EFFORT.friction * scale, FRICTION_KNOWN * axis.passive.bearing_torque))
-
-
-# --- directions of the axes' friction -------------------------------------------------------------
-
-COUNTS: Final = 2.0
-"""The direction follows an axis after a turn by as many counts of its encoder at least."""
-
-
-class Directions:
-    """Directions d of the axes' friction in (B3).
-
-    Friction of the cables and friction of the axis both widen the hysteresis of an effort.  That
-    of the axis reverses within a milliradian, the cables' only after the cable has given up its
-    elongation and its contacts have slipped back.  So the direction follows the axis like the
-    friction of a bearing (E13).
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        """Begin without direction."""
-        breakaway = [
-            one.bearing_torque / one.bearing_stiffness
-            if one.bearing_stiffness > 0.0 and one.bearing_torque > 0.0
-            else DEFAULT_BREAKAWAY_ANGLE
-            for one in (axis.passive for axis in robot.axes)
-        ]
-        counts = [abs(axis.sensor.scale) * axis.sensor.resolution for axis in robot.axes]
-        self._breakaway = np.maximum(breakaway, COUNTS * np.array(counts))
-        self._sign = -np.array([float(axis.effort_sign) for axis in robot.axes])
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget angles and directions."""
-        self._angle: Vector | None = None
-        self._direction = np.zeros(self._sign.size)
-
-    def follow(self, angle: Vector) -> Vector:
-        """Follow the axes to their angles [rad], shape (axes,).
-
-        Returns:
-            Change of every effort per unit of the axis' friction [-], from -1 to 1, shape (axes,).
-        """
-        if self._angle is not None:
-            moved = (angle - self._angle) / self._breakaway
-            self._direction = np.minimum(np.maximum(self._direction + moved, -1.0), 1.0)
-        self._angle = angle
-        return np.asarray(self._sign * self._direction)
 
 
 # --- readings that wait ---------------------------------------------------------------------------
@@ -286,8 +202,8 @@ class WaitingReadings:
         self.overlooked = 0
         """Readings discarded because no sample reached their stamp."""
         self._waiting: list[Reading] = []
-        self._read_ns: dict[str, int] = {}
-        """Stamp of the last reading of every sensor that waits or was used [ns]."""
+        self.latest: dict[str, Reading] = {}
+        """The last reading of every sensor that waits or was used."""
 
     @property
     def expected(self) -> bool:
@@ -297,13 +213,13 @@ class WaitingReadings:
     @property
     def heard(self) -> bool:
         """Whether any sensor has sent a reading that may be used."""
-        return bool(self._read_ns)
+        return bool(self.latest)
 
     def forget(self) -> None:
         """Discard all, as overlooked."""
         self.overlooked += len(self._waiting)
         self._waiting.clear()
-        self._read_ns.clear()
+        self.latest.clear()
 
     def wants(self, names: Sequence[str], stamp_ns: int) -> bool:
         """Whether a reading at this stamp [ns] of any of these sensors would be used."""
@@ -338,15 +254,15 @@ class WaitingReadings:
             noise = float(stddevs[k]) if len(stddevs) else 0.0
             if not SMALLEST_NOISE <= noise <= LARGEST_NOISE:
                 noise = sensor.noise
-            self._read_ns[name] = at
+            self.latest[name] = Reading(at, name, float(value), noise)
             if len(self._waiting) >= MOST:
                 del self._waiting[: MOST // 2]
                 self.overlooked += MOST // 2
-            self._waiting.append(Reading(at, name, float(value), noise))
+            self._waiting.append(self.latest[name])
 
     def _is_wanted(self, name: str, stamp_ns: int) -> bool:
-        last = self._read_ns.get(name)
-        soon = last is not None and abs(stamp_ns - last) < LEAST_NS
+        last = self.latest.get(name)
+        soon = last is not None and abs(stamp_ns - last.stamp_ns) < LEAST_NS
         return name not in self._ignored and not soon
 
     def due(self, stamp_ns: int) -> Iterator[Reading]:

@@ -147,8 +147,7 @@ class LiveEstimator:
 
     def _new_corrections(self) -> Corrections:
         self.readings.sensors = sensors_of(self.model, self._verified)
-        known = narrowed(self.model.robot, self.changes)
-        return Corrections(self.model, known, self.readings.sensors)
+        return Corrections(self.model, self.changes, self.readings.sensors)
 
     def _renew_members(self) -> None:
         """Draw the members anew; with corrections they hold the history alone."""
@@ -179,7 +178,7 @@ class LiveEstimator:
         self.state: State = initial_state(self.model)
         self._predicted = None
         self.sample: Sample | None = None
-        self._watch = RestWatch()
+        self._rest = RestWatch()
         self.readings.forget()
         if self.encoderless is not None:
             self.encoderless.reset()
@@ -309,14 +308,23 @@ class LiveEstimator:
         The estimate has its standard deviations, and the angles of joints without encoder.  A
         predicted sample leaves the memory as it is; only the next predicted one continues it.
         """
-        if self.encoderless is not None:
-            return self._take_encoderless(self.encoderless, sample)
-        if sample.predicted:
-            return self._take_predicted(sample)
-        return self._take_next(sample)
+        estimate = self._step(sample)
+        if not sample.predicted:
+            self._watch(sample, estimate)
+        if self.corrections is not None and estimate.solved:
+            self._believe(self.corrections, sample, estimate)
+        self._mark(sample, estimate)
+        return estimate
 
-    def _take_next(self, sample: Sample) -> Estimate:
-        """``take`` for a sample that continues the memory."""
+    def _step(self, sample: Sample) -> Estimate:
+        """The model's estimate, with standard deviations by the members."""
+        if self.encoderless is not None:
+            return self._step_encoderless(self.encoderless, sample)
+        if sample.predicted:
+            self._predicted, estimate = step(self.model, self._predicted or self.state, sample)
+            if self.ensemble is not None:
+                estimate.stddev = self.ensemble.predict(sample, estimate)
+            return estimate
         self._predicted = None
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
@@ -324,48 +332,38 @@ class LiveEstimator:
         elif self.sample is not None and self.conditioner.gaps != self._gaps:
             self._doubt_change(self._run_so_far(self.sample), sample)
         self._gaps = self.conditioner.gaps
-        if self.corrections is None and self.readings.heard and self.ensemble is not None:
-            self.begin_corrections()
         if self.ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
-        else:
-            self.state, estimate = self.ensemble.step(self.state, sample)
-        self._note(sample, estimate)
-        if self.corrections is not None and self.ensemble is not None and estimate.solved:
-            due = self.readings.due(sample.stamp_ns)
-            self.corrections.take(sample, estimate, due, self.ensemble)
-        self._mark(sample, estimate)
+            return estimate
+        if self.corrections is None and self.readings.heard:
+            self.begin_corrections()
+        self.state, estimate = self.ensemble.step(self.state, sample)
         return estimate
 
-    def _note(self, sample: Sample, estimate: Estimate) -> None:
-        """Note a sample that is not predicted."""
-        self.sample = sample
-        self._watch.add(sample)
-        self.travel.follow(sample)
-        if not estimate.solved:
-            self.unsolved += 1
-
-    def _take_predicted(self, sample: Sample) -> Estimate:
-        """``take`` for a predicted sample."""
-        self._predicted, estimate = step(self.model, self._predicted or self.state, sample)
-        if self.ensemble is not None:
-            estimate.stddev = self.ensemble.predict(sample, estimate)
-        if self.corrections is not None and self.ensemble is not None and estimate.solved:
-            self.corrections.correct(estimate, self.ensemble.variance)
-        self._mark(sample, estimate)
-        return estimate
-
-    def _take_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Estimate:
-        """``take`` for a robot with joints without encoder."""
+    def _step_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Estimate:
+        """``_step`` of a robot with joints without encoder."""
         self._earlier = None
         estimate = encoderless.estimate(sample)
         if not sample.predicted:
             self.state = encoderless.state_at(sample.stamp_ns)
-            self._note(sample, estimate)
-        self._mark(sample, estimate)
-        if not self.options.uncertainty:
-            estimate.stddev = None
         return estimate
+
+    def _watch(self, sample: Sample, estimate: Estimate) -> None:
+        """Note whether the robot rests, and whether motors turn as far as the cables allow."""
+        self.sample = sample
+        self._rest.add(sample)
+        self.travel.follow(sample)
+        if not estimate.solved:
+            self.unsolved += 1
+
+    def _believe(self, corrections: Corrections, sample: Sample, estimate: Estimate) -> None:
+        """Add what sensors say to the model's estimate; only a sample that lasts hears them."""
+        assert self.ensemble is not None
+        if sample.predicted:
+            corrections.correct(estimate, self.ensemble.variance)
+        else:
+            due = self.readings.due(sample.stamp_ns)
+            corrections.take(sample, estimate, due, self.ensemble)
 
     def _mark(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
@@ -378,6 +376,8 @@ class LiveEstimator:
             mark_elements_unsure(estimate.values, self._everywhere)
         if self.corrections is not None and self.corrections.doubted is not None:
             mark_elements_unsure(estimate.values, self.corrections.doubted)
+        if not self.options.uncertainty:
+            estimate.stddev = None
 
     def feed_tensions(
         self,
@@ -431,7 +431,7 @@ class LiveEstimator:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
         if self.encoderless is not None:
             raise UsageError(f"no reference can be set: {_without_encoder(self.model)}")
-        if reason := self._watch.in_motion(self.model.robot):
+        if reason := self._rest.in_motion(self.model.robot):
             raise UsageError(reason)
         change = reference_at(self.model, self.sample)
         self.change(change.values)

@@ -25,7 +25,7 @@ from cdrj_ros.model.prepared import Model
 KIND: Final = b"cdrj_ros state "
 """First bytes of a state file of any version."""
 
-HEADER: Final = KIND + b"10\n"
+HEADER: Final = KIND + b"11\n"
 """First line of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000

@@ -2,8 +2,8 @@
 
 A file has many uncertain numbers, but they move the tensions in few ways.  Let F have one column
 per independent cause of error, F Fᵀ being the covariance of the file's numbers, and V one column
-per cause with what a standard deviation of it changes in the tensions over the joints' ranges, as
-shares of the preloads.  With the singular values of V = U D Wᵀ,
+per cause with what a standard deviation of it changes in the tensions on a walk through the joints'
+ranges, as shares of the preloads.  With the singular values of V = U D Wᵀ,
 
     numbers = file + F W x,     x ~ N(0, 1),                                             (B1)
 
@@ -11,10 +11,8 @@ the ``modes`` x are independent, and the few with D of at least ``LEAST`` stand 
 Causes that change one cable alone have modes of their own: one robot then shows what a mode of
 every cable does.
 
-What may have changed since the file was written are preloads, zeros of joints, friction, and
-whether the drums hold: one unknown each, in units of a large change, most likely far smaller, and
-sometimes sudden.
-See docs/estimation.md.
+What may have changed since the file was written are the rows of ``KINDS``, in units of a large
+change, most likely far smaller, and sometimes sudden.  See docs/estimation.md.
 """
 
 from __future__ import annotations
@@ -22,29 +20,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from math import degrees, radians
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdrj_ros import _core
 from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.model.laws import elasticity_of, tensions_at
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, segments_of
-from cdrj_ros.robot.description import Cable, Pulley, Robot, Uncertainty, Winch
+from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, shape_at
+from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
+from cdrj_ros.robot.description import Cable, PassiveTorque, Pulley, Uncertainty, Winch
 from cdrj_ros.robot.groups import Owners
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
-LEAST: Final = 0.02
+LEAST: Final = 0.03
 """Least change of the tensions by a mode, as a share of the preloads (RMS over poses)."""
 
 POSES: Final = 24
 """Poses in which tensions are compared."""
+
+SMALL: Final = 0.01
+"""Part of a standard deviation that is compared there: more would make cables slack."""
 
 SMALLEST_PRELOAD: Final = 1.0
 """Preload by which the changes of a cable with less are measured [N]."""
@@ -54,45 +56,75 @@ class Kind(NamedTuple):
     """How a number of the robot changes after its file was written."""
 
     name: str
+    what: str
+    """Name of such an unknown, with the name of its cable or axis for ``{}``."""
     unit: float
-    """A large change: a share of a preload or a coefficient; of a zero [rad], [m] if it slides."""
-    start: float
+    """A large change: a share of a preload or coefficient, or of what the preloads contribute to an
+    effort; of a zero [rad], [m] if it slides."""
+    start: float = 0.0
     """Standard deviation of the change at the start, in this unit."""
     drift: float = 0.0
     """Random walk of the change after 1 s, in this unit."""
     jump: float = 0.0
     """Standard deviation of a sudden change, in this unit."""
-    reported: float = 1.0
-    """Smallest change that is reported, in this unit."""
+    reported: float = 0.0
+    """Smallest change that is reported, in this unit; 0 for none."""
+    words: tuple[str, float] = ("%", 100.0)
+    """Unit in which it is reported, and its amount per unit of SI."""
+    alike: str = ""
+    """Name of the same change of all cables, which is reported as one; empty for none."""
     error: float = NONLINEAR
     """Error of a correction by it, as a share of the correction."""
 
 
-PRELOAD: Final = Kind("preload", unit=0.2, start=0.18, drift=0.01, jump=1.0, reported=0.25)
+PRELOAD: Final = Kind(
+    "preload", "preload of {}", 0.2, start=0.18, drift=0.01, jump=1.0, reported=0.25,
+    words=("N", 1.0), alike="preload of all cables",
+)  # fmt: skip
 """Cables settle by some percent after they are mounted, creep slowly, and slip at a clamp."""
 
-ALIKE: Final = Kind("preloads", unit=0.2, start=0.18, drift=0.01)
+ALIKE: Final = Kind("preloads", "preload of all cables", 0.2, start=0.18, drift=0.01)
 """What preloads have in common: creep of one rope, temperature, the gain of one spring scale.  An
 effort that is a difference of cables hardly shows it."""
 
-ZERO: Final = Kind("zero", unit=np.pi / 180.0, start=0.1, jump=0.5, reported=0.3)
+ZERO: Final = Kind(
+    "zero", "zero of joint {}", radians(1.0), start=0.1, jump=0.5, reported=0.3,
+    words=("deg", degrees(1.0)),
+)  # fmt: skip
 """An encoder keeps its zero within tenths of a degree, or slips on its shaft."""
 
-ZERO_M: Final = ZERO._replace(unit=1e-3)
+ZERO_M: Final = ZERO._replace(unit=1e-3, words=("mm", 1e3))
 """The same of a prismatic joint."""
 
-FRICTION: Final = Kind("friction", unit=0.25, start=0.2, drift=0.01)
+FRICTION: Final = Kind(
+    "friction", "friction of {}", 0.25, start=0.2, drift=0.01, reported=1.0,
+    alike="friction of all cables",
+)  # fmt: skip
 """Coefficients rise and fall with wear, dust and oil."""
 
-DRAG: Final = Kind("drag", unit=0.03, start=0.2, drift=0.01)
+DRAG: Final = Kind("drag", "drag of {}", 0.03, start=0.2, drift=0.01)
 """Bearings and seals turn harder with dust and old grease, whatever the load: a torque on every
 pulley as a share of preload times radius, as ``DRAG`` of ``robot/tolerances.py``.
 Verdicts call it friction."""
 
-SLIP: Final = Kind("slip", unit=0.5, start=0.2, jump=2.0, reported=0.4, error=1.0)
+SLIP: Final = Kind(
+    "slip", "slip of {} on its drum", 0.5, start=0.2, jump=2.0, reported=0.4, error=1.0,
+    alike="slip of all cables",
+)  # fmt: skip
 """A cable may slip on its drum, which then keeps no strain: a share of its cable, mostly none, at
 times all.  Other errors of the model look alike to an effort, so the correction may be wholly
 wrong."""
+
+AXIS: Final = Kind(
+    "axis friction", "friction of the axis {}", 0.1, start=1.0, reported=0.3, words=("N m", 1.0)
+)
+"""Friction of a motor with its gear, or of a joint, of which files say little."""
+
+FRICTION_KNOWN: Final = 0.3
+"""Standard deviation of an axis' friction as a share of what the robot file states."""
+
+COUNTS: Final = 2.0
+"""The friction of an axis follows it after a turn by as many counts of its encoder at least."""
 
 
 class Changed(NamedTuple):
@@ -121,11 +153,13 @@ class Unknown:
     more: Changed
     less: Changed
     """The robot at plus and minus one unit."""
-    cable: int | None = None
-    """The only cable that it changes: the others of these robots show other unknowns; None where
-    it changes several."""
+    only: int = -1
+    """The only cable that it changes, or the only axis, counted after the cables: the others of
+    these robots show other unknowns; -1 where it changes several."""
     kind: Kind | None = None
     """Of a change; None for a mode."""
+    path: str = ""
+    """Of the number of the robot file that it changes; empty for several."""
 
 
 def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown], Table]:
@@ -139,18 +173,31 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
         Modes first, then changes; and F W of (B1), the change of every number in ``known`` per unit
         of every mode [SI], shape (numbers, modes).
     """
+    changes = list(_changes(model, known))
     if known is None or not known.parameters or not model.robot.document:
-        return _changes(model), np.empty((0, 0))
-    shapes, cables = _modes(model, known)
-    ends: dict[int, Changed] = {}
-    both = np.concatenate([shapes, -shapes], axis=1)
-    for some, changed in _changed(model.robot, known, both, 2 * cables):
-        ends |= dict.fromkeys(some, changed or _same(model))
-    found = [
-        Unknown("", 1.0, 1.0, 0.0, 0.0, NONLINEAR, ends[k], ends[len(cables) + k], cable)
-        for k, cable in enumerate(cables)
+        return changes, np.empty((0, 0))
+    shapes, only = _modes(model, known)
+    more = _ends(model, known, shapes, only)
+    less = _ends(model, known, -shapes, only)
+    modes = [
+        Unknown("", 1.0, 1.0, 0.0, 0.0, NONLINEAR, *ends)
+        for ends in zip(more, less, only, strict=True)
     ]
-    return found + _changes(model), shapes
+    return modes + changes, shapes
+
+
+def signatures_of(model: Model, unknowns: Sequence[Unknown]) -> _core.Signatures:
+    """The robots at plus and minus one unit of every unknown, before their first step."""
+    ends = {id(end): end for one in unknowns for end in (one.more, one.less)}
+    number = {end: k for k, end in enumerate(ends)}
+    rows = [(number[id(one.more)], number[id(one.less)], one.only) for one in unknowns]
+    constants = np.stack([end.model.constants for end in ends.values()])
+    residuals: Any = constant_views(model.sizes, constants).residuals
+    residuals["bound"] = 0.0  # the estimate alone is corrected by what its file has learned
+    return _core.Signatures(
+        model.core, constants, np.stack([end.angle for end in ends.values()]),
+        np.array([end.slipping for end in ends.values()]), np.array(rows, np.int64),
+    )  # fmt: skip
 
 
 def _same(model: Model) -> Changed:
@@ -160,127 +207,91 @@ def _same(model: Model) -> Changed:
 # --- modes of the file's numbers ------------------------------------------------------------------
 
 
-def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int | None]]:
+def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int]]:
     """F W of (B1) for the modes of at least ``LEAST``, and the only cable that each changes."""
     causes = independent_causes(known)
     factor = np.zeros((len(known.parameters), len(causes)))
     for k, one in enumerate(causes):
         factor[one.numbers, k] = one.factor
-    owners = Owners(model.robot, tuple((c,) for c in range(len(model.robot.cables))))
+    every = range(len(model.robot.cables))
+    owners = Owners(model.robot, tuple((c,) for c in every))
     cables = [owners.group_of_all(known.parameters[k] for k in one.numbers) for one in causes]
-    poses = _poses(model)
-    cable_of, without = _effects(_same(model), poses)
-    effects = np.zeros((len(causes), without.size))
-    for some, changed in _changed(model.robot, known, factor, cables):
-        if changed is None:
-            continue
-        change = _effects(changed, poses)[1] - without
-        for k in some:
-            effects[k] = np.where((cables[k] is None) | (cable_of == cables[k]), change, 0.0)
-    shapes, found = [np.empty((len(factor), 0))], list[int | None]()
-    for cable in (*range(len(model.robot.cables)), None):
-        own = [k for k, other in enumerate(cables) if other == cable]
+    only = [-1 if c is None else c for c in cables]
+    effects = _effects(model, _ends(model, known, SMALL * factor, only), only) / SMALL
+    shapes, found = [np.empty((len(factor), 0))], list[int]()
+    for cable in (*every, -1):
+        own = [k for k, other in enumerate(only) if other == cable]
         _, size, turn = np.linalg.svd(effects[own].T, full_matrices=False)
         shapes.append(factor[:, own] @ turn[size >= LEAST].T)
         found += [cable] * shapes[-1].shape[1]
     return np.concatenate(shapes, axis=1), found
 
 
-def _changed(
-    robot: Robot, known: Uncertainty, changes: Table, cables: Sequence[int | None]
-) -> Iterator[tuple[list[int], Changed | None]]:
+def _ends(model: Model, known: Uncertainty, changes: Table, only: Sequence[int]) -> list[Changed]:
     """Robots with other numbers; changes of one cable each share a robot.
 
     Args:
-        robot: the robot.
+        model: the robot.
         known: with the paths of the numbers.
         changes: of them, shape (numbers, changes) [SI].
-        cables: the only one that every change concerns; None for several.
+        only: the only cable that every change concerns; -1 for several.
 
-    Yields:
-        Indices of changes, and the robot with all of these; None where no robot can have them.
+    Returns:
+        One for every change; the unchanged one where no robot can have it.
     """
-    given: Any = robot.document
+    given: Any = model.robot.document
     write = writer_of({**given, "uncertainty": {"others": "exact"}}, known.parameters)
-    together = _together(cables)
-    shares = np.zeros((len(cables), len(together)))
-    for r, some in enumerate(together):
-        shares[some, r] = 1.0
-    added = changes @ shares
-    values = np.array(
-        [within_range(given, path, by) for path, by in zip(known.parameters, added, strict=True)]
-    )
-    for some, column in zip(together, values.T.tolist(), strict=True):
+
+    together, same = _together(only), _same(model)
+    added = np.array([changes[:, some].sum(axis=1) for some in together]).reshape(-1, len(changes))
+    values = [within_range(given, *one) for one in zip(known.parameters, added.T, strict=True)]
+    found = [same] * len(only)
+    for some, numbers in zip(together, np.array(values).T.tolist(), strict=True):
         try:
-            other = build_robot(write(column), robot.source)
-            shift = np.subtract(other.offsets, robot.offsets)
-            yield some, Changed(prepare(other, check_range=False), shift)
-        except CdrjError:
-            if len(some) == 1:
-                yield some, None
-                continue
-            for k in some:  # most of them are possible alone
-                for _, one in _changed(robot, known, changes[:, [k]], [None]):
-                    yield [k], one
+            other = build_robot(write(numbers), model.robot.source)
+            shift = np.subtract(other.offsets, model.robot.offsets)
+            ends = [Changed(prepare(other, check_range=False), shift)] * len(some)
+        except CdrjError:  # most of them are possible alone
+            alone = len(some) > 1
+            ends = _ends(model, known, changes[:, some], [-1] * len(some)) if alone else [same]
+        for k, end in zip(some, ends, strict=True):
+            found[k] = end
+    return found
 
 
-def _together(cables: Sequence[int | None]) -> list[list[int]]:
+def _together(only: Sequence[int]) -> list[list[int]]:
     """Indices of changes that may share a robot, for the only cable that each concerns."""
-    alone: list[list[int]] = []
-    of_cable: dict[int, list[int]] = {}
-    for k, cable in enumerate(cables):
-        if cable is None:
-            alone.append([k])
-        else:
-            of_cable.setdefault(cable, []).append(k)
-    together = zip_longest(*of_cable.values())
-    return alone + [[k for k in some if k is not None] for some in together]
+    own = [[k for k, c in enumerate(only) if c == cable] for cable in set(only) - {-1}]
+    shared = [[k for k in some if k is not None] for some in zip_longest(*own)]
+    return [[k] for k, c in enumerate(only) if c < 0] + shared
 
 
-def _poses(model: Model) -> tuple[Table, Table]:
-    """Poses in the joints' ranges, and angles of the motors that hold the preloads there."""
-    robot = model.robot
+def _effects(model: Model, ends: Sequence[Changed], only: Sequence[int]) -> Table:
+    """V of (B1), by causes: what each changes in all tensions on a walk through the ranges.
+
+    Motors turn as the cables need without friction.
+    """
+    robot, same = model.robot, _same(model)
+    causes = [
+        Unknown("", 1.0, 1.0, 0.0, 0.0, 0.0, end, same, c)
+        for end, c in zip(ends, only, strict=True)
+    ]
     every = poses_in_range(robot)
     joints = every[np.linspace(0, len(every) - 1, min(POSES, len(every))).astype(int)]
     longer = lengths_at(model, joints) - lengths_at(model, robot.reference_pose[None])
     needed = np.stack([longer[:, part].sum(axis=1) for part in robot.parts])
     turned, *_ = np.linalg.lstsq(robot.drums, -needed, rcond=None)
-    return joints, np.array([one.reference_angle for one in robot.motors]) + turned.T
-
-
-def _effects(changed: Changed, poses: tuple[Table, Table]) -> tuple[NDArray[np.int64], Vector]:
-    """What V of (B1) compares: tensions of all cables in all poses, and the losses of all pulleys.
-
-    The tensions are those without friction, as shares of the preloads; below 0 they go on.
-
-    Args:
-        changed: a robot.
-        poses: readings of joints, shape (poses, joints), and of motors, shape (poses, motors).
-
-    Returns:
-        The cable that each is of, and the numbers.
-    """
-    model, angle = changed.model, changed.angle
-    robot, (joints, motors) = model.robot, poses
-    views: Any = constant_views(model.sizes, model.constants)
-    count = len(robot.motors)
-    reference = np.array([motor.reference_angle for motor in robot.motors])
-    wound = (motors + angle[:count] - reference) @ robot.drums.T
-    length = lengths_at(model, joints + angle[count:])
-    found = []
-    for c, cable in enumerate(robot.cables):
-        material = float(views.segments["material"][segments_of(model, c)].sum())
-        strain = (length[:, robot.parts[c]].sum(axis=1) + wound[:, c]) / material - 1.0
-        tension = tensions_at(elasticity_of(cable), strain)
-        found.append(tension / (preload_of(cable) * np.sqrt(len(joints))))
-    every = np.arange(len(robot.cables))
-    of_pulleys = np.repeat(every, [len(one.pulleys) for one in robot.cables])
-    preload = np.array([preload_of(cable) for cable in robot.cables])
-    losses = views.pulleys["kinetic_loss"] + views.pulleys["drag"] / preload[of_pulleys]
-    return (
-        np.concatenate([np.repeat(every, len(joints)), of_pulleys]),
-        np.concatenate([*found, losses]),
-    )
+    motors = robot.reference_motors + turned.T
+    signatures = signatures_of(model, causes)
+    tensions = slice(robot.parts[-1].stop)
+    walked = [
+        signatures.follow(motor, joint, 1.0)[:, tensions]
+        for motor, joint in zip(motors, joints, strict=True)
+    ]
+    preload = robot.per_element([preload_of(cable) for cable in robot.cables])
+    elements = robot.per_element([part.stop - part.start for part in robot.parts])
+    scale = preload * np.sqrt(elements * len(joints))
+    return np.asarray(2.0 * np.concatenate([one / scale for one in walked], axis=1))
 
 
 # --- changes since the file was written -----------------------------------------------------------
@@ -291,62 +302,97 @@ def preload_of(cable: Cable) -> float:
     return max(cable.preload, SMALLEST_PRELOAD)
 
 
-def _changes(model: Model) -> list[Unknown]:
-    """Changes of preloads, zeros, friction, drag and slip, in this order."""
-    robot, holding = model.robot, _same(model)
-    more_preload, less_preload = (_with(model, _preloaded, sign) for sign in (1.0, -1.0))
-    more_friction, less_friction = (_with(model, _rubbing, sign) for sign in (1.0, -1.0))
-    dragging = _with(model, _dragging, 2.0)
-    slipping = holding._replace(slipping=True)
-    return [
-        *(
-            _unknown(f"preload of {cable.name}", PRELOAD, preload_of(cable), more_preload,
-                     less_preload, c)
-            for c, cable in enumerate(robot.cables)
-        ),
-        _unknown("preload of all cables", ALIKE, 1.0, more_preload, less_preload, None),
-        *(_zero(model, j) for j in range(len(robot.joints))),
-        *(
-            _unknown(f"friction of {cable.name}", FRICTION, 1.0, more_friction, less_friction, c)
-            for c, cable in enumerate(robot.cables)
-            if any(pulley.friction.mu_c > 0.0 for pulley in cable.pulleys)
-        ),
-        *(
-            _unknown(f"drag of {cable.name}", DRAG, 1.0, dragging, holding, c)
-            for c, cable in enumerate(robot.cables)
-            if any(pulley.radius > 0.0 for pulley in cable.pulleys)
-        ),
-        *(
-            _unknown(f"slip of {cable.name} on its drum", SLIP, 1.0, slipping, holding, c)
-            for c, cable in enumerate(robot.cables)
-            if any(isinstance(node, Winch) for node in cable.nodes)
-        ),
-    ]  # fmt: skip
+def efforts_of_preloads(model: Model) -> Table:
+    """What the preload of every cable contributes to every effort, without signs [N m], or [N].
+
+    Shape (cables, axes).
+    """
+    robot = model.robot
+    arms = np.abs(shape_at(model, robot.reference_pose).lever_arm)
+    of_joints = [arms[part].max(axis=0, initial=0.0) for part in robot.parts]
+    preload = np.array([preload_of(cable) for cable in robot.cables])
+    joints = np.array(of_joints).reshape(len(robot.cables), -1)
+    return np.asarray(preload[:, None] * np.hstack([np.abs(robot.drums), joints]))
+
+
+def _changes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
+    """What may have changed of every cable, of all, of every joint and of every axis."""
+    robot, same = model.robot, _same(model)
+
+    def with_cables(change: Callable[[Cable, float], Cable], units: float) -> Changed:
+        cables = tuple(change(cable, units) for cable in robot.cables)
+        return _same(prepare(replace(robot, cables=cables), check_range=False))
+
+    preloads = with_cables(_preloaded, 1.0), with_cables(_preloaded, -1.0)
+    rubbing = with_cables(_rubbing, 1.0), with_cables(_rubbing, -1.0)
+    dragging = with_cables(_dragging, 2.0), same
+    slipping = same._replace(slipping=True), same
+    yield _unknown(ALIKE, "", *preloads)
+    for c, cable in enumerate(robot.cables):
+        path = f"cables.{cable.name}.preload"
+        yield _unknown(PRELOAD, cable.name, *preloads, c, preload_of(cable), path)
+        pulleys = [node for node in cable.nodes if isinstance(node, Pulley)]
+        if any(pulley.friction.mu_c > 0.0 for pulley in pulleys):
+            yield _unknown(FRICTION, cable.name, *rubbing, c)
+        if any(pulley.radius > 0.0 for pulley in pulleys):
+            yield _unknown(DRAG, cable.name, *dragging, c)
+        if any(isinstance(node, Winch) for node in cable.nodes):
+            yield _unknown(SLIP, cable.name, *slipping, c)
+    for j, joint in enumerate(robot.joints):
+        kind = ZERO_M if joint.name in robot.prismatic_joints else ZERO
+        shift = np.zeros(len(robot.axes))
+        shift[len(robot.motors) + j] = kind.unit
+        ends = Changed(model, shift), Changed(model, -shift)
+        yield _unknown(kind, joint.name, *ends, path=f"joints.{joint.name}.reference_angle")
+    yield from _of_axes(model, known)
 
 
 def _unknown(
-    name: str, kind: Kind, size: float, more: Changed, less: Changed, cable: int | None
+    kind: Kind,
+    name: str,
+    more: Changed,
+    less: Changed,
+    only: int = -1,
+    size: float = 1.0,
+    path: str = "",
 ) -> Unknown:
     return Unknown(
-        name, kind.unit * size, kind.start, kind.drift, kind.jump, kind.error, more, less, cable,
-        kind,
+        kind.what.format(name), kind.unit * size, kind.start, kind.drift, kind.jump, kind.error,
+        more, less, only, kind, path,
     )  # fmt: skip
 
 
-def _zero(model: Model, j: int) -> Unknown:
-    robot = model.robot
-    joint = robot.joints[j]
-    kind = ZERO_M if joint.name in robot.prismatic_joints else ZERO
-    shift = np.zeros(len(robot.axes))
-    shift[len(robot.motors) + j] = kind.unit
-    more, less = Changed(model, shift), Changed(model, -shift)
-    return _unknown(f"zero of joint {joint.name}", kind, 1.0, more, less, None)
+def _of_axes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
+    """Friction of the axes whose efforts may be read.
 
+    It reverses within a milliradian, or two counts, that of the cables only after the cable has
+    given up its elongation and its contacts have slipped back: so an effort tells them apart.
+    """
+    robot, same, scales = model.robot, _same(model), efforts_of_preloads(model).sum(axis=0)
+    stated = known.stddev if known is not None else {}
+    stated = {path: stated[path] for path in list(stated)[: known.stated if known else 0]}
 
-def _with(model: Model, changed: Callable[[Cable, float], Cable], units: float) -> Changed:
-    """The robot with all cables changed by so many units."""
-    cables = tuple(changed(cable, units) for cable in model.robot.cables)
-    return _same(prepare(replace(model.robot, cables=cables), check_range=False))
+    def rubbing(k: int) -> PassiveTorque:
+        axis = robot.axes[k]
+        own, counts = axis.passive, abs(axis.sensor.scale) * axis.sensor.resolution
+        slope = own.bearing_stiffness or own.bearing_torque / DEFAULT_BREAKAWAY_ANGLE
+        breakaway = own.bearing_torque / slope if slope else DEFAULT_BREAKAWAY_ANGLE
+        torque = own.bearing_torque + 2.0 * AXIS.unit * scales[k]
+        stiffness = torque / max(breakaway, COUNTS * counts)
+        return replace(own, bearing_torque=torque, bearing_stiffness=stiffness)
+
+    count = len(robot.motors)
+    motors = (replace(one, passive=rubbing(k)) for k, one in enumerate(robot.motors))
+    joints = (replace(one, passive=rubbing(count + k)) for k, one in enumerate(robot.joints))
+    changed = replace(robot, motors=tuple(motors), joints=tuple(joints))
+    more = _same(prepare(changed, check_range=False))
+    for a, axis in enumerate(robot.axes):
+        if axis.effort_noise is None or not scales[a]:
+            continue
+        path = f"{'motors' if a < count else 'joints'}.{axis.name}.bearing_torque"
+        size = np.hypot(AXIS.unit * scales[a], FRICTION_KNOWN * axis.passive.bearing_torque)
+        one = _unknown(AXIS, axis.name, more, same, len(robot.cables) + a, float(scales[a]))
+        yield replace(one, start=float(stated.get(path, size)) / one.unit)
 
 
 def _preloaded(cable: Cable, units: float) -> Cable:

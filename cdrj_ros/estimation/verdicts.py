@@ -1,7 +1,7 @@
 """Which change of the robot or of a sensor explains what the sensors of a group read.
 
-The evidence (B5) is explained by as few changes as possible, beside the numbers that the file
-leaves open.  A change of amount a along a direction v of the unknowns has the log odds
+The latest readings (B5) are explained by as few changes as possible, beside the numbers that the
+file leaves open.  A change of amount a along a direction v of the unknowns has the log odds
 
     ln O = (b^2 / (k + 1 / J^2) - ln(1 + k J^2)) / 2,     b = v' u',   k = v' M' v            (B6)
 
@@ -12,17 +12,15 @@ how large a change may be.  See docs/estimation.md.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
-from math import degrees, inf
-from typing import Final
+from math import inf
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdrj_ros.estimation.evidence import Sums
 from cdrj_ros.estimation.sensors import Sensor
-from cdrj_ros.estimation.unknowns import FRICTION, PRELOAD, SLIP, ZERO, ZERO_M, Unknown
+from cdrj_ros.estimation.unknowns import AXIS, Unknown
 from cdrj_ros.foundation.arrays import Table, Vector
 
 GAIN: Final = 0.05
@@ -30,9 +28,6 @@ GAIN: Final = 0.05
 
 BIAS: Final = 0.06
 """Smallest reported error of a sensor's zero, by what the preloads contribute."""
-
-AXIS_FRICTION: Final = 0.03
-"""Smallest reported friction of an axis, by what the preloads contribute to its effort."""
 
 ALL_EFFORTS: Final = "scale of all efforts"
 """Name of the change that a wrong unit of them is."""
@@ -68,6 +63,48 @@ MOST: Final = 3
 """Largest number of changes at once."""
 
 
+class Heard(NamedTuple):
+    """A sensor that was heard, and what its latest readings show, (B5)."""
+
+    sensor: Sensor
+    frozen: bool
+    """Whether it repeats its readings while the estimate moves."""
+    right: float
+    """Probability that it is right."""
+    parts: Table
+    """See ``Sensor.parts_of``."""
+    sums: Table
+    """M of (B5), bordered by u and the sum of squares; of the unknowns, bias, gain and reading."""
+    number: float
+    """Of independent readings."""
+    recent: Vector
+    """Sums of squares of the last readings without each cable of the sensor, then with all, and
+    their number."""
+
+    def squares(self, mean: Vector) -> float:
+        """What unknowns leave of the readings, in squares of the expected errors."""
+        left = np.append(-mean, 1.0)
+        return max(float(left @ self.sums @ left), 0.0)
+
+    def rms(self, squares: float) -> float:
+        """Of deviations, from their squares by the expected errors."""
+        return float(np.sqrt(squares / self.sums[-3, -3]))
+
+    def mean(self, of: int) -> float:
+        """Mean slope of an unknown; -2: of what is expected; -1: of the deviation from it."""
+        return float(self.sums[-3, of] / self.sums[-3, -3])
+
+    @property
+    def expected(self) -> float:
+        """Mean of what the model expects."""
+        return self.mean(-2)
+
+    @property
+    def read(self) -> float:
+        """Mean of the readings."""
+        return self.expected + self.mean(-1)
+
+
 @dataclass(frozen=True)
 class Change:
     """A way in which the robot or a sensor may differ from the robot file."""
@@ -75,20 +112,15 @@ class Change:
     what: str
     """``preload of upper``."""
     kind: str
-    """``preload``, ``zero``, ``friction``, ``gain``, ``bias`` or ``axis friction``."""
+    """The name of a ``Kind``, ``gain`` or ``bias``."""
     unit: str
     """Of its amount in words."""
     factor: float
-    """Amount in words per unit along ``direction``."""
-    direction: Vector
-    """Change of all unknowns, shape (unknowns,)."""
+    """Amount in words per unit along ``places``."""
     least: float
-    """Smallest amount that is reported, along ``direction``."""
-
-    @property
-    def large(self) -> float:
-        """J of (B6)."""
-        return LARGE * self.least
+    """Smallest amount that is reported, along ``places``."""
+    places: tuple[int, ...]
+    """Unknowns that all change by this amount."""
 
 
 @dataclass(frozen=True)
@@ -114,19 +146,17 @@ class Finding:
 class Verdict:
     """What the readings of one group's sensors show."""
 
-    found: tuple[Finding, ...]
-    broken: str
+    found: tuple[Finding, ...] = ()
+    broken: str = ""
     """A cable that carries nothing; empty for none."""
-    left: float
+    left: float = 0.0
     """Mean square of what the findings leave, in squares of the expected errors."""
-    deviation: Mapping[str, tuple[float, float]]
+    unexplained: float = 1.0
+    """The same, at least 1, with every sensor weighed by its probability, (B7)."""
+    robot: tuple[Vector, Table] | None = None
+    """Mean and covariance of its unknowns by the findings; None if there are too few readings."""
+    deviation: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Of every sensor's readings from the file, and from it with the findings (RMS)."""
-    left_of: Mapping[str, tuple[float, float]]
-    """The same of every sensor, as sum and number of its independent readings."""
-    mean: Vector
-    """The robot's unknowns by the findings, shape (unknowns,)."""
-    covariance: Table
-    """Shape (unknowns, unknowns)."""
     opposite: tuple[str, ...] = ()
     """Sensors that read what only a cable that pushes would give."""
     swapped: tuple[str, ...] = ()
@@ -143,275 +173,204 @@ class Verdict:
         return self.left <= UNEXPLAINED and not (self.opposite or self.swapped)
 
 
-@dataclass(frozen=True)
-class _Total:
-    """(B5) of all sensors together."""
-
-    information: Table
-    vector: Vector
-    squares: float
-    number: float
-
-
 def judge(
-    unknowns: Sequence[Unknown],
-    sensors: Sequence[Sensor],
-    frozen: Sequence[bool],
-    sums: Sequence[Sums],
-    cables: Sequence[str],
+    unknowns: Sequence[Unknown], every: Sequence[Heard], cables: Sequence[str]
 ) -> Verdict | None:
     """What the sensors of a group show.
 
     Args:
         unknowns: of the robot.
-        sensors: that were heard.
-        frozen: whether they repeat their readings while the estimate moves.
-        sums: (B5) for each.
+        every: sensors that were heard.
         cables: names of all cables of the robot.
 
     Returns:
         None if there are too few readings.  Frozen sensors tell nothing but a cable without load.
     """
-    used = [k for k in range(len(sensors)) if not frozen[k]]
+    read = [one for one in every if one.number > 0.0]
+    heard = [one for one in read if not one.frozen]
     # an effort that never changes is not measured; a load cell may be without load
-    loads = [k for k, one in enumerate(sensors) if not frozen[k] or one.axis < 0]
-    broken = _broken(sensors, sums, loads)
-    total = _total(len(unknowns), len(sensors), sums, used)
-    if total.number < LEAST_NUMBER:
-        if not any(frozen):
-            return None
-        none = np.zeros(len(unknowns))
-        return Verdict((), cables[broken] if broken >= 0 else "", 0.0, {}, {}, none, np.diag(none))
-    prior = np.zeros(total.vector.size)
-    prior[: len(unknowns)] = [0.0 if one.kind is not None else one.start**2 for one in unknowns]
-    changes = [*_of_robot(unknowns, prior.size), *_of_sensors(len(unknowns), sensors, used)]
-    chosen = _select(total, prior, changes)
-    solved = _solve(total, prior, chosen)
-    deviation, left_of = {}, {}
-    for k in used:
-        name, own = sensors[k].name, solved.mean[_places(len(unknowns), k)]
-        left_of[name] = _squares(sums[k], own), sums[k].number
-        deviation[name] = _rms(sums[k], 0.0 * own), _rms(sums[k], own)
-    found = [_finding(total, prior, changes, chosen, k) for k in range(len(chosen))]
-    opposite = tuple(sensors[k].name for k in used if _is_opposite(sensors[k], sums[k]))
-    swapped = _swapped([(sensors[k], *_means(sums[k])) for k in used if sums[k].weight > 0.0])
-    gone = cables[broken] if broken >= 0 and not (opposite or swapped) else ""
-    left, of_robot = solved.left / total.number, slice(len(unknowns))
+    gone = _broken([one for one in read if not one.frozen or one.sensor.axis < 0])
+    broken = cables[gone] if gone >= 0 else ""
+    if sum(one.number for one in heard) < LEAST_NUMBER:
+        return Verdict(broken=broken) if any(one.frozen for one in every) else None
+    fit = _Fit(unknowns, heard)
+    chosen = fit.select()
+    mean, covariance, left = fit.solve(chosen)
+    squares = [one.squares(mean[fit.places(k)]) for k, one in enumerate(heard)]
+    deviation = {
+        one.sensor.name: (one.rms(float(one.sums[-1, -1])), one.rms(own))
+        for one, own in zip(heard, squares, strict=True)
+    }
+    independent = sum(one.right * one.number for one in heard)
+    weighed = sum(one.right * own for one, own in zip(heard, squares, strict=True))
+    unexplained = max(1.0, weighed / max(independent, 1.0))
+    opposite = tuple(one.sensor.name for one in heard if _is_opposite(one, unknowns))
+    swapped = _swapped(heard)
     return Verdict(
-        tuple(found), gone, left, deviation, left_of, solved.mean[of_robot],
-        solved.covariance[of_robot, of_robot] * max(left, 1.0), opposite, swapped,
+        tuple(fit.finding(chosen, one) for one in chosen),
+        "" if opposite or swapped else broken, left, unexplained,
+        (mean[: fit.count], max(left, 1.0) * covariance[: fit.count, : fit.count]), deviation,
+        opposite, swapped,
     )  # fmt: skip
 
 
-def _means(sums: Sums) -> tuple[float, float, float]:
-    """Mean of the readings, of what the model expects of them, and of the axis' direction."""
-    expected, direction = (sums.information[-3, -2:] / sums.information[-3, -3]).tolist()
-    return float(sums.vector[-3] / sums.information[-3, -3]) + expected, expected, direction
+# --- signs, names and breaks ----------------------------------------------------------------------
 
 
-def _is_opposite(sensor: Sensor, sums: Sums) -> bool:
+def _is_opposite(one: Heard, unknowns: Sequence[Unknown]) -> bool:
     """Whether a sensor reads the contrary of what any tensions give.
 
     The friction of its axis may be as large as what the preloads contribute.
     """
-    signs = np.sign(sums.contributions)
-    if not (signs.any() and sums.weight > 0.0 and abs(signs.sum()) == np.abs(signs).sum()):
+    signs, sensor = np.sign(one.parts), one.sensor
+    if not signs.any() or abs(signs.sum()) != np.abs(signs).sum():
         return False  # no sign, or that of the difference of two cables
-    read, _, direction = _means(sums)
-    friction = abs(direction) if sensor.axis >= 0 else 0.0
-    return bool(read * np.sign(signs.sum()) < -(PUSHED + friction) * sensor.scale)
+    of_axis = AXIS.what.format(sensor.name)
+    rubs = sum(one.mean(k) for k, own in enumerate(unknowns) if own.name == of_axis)
+    allowed = PUSHED * sensor.scale + abs(rubs) / AXIS.unit
+    return bool(one.read * np.sign(signs.sum()) < -allowed)
 
 
-def _swapped(heard: Sequence[tuple[Sensor, float, float, float]]) -> tuple[str, ...]:
+def _swapped(heard: Sequence[Heard]) -> tuple[str, ...]:
     """Two sensors of one kind of which each reads what the model expects of the other."""
-    off = [
-        (one, read, expected)
-        for one, read, expected, _ in heard
-        if abs(read - expected) > PUSHED * one.scale
-    ]
-    for (one, read, expected), (two, other, meant) in combinations(off, 2):
-        fits = abs(read - meant) < ALIKE * two.scale and abs(other - expected) < ALIKE * one.scale
-        if fits and (one.axis < 0) == (two.axis < 0):
-            return one.name, two.name
+    off = [one for one in heard if abs(one.mean(-1)) > PUSHED * one.sensor.scale]
+    for one, two in combinations(off, 2):
+        of_one = abs(two.read - one.expected) < ALIKE * one.sensor.scale
+        of_two = abs(one.read - two.expected) < ALIKE * two.sensor.scale
+        if of_one and of_two and (one.sensor.axis < 0) == (two.sensor.axis < 0):
+            return one.sensor.name, two.sensor.name
     return ()
 
 
-def _total(count: int, sensors: int, sums: Sequence[Sums], used: Sequence[int]) -> _Total:
-    size = count + 3 * sensors
-    information, vector = np.zeros((size, size)), np.zeros(size)
-    for k in used:
-        at = _places(count, k)
-        information[np.ix_(at, at)] += sums[k].information
-        vector[at] += sums[k].vector
-    return _Total(
-        information, vector, sum(sums[k].squares for k in used), sum(sums[k].number for k in used)
-    )
-
-
-def _places(count: int, k: int) -> NDArray[np.int64]:
-    """Indices of the unknowns of a sensor's sums among all."""
-    return np.concatenate([np.arange(count), count + 3 * k + np.arange(3)])
-
-
-def _rms(sums: Sums, mean: Vector) -> float:
-    """Of a sensor's readings less what is expected of them with these unknowns."""
-    return float(np.sqrt(_squares(sums, mean) / sums.weight))
-
-
-def _squares(sums: Sums, mean: Vector) -> float:
-    """The same as a sum of squares, in squares of the expected errors."""
-    squares = sums.squares + float(mean @ (sums.information @ mean - 2.0 * sums.vector))
-    return max(squares, 0.0)
+def _broken(heard: Sequence[Heard]) -> int:
+    """The number of the cable that carries nothing by the last readings; -1 if none does."""
+    squares, number = (sum(float(one.recent[k]) for one in heard) for k in (-2, -1))
+    least, found = min(squares - 2.0 * CERTAIN, UNEXPLAINED * number), -1
+    for c in sorted({c for one in heard for c in one.sensor.cables}):
+        without = 0.0
+        for one in heard:
+            own = one.sensor.cables
+            without += float(one.recent[own.index(c) if c in own else -2])
+        if without < least:
+            least, found = without, c
+    return found
 
 
 # --- changes --------------------------------------------------------------------------------------
 
 
-def _of_robot(unknowns: Sequence[Unknown], size: int) -> Iterator[Change]:
-    """Of one unknown, and of all preloads, friction or slip by the same share."""
-    for kind, unit, factor in (
-        (PRELOAD, "N", 1.0), (ZERO, "deg", degrees(1.0)), (ZERO_M, "mm", 1e3), (FRICTION, "%", 0.0),
-        (SLIP, "%", 0.0),
-    ):  # fmt: skip
-        of_kind = [k for k, one in enumerate(unknowns) if one.kind == kind]
-        share = 100.0 * kind.unit
-        for k in of_kind:
-            direction = np.zeros(size)
-            direction[k] = 1.0
-            scale = factor * unknowns[k].unit or share
-            yield Change(unknowns[k].name, kind.name, unit, scale, direction, kind.reported)
-        if kind not in (ZERO, ZERO_M) and len(of_kind) > 1:
-            direction = np.zeros(size)
-            direction[of_kind] = 1.0
-            yield Change(f"{kind.name} of all cables", kind.name, "%", share, direction,
-                         kind.reported)  # fmt: skip
+def _of_robot(unknowns: Sequence[Unknown]) -> Iterator[Change]:
+    """Of one unknown, and of all preloads, friction or slips by the same share."""
+    kinds = dict.fromkeys(one.kind for one in unknowns if one.kind and one.kind.reported)
+    for kind in kinds:
+        own = [k for k, one in enumerate(unknowns) if one.kind is kind]
+        unit, factor = kind.words
+        for k in own:
+            amount = factor * unknowns[k].unit
+            yield Change(unknowns[k].name, kind.name, unit, amount, kind.reported, (k,))
+        if kind.alike and len(own) > 1:
+            share = 100.0 * kind.unit
+            yield Change(kind.alike, kind.name, "%", share, kind.reported, tuple(own))
 
 
-def _of_sensors(count: int, sensors: Sequence[Sensor], used: Sequence[int]) -> Iterator[Change]:
-    """Of gain and zero of a sensor, and of the friction of its axis."""
-    size = count + 3 * len(sensors)
-    efforts = [k for k in used if sensors[k].axis >= 0]
+def _of_sensors(count: int, heard: Sequence[Heard]) -> Iterator[Change]:
+    """Of gain and zero of every sensor."""
+    efforts = [count + 2 * k + 1 for k, one in enumerate(heard) if one.sensor.axis >= 0]
     if len(efforts) > 1:
-        direction = np.zeros(size)
-        direction[[count + 3 * k + 1 for k in efforts]] = 1.0
-        yield Change(ALL_EFFORTS, "gain", "%", 100.0, direction, GAIN)
-    for k in used:
-        sensor = sensors[k]
-        rows = [("gain", f"scale of {sensor.title}", "%", 100.0, 1, GAIN),
-                ("bias", f"zero of {sensor.title}", sensor.unit, 1.0, 0,
-                 BIAS * sensor.scale)]  # fmt: skip
-        if sensor.axis >= 0:
-            rows.append(("axis friction", f"friction of the axis {sensor.name}", sensor.unit, 1.0,
-                         2, AXIS_FRICTION * sensor.scale))  # fmt: skip
-        for kind, what, words, factor, place, least in rows:
-            direction = np.zeros(size)
-            direction[count + 3 * k + place] = 1.0
-            yield Change(what, kind, words, factor, direction, least)
+        yield Change(ALL_EFFORTS, "gain", "%", 100.0, GAIN, tuple(efforts))
+    for k, one in enumerate(heard):
+        own, bias = one.sensor, count + 2 * k
+        yield Change(f"scale of {own.title}", "gain", "%", 100.0, GAIN, (bias + 1,))
+        yield Change(f"zero of {own.title}", "bias", own.unit, 1.0, BIAS * own.scale, (bias,))
 
 
 # --- selection ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Solved:
-    """What the file leaves open and some changes, fitted to the evidence."""
+class _Fit:
+    """(B5) of all sensors together, in what the file leaves open and all candidate changes."""
 
-    mean: Vector
-    """Of all unknowns."""
-    covariance: Table
-    amounts: Vector
-    """Of the changes, along their directions."""
-    variances: Vector
-    """Of the amounts."""
-    left: float
-    """Sum of squares that is left."""
-    vector: Vector
-    """u' of (B6)."""
-    information: Table
-    """M' of (B6)."""
+    def __init__(self, unknowns: Sequence[Unknown], heard: Sequence[Heard]) -> None:
+        self.count = len(unknowns)
+        size = self.count + 2 * len(heard) + 1
+        sums = np.zeros((size, size))
+        for k, one in enumerate(heard):
+            at = [*self.places(k), size - 1]
+            sums[np.ix_(at, at)] += one.sums
+        self.number = sum(one.number for one in heard)
+        self.changes = [*_of_robot(unknowns), *_of_sensors(self.count, heard)]
+        self.modes = [k for k, one in enumerate(unknowns) if one.kind is None]
+        places = [(k,) for k in self.modes] + [one.places for one in self.changes]
+        self.basis = np.zeros((size, len(places) + 1))
+        for k, own in enumerate(places):
+            self.basis[own, k] = 1.0
+        self.basis[-1, -1] = 1.0
+        self.sums = self.basis.T @ sums @ self.basis
+        changes = [LARGE * one.least for one in self.changes]
+        self.prior = np.array([unknowns[k].start for k in self.modes] + changes) ** 2
 
+    def places(self, k: int) -> list[int]:
+        """Indices of the unknowns of a sensor's sums among all."""
+        own = self.count + 2 * k
+        return [*range(self.count), own, own + 1]
 
-def _solve(total: _Total, prior: Vector, chosen: Sequence[Change]) -> _Solved:
-    opened = np.flatnonzero(prior > 0.0)
-    basis = np.zeros((prior.size, opened.size + len(chosen)))
-    basis[opened, np.arange(opened.size)] = 1.0
-    for k, one in enumerate(chosen):
-        basis[:, opened.size + k] = one.direction
-    across = total.information @ basis
-    matrix = basis.T @ across
-    matrix += np.diag(1.0 / np.array([*prior[opened], *(one.large**2 for one in chosen)]))
-    scale = 1.0 / np.sqrt(np.diag(matrix))  # the unknowns have different units
-    inverse = np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale)
-    given = basis.T @ total.vector
-    amounts = inverse @ given
-    return _Solved(
-        basis @ amounts, basis @ inverse @ basis.T, amounts[opened.size :],
-        np.diag(inverse)[opened.size :],
-        max(total.squares - float(given @ amounts), 0.0),
-        total.vector - across @ amounts, total.information - across @ inverse @ across.T,
-    )  # fmt: skip
+    def _at(self, chosen: Sequence[Change]) -> list[int]:
+        """Coordinates of what is open, and of these changes."""
+        first = len(self.modes)
+        return [*range(first), *(first + self.changes.index(one) for one in chosen)]
 
+    def _without(self, at: Sequence[int]) -> tuple[Vector, Table, Table]:
+        """Amounts of some coordinates, their covariance, and the sums without them."""
+        across = self.sums[:, at]
+        matrix = across[at] + np.diag(1.0 / self.prior[at])
+        scale = 1.0 / np.sqrt(np.diag(matrix))  # the unknowns have different units
+        inverse = np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale)
+        gain = across @ inverse
+        return gain[-1], inverse, self.sums - gain @ across.T
 
-def _gains(solved: _Solved, changes: Sequence[Change], number: float) -> tuple[Vector, Vector]:
-    """By how much every change lowers the sum of squares, and its log odds by (B6).
+    def solve(self, chosen: Sequence[Change]) -> tuple[Vector, Table, float]:
+        """All unknowns by these changes, their covariance, and the mean square that is left."""
+        at = self._at(chosen)
+        (amounts, inverse, rest), basis = self._without(at), self.basis[:-1, at]
+        left = max(float(rest[-1, -1]), 0.0) / self.number
+        return basis @ amounts, basis @ inverse @ basis.T, left
 
-    Errors that turn out greater than expected lower the odds.
-    """
-    v = np.array([one.direction for one in changes])
-    large = np.array([one.large**2 for one in changes])
-    b = v @ solved.vector
-    k = np.maximum(np.einsum("ci,ij,cj->c", v, solved.information, v), 0.0)
-    gains = b**2 / (k + 1.0 / large)
-    mean_square = np.maximum((solved.left - gains) / number, 1.0)
-    return gains, 0.5 * (gains / mean_square - np.log1p(k * large / mean_square))
+    def _odds(self, rest: Table, some: Sequence[Change]) -> tuple[Vector, Vector]:
+        """By how much every change lowers the sum of squares, and its log odds by (B6).
 
+        Errors that turn out greater than expected lower the odds.
+        """
+        at = self._at(some)[len(self.modes) :]
+        large, b, k = self.prior[at], rest[-1, at], np.maximum(np.diag(rest)[at], 0.0)
+        gains = b**2 / (k + 1.0 / large)
+        mean_square = np.maximum((rest[-1, -1] - gains) / self.number, 1.0)
+        return gains, 0.5 * (gains / mean_square - np.log1p(k * large / mean_square))
 
-def _select(total: _Total, prior: Vector, changes: Sequence[Change]) -> list[Change]:
-    """The fewest changes that explain the evidence."""
-    chosen: list[Change] = []
-    while len(chosen) < MOST:
-        solved = _solve(total, prior, chosen)
-        rest = [one for one in changes if one not in chosen]
-        gains, odds = _gains(solved, rest, total.number)
-        best = int(np.argmax(odds))
-        explained = total.squares - solved.left + gains[best]
-        if (
-            odds[best] < CERTAIN
-            or gains[best] < FURTHER * explained
-        ):  # fmt: skip
-            break
-        chosen.append(rest[best])
-    return chosen
+    def select(self) -> list[Change]:
+        """The fewest changes that explain the evidence."""
+        chosen: list[Change] = []
+        while len(chosen) < MOST:
+            _, _, rest = self._without(self._at(chosen))
+            others = [one for one in self.changes if one not in chosen]
+            gains, odds = self._odds(rest, others)
+            best = int(np.argmax(odds))
+            explained = self.sums[-1, -1] - rest[-1, -1] + gains[best]
+            if odds[best] < CERTAIN or gains[best] < FURTHER * explained:
+                break
+            chosen.append(others[best])
+        return chosen
 
-
-def _finding(
-    total: _Total, prior: Vector, changes: Sequence[Change], chosen: Sequence[Change], k: int
-) -> Finding:
-    """The chosen change of this index, and what would explain the readings in its place."""
-    one, solved = chosen[k], _solve(total, prior, chosen)
-    mean_square = max(1.0, solved.left / total.number)
-    without = _solve(total, prior, [*chosen[:k], *chosen[k + 1 :]])
-    instead = [one, *(other for other in changes if other not in chosen)]
-    _, odds = _gains(without, instead, total.number)
-    order = 1 + np.argsort(-odds[1:])
-    others = tuple(instead[i].what for i in order if odds[i] >= odds[0] - AS_GOOD)
-    return Finding(
-        one, float(solved.amounts[k]) * one.factor,
-        float(np.sqrt(solved.variances[k] * mean_square)) * one.factor,
-        others, float(odds[0] - odds[order[0]]) if order.size else inf,
-    )  # fmt: skip
-
-
-def _broken(sensors: Sequence[Sensor], sums: Sequence[Sums], used: Sequence[int]) -> int:
-    """The number of the cable that carries nothing by the last readings; -1 if none does."""
-    squares = sum(float(sums[k].recent[-2]) for k in used)
-    number = sum(float(sums[k].recent[-1]) for k in used)
-    least, found = min(squares - 2.0 * CERTAIN, UNEXPLAINED * number), -1
-    for c in sorted({c for k in used for c in sensors[k].cables}):
-        without = 0.0
-        for k in used:
-            own = sensors[k].cables
-            without += float(sums[k].recent[own.index(c) if c in own else -2])
-        if without < least:
-            least, found = without, c
-    return found
+    def finding(self, chosen: Sequence[Change], change: Change) -> Finding:
+        """A chosen change, and what would explain the readings in its place."""
+        amounts, inverse, rest = self._without(self._at(chosen))
+        k = len(self.modes) + list(chosen).index(change)
+        stddev = np.sqrt(inverse[k, k] * max(1.0, rest[-1, -1] / self.number))
+        _, _, without = self._without(self._at([one for one in chosen if one is not change]))
+        instead = [change, *(one for one in self.changes if one not in chosen)]
+        _, odds = self._odds(without, instead)
+        order = 1 + np.argsort(-odds[1:])
+        others = tuple(instead[i].what for i in order if odds[i] >= odds[0] - AS_GOOD)
+        return Finding(
+            change, float(amounts[k]) * change.factor, float(stddev) * change.factor, others,
+            float(odds[0] - odds[order[0]]) if order.size else inf,
+        )  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 
 from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.beliefs import Beliefs
-from cdrj_ros.estimation.sensors import Sensor
+from cdrj_ros.estimation.sensors import Accuracy, Sensor
 from cdrj_ros.estimation.unknowns import Unknown
 
 SECOND: Final = 1_000_000_000
@@ -26,8 +26,8 @@ def _unknowns(count: int, jump: float = 0.0, error: float = NONLINEAR) -> list[U
 def _sensor(name: str, **changes: Any) -> Sensor:
     """A sensor without errors that last."""
     given: dict[str, Any] = {
-        "name": name, "title": name, "unit": "N", "column": 0, "cables": (0,), "noise": NOISE,
-        "scale": 10.0, "prior": (0.0, 0.0, 0.0), "drift": 0.0, "model": (0.0, 0.0),
+        "name": name, "column": 0, "cables": (0,), "noise": NOISE, "scale": 10.0,
+        "accuracy": Accuracy(0.0, 0.0, 0.0, 0.0, 0.0),
     }  # fmt: skip
     return Sensor(**given | changes)
 
@@ -42,7 +42,7 @@ def _read(
     known: Beliefs, k: int, second: float, value: float, slopes: list[float], h: float = 10.0
 ) -> None:
     stamp = round(second * SECOND)
-    known.core.take(k, stamp, value, NOISE, h, np.array(slopes), 0.0, 0.0)
+    known.core.take(k, stamp, value, NOISE, h, np.array(slopes), 0.0, np.array([h]))
 
 
 def test_a_right_sensor_gives_the_weighted_least_squares_solution() -> None:
@@ -59,19 +59,19 @@ def test_a_right_sensor_gives_the_weighted_least_squares_solution() -> None:
         information += weight * np.outer(row, row)
         weighted += weight * row * (value - 10.0)
         _read(known, 0, k, float(value), row.tolist())
-    assert np.allclose(known.mean[0, :3], np.linalg.solve(information, weighted))
-    assert np.allclose(known.covariance[0, :3, :3], np.linalg.inv(information))
+    assert np.allclose(known.core.mean[0, :3], np.linalg.solve(information, weighted))
+    assert np.allclose(known.core.covariance[0, :3, :3], np.linalg.inv(information))
 
 
 def test_no_sensor_that_a_hypothesis_holds_wrong_touches_it() -> None:
     known = Beliefs(_unknowns(2))
     _hear(known, "a", "b")
-    without = [list(row) for row in known.right].index([False, True])
-    before = known.mean[without].copy(), known.covariance[without].copy()
+    without = [list(row) for row in known.core.right].index([False, True])
+    before = known.core.mean[without].copy(), known.core.covariance[without].copy()
     for k in range(20):
         _read(known, 0, k, 12.0, [1.0, 0.3])
-    assert np.array_equal(known.mean[without], before[0])
-    assert np.array_equal(known.covariance[without], before[1])
+    assert np.array_equal(known.core.mean[without], before[0])
+    assert np.array_equal(known.core.covariance[without], before[1])
 
 
 @pytest.mark.parametrize("wrong", [0, 1, 2])
@@ -115,7 +115,7 @@ def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not() -> None:
             _read(known, 0, 0.1 * k, 10.0 + NOISE * generator.normal(), [1.0])
         for k in range(readings):
             _read(known, 0, 10.0 + 0.1 * k, 10.0 + jump + NOISE * generator.normal(), [1.0])
-        return float(known.mean[0, 0])
+        return float(known.core.mean[0, 0])
 
     assert after(2.0, 30) == pytest.approx(2.0, abs=0.3)
     assert abs(after(200.0, 1)) < 0.1
@@ -139,9 +139,9 @@ def test_a_reading_beyond_all_bounds_is_no_reading() -> None:
     _hear(known, "broken", "good")
     for k in range(30):
         _read(known, 1, 0.1 * k, 10.0, [1.0, 0.5])
-        before = known.mean[0].copy()
+        before = known.core.mean[0].copy()
         _read(known, 0, 0.1 * k + 0.05, 1e6, [1.0, 0.5])
-        assert np.allclose(known.mean[0], before)
+        assert np.allclose(known.core.mean[0], before)
     assert known.probability_right(0) < 0.01
     assert known.probability_right(1) > 0.9
 
@@ -159,7 +159,7 @@ def test_the_present_follows_a_reading_as_gaussian_variables_do() -> None:
     shift, share, left = known.core.present(SECOND, h, np.zeros((1, 3)), deviation)
     joint = deviation.T @ deviation / len(deviation)
     gain = joint[:, 0] / (joint[0, 0] + NOISE**2)
-    right, either = known.weight[0], known.core.least_weights
+    right, either = known.core.weight[0], known.core.least_weights
     off = joint[:, 0] / (joint[0, 0] + NOISE**2 + (0.3 * 10.8) ** 2)  # if the cell is wrong
     assert np.allclose(shift, 0.8 * (right * gain + (1.0 - right) * off))
     taken = (either[0] * gain + either[1] * off) * joint[0] / np.diag(joint)
@@ -180,9 +180,9 @@ def test_what_is_known_outlasts_a_restart_and_damage_is_refused() -> None:
     memory = json.loads(json.dumps(known.memory()))
     again = fresh("a", "b")
     again.restore(memory)
-    assert np.array_equal(again.mean, known.mean)
-    assert np.array_equal(again.covariance, known.covariance)
-    assert np.array_equal(again.weight, known.weight)
+    assert np.array_equal(again.core.mean, known.core.mean)
+    assert np.array_equal(again.core.covariance, known.core.covariance)
+    assert np.array_equal(again.core.weight, known.core.weight)
     damages: list[dict[str, Any]] = [
         {"mean": [[0.0]]},
         {"covariance": (-np.array(memory["covariance"])).tolist()},
@@ -193,6 +193,6 @@ def test_what_is_known_outlasts_a_restart_and_damage_is_refused() -> None:
     for damage in damages:
         with pytest.raises((KeyError, TypeError, ValueError)):
             again.restore(memory | damage)
-        assert np.array_equal(again.mean, known.mean)
+        assert np.array_equal(again.core.mean, known.core.mean)
     with pytest.raises(ValueError, match="unknowns"):
         fresh("a").restore(memory)

@@ -81,7 +81,7 @@ def test_a_signature_is_what_the_robot_with_this_number_alone_does(name: str) ->
     model = _free(name)
     known = model.robot.uncertainty
     assert known is not None
-    group = Group(model, range(len(model.robot.cables)), known)
+    group = Group(model, range(len(model.robot.cables)), {})
     samples = _course(model, 12)
     slopes = []
     for sample in samples:
@@ -113,7 +113,7 @@ def test_drag_and_slip_show_what_pulleys_that_turn_harder_and_drums_that_forget_
     """Beside the robot without them, by the two units that they may be."""
     model = _free(name)
     robot, samples = model.robot, _course(model, 40)
-    group = Group(model, range(len(robot.cables)), None)
+    group = Group(model, range(len(robot.cables)), {})
     slopes = []
     for sample in samples:
         assert group.follow(sample, 0.0)
@@ -145,7 +145,7 @@ def test_few_modes_stand_for_all_numbers_of_a_file() -> None:
     model = _free("finger")
     known = model.robot.uncertainty
     assert known is not None
-    group = Group(model, range(len(model.robot.cables)), known)
+    group = Group(model, range(len(model.robot.cables)), {})
     samples, tensions = _course(model, 1), np.arange(len(model.layout.elements))
     nominal = _values(model, np.zeros(len(model.robot.axes)), samples, tensions)
 
@@ -160,7 +160,7 @@ def test_few_modes_stand_for_all_numbers_of_a_file() -> None:
         for one in independent_causes(known)
     ]
     modes = [dict(zip(known.parameters, one.tolist(), strict=True)) for one in group.modes.T]
-    assert len(modes) < len(causes) / 3
+    assert len(modes) < 0.4 * len(causes)
     assert np.allclose(np.sqrt(variance(modes)), np.sqrt(variance(causes)), rtol=0.05)
 
 
@@ -168,7 +168,7 @@ def test_a_hand_needs_few_robots_for_its_unknowns() -> None:
     """Unknowns of different cables share them, so that most serve as many as there are cables."""
     model = load_model(str(ROBOTS / "hand.yaml"))
     thumb = [c for c, name in enumerate(model.layout.cables) if name.startswith("thumb_")]
-    group = Group(model, thumb, model.robot.uncertainty)
-    of_one_cable = [one for one in group.unknowns if one.cable is not None]
+    group = Group(model, thumb, {})
+    of_one_cable = [one for one in group.unknowns if 0 <= one.only < len(thumb)]
     robots = {id(end) for one in of_one_cable for end in (one.more, one.less)}
     assert len(robots) <= 3 * 2 * len(of_one_cable) / len(thumb) / 2

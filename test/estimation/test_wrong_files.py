@@ -54,19 +54,20 @@ def test_a_drum_that_forgets_is_among_the_members(tool: ModuleType) -> None:
     assert exact.covered < 0.75
 
 
-DRUM, CREPT, DRAG, RADII = 2, 3, 5, 7
+DRUM, CREPT, DRAG, RADII, LOST = 2, 3, 5, 7, 10
 
 
 @pytest.mark.parametrize(
     ("k", "sensors", "seconds"),
     [(DRUM, ("effort",), 60.0), (CREPT, ("effort",), 20.0), (DRAG, ("cells",), 30.0),
-     (DRAG, ("effort", "cells"), 30.0), (RADII, ("effort", "cells"), 30.0)],
+     (DRAG, ("effort", "cells"), 30.0), (RADII, ("effort", "cells"), 30.0),
+     (LOST, ("effort",), 8.0)],
 )  # fmt: skip
 def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(
     tool: ModuleType, k: int, sensors: tuple[str, ...], seconds: float
 ) -> None:
     """Whether they follow it, or cannot tell it from something else."""
-    model, wrong = load_model(tool.ROBOT), tool.ROWS[k]
+    model, wrong = load_model(tool.ROBOT), tool.HEARD[k]
     motion = tool.true_motion(model, seconds)
     truth = tool.true_readings(tool.fresh_model(model), wrong, motion)
     read = tool.readings(model, motion, wrong.zero)
