@@ -5,25 +5,42 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
+from math import hypot
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cdrj_ros.estimation.conditioner import half_width
-from cdrj_ros.estimation.estimator import Sample
+from cdrj_ros.estimation.ensemble import Ensemble
+from cdrj_ros.estimation.estimator import Sample, initial_state
+from cdrj_ros.estimation.sensors import WaitingReadings
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import LARGEST, allowed_range, document_complaints
-from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.parameters import find_number, number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.robot.tolerances import CALLIPER, SPRING_SCALE_NOW
+from cdrj_ros.robot.tolerances import (
+    CALLIPER,
+    POSITION_BY_EYE,
+    SPRING_SCALE_NOW,
+    ZERO_BY_EYE,
+)
 
 REST_NS: Final = 300_000_000
 """Time for which every axis must have stood still before a tare [ns]."""
 
 REST_STEP_NS: Final = 10_000_000
 """Minimum interval between the samples that are checked [ns]."""
+
+CLEARLY: Final = 2.0
+"""A change of more standard deviations is taken from the sensors by a tare,"""
+
+CONTRADICTS: Final = 3.0
+"""and a reading further from what it should be in the reference pose refuses one."""
+
+RECENT_NS: Final = 1_000_000_000
+"""Greatest age of such a reading [ns]."""
 
 REST_FLOOR: Final = 2e-3
 """Movement allowed at rest for an axis whose sensor has neither resolution nor noise [rad]: more
@@ -39,18 +56,93 @@ class Change(NamedTuple):
     """A description."""
 
 
-def reference_at(model: Model, sample: Sample) -> Change:
-    """The change that makes the angles of a sample the reference pose."""
-    values, words = {}, []
-    for kind, names, angles in (
-        ("motor", model.layout.motors, sample.motor_angle),
-        ("joint", model.layout.joints, sample.joint_angle),
-    ):
-        for name, angle in zip(names, angles, strict=True):
-            values[f"{kind}s.{name}.reference_angle"] = float(angle)
-            words.append(f"{kind} {name} {angle + 0.0:.6g} rad")
-    preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in model.robot.cables)
-    return Change(values, f"reference is now {', '.join(words)}; there the preloads are {preloads}")
+def reference_at(
+    model: Model, sample: Sample, measured: Mapping[str, tuple[float, float]]
+) -> Change:
+    """The change that makes the angles of a sample the reference pose.
+
+    Sensors know preloads, and zeros of joints, better than somebody who sets a pose by eye.  Where
+    they show that a zero is off, only that changes: the pose is not needed, but must fit.
+
+    Args:
+        model: the robot.
+        sample: of the pose.
+        measured: changes of numbers that sensors show, with their standard deviations, by path.
+
+    Raises:
+        UsageError: sensors show that the pose is another one.
+    """
+    layout, document = model.layout, dict(model.robot.document)
+    axes = [f"motors.{name}" for name in layout.motors] + [
+        f"joints.{name}" for name in layout.joints
+    ]
+    angles = np.concatenate([sample.motor_angle, sample.joint_angle]).tolist()
+    pose = {f"{a}.reference_angle": angle for a, angle in zip(axes, angles, strict=True)}
+    slides = {f"joints.{name}.reference_angle" for name in model.robot.prismatic_joints}
+    shown, tensions = dict[str, float](), dict[str, float]()
+    for path, (by, stddev) in measured.items():
+        value = number_at(document, path)
+        by_eye = POSITION_BY_EYE if path in slides else ZERO_BY_EYE
+        known = by_eye / 2.0 if path in pose else SPRING_SCALE_NOW * value
+        if stddev > known or abs(by) < CLEARLY * stddev:
+            continue
+        (shown if path in pose else tensions)[path] = value + by
+        if path in pose and abs(pose[path] - value - by) > 3.0 * np.hypot(stddev, by_eye):
+            raise UsageError(
+                f"sensors show the reference pose at {path.split('.')[1]} = {value + by:.4g}, but "
+                f"it reads {pose[path]:.4g}: move it there, or ~/reset before ~/tare if cables "
+                "were mounted anew"
+            )
+    values = {**(shown or pose), **tensions}
+    words = [
+        f"{' '.join(path.removesuffix('.reference_angle').split('s.', 1))} {value + 0.0:.6g} rad"
+        for path, value in (shown or pose).items()
+    ]
+    preloads = ", ".join(
+        f"{one.name} {values.get(f'cables.{one.name}.preload', one.preload):.4g} N"
+        for one in model.robot.cables
+    )
+    source = " by the sensors" if shown or tensions else ""
+    return Change(
+        values,
+        f"reference is now {', '.join(words)}; there the preloads are {preloads}{source}",
+    )
+
+
+def contradiction(
+    model: Model, known: Uncertainty | None, sample: Sample, readings: WaitingReadings
+) -> str:
+    """Why the latest readings of sensors contradict that a pose is the reference pose; or nothing.
+
+    Args:
+        model: the robot with this reference pose.
+        known: standard deviations of its numbers.
+        sample: of the pose.
+        readings: of sensors.
+    """
+    recent = [
+        one for one in readings.latest.values() if abs(one.stamp_ns - sample.stamp_ns) <= RECENT_NS
+    ]
+    if not recent:
+        return ""
+    ensemble = Ensemble(model, known=known)
+    _, estimate = ensemble.step(initial_state(model), sample)
+    assert estimate.stddev is not None
+    values = estimate.values[ensemble.columns]
+    for one in recent:
+        sensor = readings.sensors[one.name]
+        errors = (
+            float(estimate.stddev[sensor.column]), sensor.stddev_of(one),
+            SPRING_SCALE_NOW * sensor.scale,
+        )  # fmt: skip
+        expected, stddev = float(values[sensor.column]), hypot(*errors)
+        if abs(one.value - expected) > CONTRADICTS * stddev:
+            return (
+                f"{sensor.title} reads {one.value:.4g} {sensor.unit}, where the preloads give "
+                f"{expected:.4g} +- {stddev:.2g}: the pose is loaded, or preloads have changed "
+                "(~/set_preload)"
+            )
+    return ""
 
 
 def preloads_of(model: Model, preloads: Mapping[str, float]) -> Change:

@@ -16,6 +16,7 @@ import numpy as np
 from cdrj_ros._core import JointStateDecoder, mark_unsure
 from cdrj_ros.estimation.changes import (
     RestWatch,
+    contradiction,
     narrowed,
     preloads_of,
     reference_at,
@@ -419,13 +420,13 @@ class LiveEstimator:
             self.readings.feed(stamp_ns, names, efforts)
 
     def tare(self) -> str:
-        """Make the current angles the reference pose.
+        """Make the current angles the reference pose, or what sensors have shown of it.
 
         Returns:
             A description of the new reference.
 
         Raises:
-            UsageError: no sample yet, or the robot is not at rest.
+            UsageError: no sample yet, the robot is not at rest, or sensors contradict.
         """
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
@@ -433,7 +434,12 @@ class LiveEstimator:
             raise UsageError(f"no reference can be set: {_without_encoder(self.model)}")
         if reason := self._rest.in_motion(self.model.robot):
             raise UsageError(reason)
-        change = reference_at(self.model, self.sample)
+        measured = self.corrections.changes() if self.corrections is not None else {}
+        change = reference_at(self.model, self.sample, measured)
+        model = with_other_numbers(self.model, change.values)
+        known = narrowed(model.robot, self.changes | change.values)
+        if reason := contradiction(model, known, self.sample, self.readings):
+            raise UsageError(reason)
         self.change(change.values)
         return change.words
 

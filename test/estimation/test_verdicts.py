@@ -14,6 +14,7 @@ from cdrj_ros.estimation.ensemble import mark_elements_unsure
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.verdict_words import Report
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID, OK, SLACK, UNSURE
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Pulley, Robot
@@ -320,3 +321,64 @@ def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Sa
     assert report_of(live).level == "ok", report_of(live).message
     assert "repeat their readings" in report_of(live).message
     assert corrections_of(live).doubted is None
+
+
+def at_rest(model: Model, motion: Samples, pose: float) -> Samples:
+    """The motion up to where the joint is near the pose, a second there, half of it at rest."""
+    near = np.abs(motion.joint_angle[:, 0] - pose) < 0.02
+    until = int(np.flatnonzero(near)[-1])
+    begin, last = motion.part(slice(until)), motion.at(until - 1)
+    share = np.minimum(np.arange(1, 51) / 25.0, 1.0)[:, None]
+    stamps = begin.stamp_ns[-1] + np.arange(1, 51) * 20_000_000
+    joint = last.joint_angle + share * (pose - last.joint_angle)
+    motor = np.tile(last.motor_angle, (50, 1))
+    return Samples(
+        np.concatenate([begin.stamp_ns, stamps]), np.concatenate([begin.motor_angle, motor]),
+        np.concatenate([begin.joint_angle, joint]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("sensors", [("effort",), BOTH])
+def test_a_tare_takes_the_zero_that_sensors_have_shown(
+    model: Model, motion: Samples, sensors: Sensors
+) -> None:
+    """Whoever sets the pose by eye knows it no better."""
+    off = np.radians(1.0)
+    rest = at_rest(model, motion, 0.01)
+    wrong = replace(rest, joint_angle=rest.joint_angle + off)
+    live = heard(model, wrong, true_readings(model, same, rest), sensors)
+    assert "by the sensors" in live.tare()
+    assert live.changes == {"joints.elbow.reference_angle": pytest.approx(off, abs=0.3 * off)}
+
+
+@pytest.mark.parametrize("sensors", [("effort",), ("cells",)])
+def test_a_tare_in_a_loaded_pose_is_refused(
+    model: Model, motion: Samples, sensors: Sensors
+) -> None:
+    rest = at_rest(model, motion, 0.0)
+    loaded = rest.joint_angle.copy()
+    loaded[-50:] += np.minimum(np.arange(1, 51) / 25.0, 1.0)[:, None] * 0.04
+    rest = replace(rest, joint_angle=loaded)
+    live = heard(model, rest, true_readings(model, same, rest), sensors)
+    with pytest.raises(UsageError, match=r"the pose is loaded, or preloads have changed"):
+        live.tare()
+    assert live.changes == {}
+
+
+def test_a_tare_far_from_the_pose_that_sensors_show_is_refused(
+    model: Model, motion: Samples
+) -> None:
+    rest = at_rest(model, motion, 0.2)
+    wrong = replace(rest, joint_angle=rest.joint_angle + np.radians(1.0))
+    live = heard(model, wrong, true_readings(model, same, rest))
+    with pytest.raises(UsageError, match="sensors show the reference pose at elbow"):
+        live.tare()
+
+
+def test_a_tare_takes_the_preload_that_a_load_cell_has_shown(model: Model, motion: Samples) -> None:
+    rest = at_rest(model, motion, 0.0)
+    readings = true_readings(model, with_preload(0.8, "upper"), rest)
+    live = heard(model, rest, readings)
+    live.tare()
+    assert live.model.robot.cables[0].preload == pytest.approx(0.8 * 36.85, rel=0.06)
+    assert live.model.robot.cables[1].preload == model.robot.cables[1].preload
