@@ -243,7 +243,7 @@ def _gains(model: Model, references: Collection[str]) -> list[Mapping[str, float
     robot, sensors = model.robot, sensors_of(model)
     known = robot.uncertainty.parameters if robot.uncertainty else ()
     gains = {
-        f"motors.{one.name}.effort_scale": sensors[one.name].prior[1] * abs(one.effort_scale)
+        f"motors.{one.name}.effort_scale": sensors[one.name].gain * abs(one.effort_scale)
         for one in robot.motors
         if f"{EFFORT}/{one.name}" in references and one.name in sensors
     }

@@ -56,57 +56,50 @@ class Change(NamedTuple):
     """A description."""
 
 
-def reference_at(
+def reference_at(model: Model, sample: Sample) -> Change:
+    """The change that makes the angles of a sample the reference pose."""
+    values, words = {}, []
+    for kind, names, angles in (
+        ("motor", model.layout.motors, sample.motor_angle),
+        ("joint", model.layout.joints, sample.joint_angle),
+    ):
+        for name, angle in zip(names, angles, strict=True):
+            values[f"{kind}s.{name}.reference_angle"] = float(angle)
+            words.append(f"{kind} {name} {angle + 0.0:.6g} rad")
+    preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in model.robot.cables)
+    return Change(values, f"reference is now {', '.join(words)}; there the preloads are {preloads}")
+
+
+def shown_by_sensors(
     model: Model, sample: Sample, measured: Mapping[str, tuple[float, float]]
 ) -> Change:
-    """The change that makes the angles of a sample the reference pose.
-
-    Sensors know preloads, and zeros of joints, better than somebody who sets a pose by eye.  Where
-    they show that a zero is off, only that changes: the pose is not needed, but must fit.
+    """Preloads and reference angles that sensors know better than whoever sets a pose by eye.
 
     Args:
         model: the robot.
-        sample: of the pose.
-        measured: changes of numbers that sensors show, with their standard deviations, by path.
+        sample: of a pose that is said to be the reference pose.
+        measured: changes of these numbers with their standard deviations, by path.
 
     Raises:
-        UsageError: sensors show that the pose is another one.
+        UsageError: the pose is another one.
     """
-    layout, document = model.layout, dict(model.robot.document)
-    axes = [f"motors.{name}" for name in layout.motors] + [
-        f"joints.{name}" for name in layout.joints
-    ]
-    angles = np.concatenate([sample.motor_angle, sample.joint_angle]).tolist()
-    pose = {f"{a}.reference_angle": angle for a, angle in zip(axes, angles, strict=True)}
-    slides = {f"joints.{name}.reference_angle" for name in model.robot.prismatic_joints}
-    shown, tensions = dict[str, float](), dict[str, float]()
+    values, robot = dict[str, float](), model.robot
+    read = dict(zip(model.layout.joints, sample.joint_angle.tolist(), strict=True))
     for path, (by, stddev) in measured.items():
-        value = number_at(document, path)
-        by_eye = POSITION_BY_EYE if path in slides else ZERO_BY_EYE
-        known = by_eye / 2.0 if path in pose else SPRING_SCALE_NOW * value
-        if stddev > known or abs(by) < CLEARLY * stddev:
+        value = number_at(dict(robot.document), path) + by
+        joint = path.removeprefix("joints.").removesuffix(".reference_angle")
+        by_eye = POSITION_BY_EYE if joint in robot.prismatic_joints else ZERO_BY_EYE
+        enough = by_eye / 2.0 if joint in read else SPRING_SCALE_NOW * value
+        if stddev > enough or abs(by) < CLEARLY * stddev:
             continue
-        (shown if path in pose else tensions)[path] = value + by
-        if path in pose and abs(pose[path] - value - by) > 3.0 * np.hypot(stddev, by_eye):
+        values[path] = value
+        if joint in read and abs(read[joint] - value) > CONTRADICTS * hypot(stddev, by_eye):
             raise UsageError(
-                f"sensors show the reference pose at {path.split('.')[1]} = {value + by:.4g}, but "
-                f"it reads {pose[path]:.4g}: move it there, or ~/reset before ~/tare if cables "
-                "were mounted anew"
+                f"sensors show the reference pose at {joint} = {value:.4g}, but it reads "
+                f"{read[joint]:.4g}: move it there, or ~/reset first if cables were mounted anew"
             )
-    values = {**(shown or pose), **tensions}
-    words = [
-        f"{' '.join(path.removesuffix('.reference_angle').split('s.', 1))} {value + 0.0:.6g} rad"
-        for path, value in (shown or pose).items()
-    ]
-    preloads = ", ".join(
-        f"{one.name} {values.get(f'cables.{one.name}.preload', one.preload):.4g} N"
-        for one in model.robot.cables
-    )
-    source = " by the sensors" if shown or tensions else ""
-    return Change(
-        values,
-        f"reference is now {', '.join(words)}; there the preloads are {preloads}{source}",
-    )
+    words = ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
+    return Change(values, f"by the sensors, {words}" if values else "")
 
 
 def contradiction(

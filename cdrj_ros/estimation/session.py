@@ -15,11 +15,13 @@ import numpy as np
 
 from cdrj_ros._core import JointStateDecoder, mark_unsure
 from cdrj_ros.estimation.changes import (
+    Change,
     RestWatch,
     contradiction,
     narrowed,
     preloads_of,
     reference_at,
+    shown_by_sensors,
     with_other_numbers,
 )
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
@@ -435,7 +437,11 @@ class LiveEstimator:
         if reason := self._rest.in_motion(self.model.robot):
             raise UsageError(reason)
         measured = self.corrections.changes() if self.corrections is not None else {}
-        change = reference_at(self.model, self.sample, measured)
+        change = shown_by_sensors(self.model, self.sample, measured)
+        if not any(path.startswith("joints.") for path in change.values):
+            pose = reference_at(self.model, self.sample)
+            words = "; ".join(filter(None, (pose.words, change.words)))
+            change = Change(pose.values | change.values, words)
         model = with_other_numbers(self.model, change.values)
         known = narrowed(model.robot, self.changes | change.values)
         if reason := contradiction(model, known, self.sample, self.readings):
