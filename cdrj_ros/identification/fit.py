@@ -55,7 +55,7 @@ from cdrj_ros.robot.reader import build_robot
 DISTRUST: Final = 1.25
 """Factor by which (I6) exceeds (I2) where the fit has trusted its residuals too much."""
 
-SCOUT: Final = 4
+SPARSER: Final = 4
 """The search for the minimum uses only every n-th of the thinned samples, and of the residuals."""
 
 
@@ -150,15 +150,15 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         f"first round: {len(rounds.unknowns)} unknowns, {len(channels)} references, "
         f"{sample_count(rough)} samples"
     )
-    scout = rounds.problem(coarse=True, scout=SCOUT)
+    sparse = rounds.problem(coarse=True, sparser=SPARSER)
     last = rough
     if not settings.coarse and max(one.stride for one in rough.observations) > 1:
         last = rounds.problem(coarse=False)
     if settings.mean_s > 0.0:
         least = reading_variance(rough, np.zeros(len(rounds.unknowns)))
-        for problem in (scout, rough, last):
+        for problem in (sparse, rough, last):
             problem.least_variance = least
-    begin = _search(scout, settings, say)
+    begin = _search(sparse, settings, say)
     if last is not rough:
         say(f"last round: all {sample_count(last)} samples")
     found = minimise(last, begin, loss, say, rough=rough)
@@ -186,7 +186,7 @@ def _fitted(rounds: Rounds, channels: tuple[str, ...]) -> Identification:
         sample_count(last),
         residuals.size,
         float(np.sqrt(np.mean(residuals**2))),
-        sum({id(one): one.evaluations for one in (scout, rough, last)}.values()),
+        sum({id(one): one.evaluations for one in (sparse, rough, last)}.values()),
         tuple(known.silent.tolist()),
         known.others,
         drums,
@@ -224,14 +224,14 @@ def _stddev_before(rounds: Rounds, found: Vector) -> Vector:
     return np.array([before.get(name, stddev) for name, stddev in zip(names, found, strict=True)])
 
 
-def _search(scout: Problem, settings: Settings, say: Progress) -> Vector:
+def _search(sparse: Problem, settings: Settings, say: Progress) -> Vector:
     """Coordinates of a fit to a quarter of the thinned samples."""
-    first = sought(scout, settings.sought)
+    first = sought(sparse, settings.sought)
     # residuals in units of their noise do not leave the priors their weight
     variance = 1.0 if settings.weights == "spread" else None
-    best = minimise(scout, first, "linear", say, variance=variance, settled=np.inf)
+    best = minimise(sparse, first, "linear", say, variance=variance, settled=np.inf)
     # outliers bias the first fit, and a prior has its weight only if the residuals have theirs
-    return minimise(scout, best.coordinates, settings.loss, say).coordinates
+    return minimise(sparse, best.coordinates, settings.loss, say).coordinates
 
 
 UNSETTLED: Final = 1.0

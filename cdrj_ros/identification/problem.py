@@ -318,19 +318,19 @@ class Rounds:
     pool: ThreadPoolExecutor
     say: Progress
 
-    def problem(self, *, coarse: bool, scout: int = 1) -> Problem:
+    def problem(self, *, coarse: bool, sparser: int = 1) -> Problem:
         """The problem of a round, over thinned samples or over all samples.
 
         Args:
             coarse: whether the samples are thinned, see ``Settings.samples``.
-            scout: further divisor of the samples, and cubed of the largest number of residuals.
+            sparser: further divisor of the samples, and cubed of the largest number of residuals.
         """
         moving = changes_conditioning(path for one in self.unknowns for path in one.paths)
         total = sum(samples.stamp_ns.size for samples in self.samples)
-        most = MOST_RESIDUALS // (scout**3 * len(self.recordings))
+        most = MOST_RESIDUALS // (sparser**3 * len(self.recordings))
 
         def extent(one: Recorded) -> Extent:
-            stride = scout * _stride(one, total, self.settings.samples) if coarse else 1
+            stride = sparser * _stride(one, total, self.settings.samples) if coarse else 1
             return Extent(stride, most, self.settings.settle_s, self.settings.mean_s)
 
         observations = [

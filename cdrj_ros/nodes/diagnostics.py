@@ -73,7 +73,7 @@ class Health(NamedTuple):
     """Why the readings do not fit the robot file; empty if they may."""
     alternating: str = ""
     """Axes whose readings alternate between two motions, and who publishes them; or empty."""
-    rivals: str = ""
+    other_estimators: str = ""
     """Who publishes the tensions, if several nodes do; otherwise empty."""
     heard: bool = False
     """Whether messages arrive."""
@@ -175,7 +175,7 @@ def _verdict(
             live.conditioner.misfitting, warn,
             f"misfit of motors and joints (unit?): {', '.join(live.conditioner.misfitting)}",
         ),
-        (health.rivals, warn, health.rivals),
+        (health.other_estimators, warn, health.other_estimators),
         (
             stepped, warn,
             f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare",

@@ -329,11 +329,11 @@ class InputWatch:
         return Health(
             timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused,
             self._live.travel.words,
-            self._alternating(), self._rivals(), heard,
+            self._alternating(), self._other_estimators(), heard,
             tuple(one.topic for one in self._inputs if one.by_arrival),
         )  # fmt: skip
 
-    def _rivals(self) -> str:
+    def _other_estimators(self) -> str:
         """Who publishes the tensions, if more than this node does; otherwise empty."""
         topic = self._node.resolve_topic_name(TENSIONS)
         names = publishing_nodes(self._node, topic)
@@ -382,6 +382,6 @@ class InputWatch:
             self._quiet = True
             words = f"no estimate: {health.waiting}"
         elif not self._quiet:
-            words = health.misfit or health.rivals or health.refusing
+            words = health.misfit or health.other_estimators or health.refusing
         if words:
             self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

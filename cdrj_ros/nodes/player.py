@@ -36,7 +36,7 @@ UNANSWERABLE: Final = 256
 """Number of consecutive inputs without an expected estimate (because a channel is slow or late)
 after which the replay waits until the estimator has processed them."""
 
-CHORES_S: Final = 0.02
+UPDATE_S: Final = 0.02
 """Time between two updates of the clock and the display [s]."""
 
 PRESENCE_S: Final = 0.5
@@ -93,7 +93,7 @@ class Player:
         self._stop = stop
         self._before = Tally()
         """Counters of the earlier passes."""
-        self._chores_s = 0.0
+        self._update_s = 0.0
         self._presence_s = 0.0
         self._clock_s = 0.0
         self._reached_ns = 0
@@ -129,10 +129,10 @@ class Player:
             self.executor.spin_once(timeout_sec=0.05)
         for topic in self.node.unconnected():
             self.bar.say(f"warning: a listener of {topic} has a QoS that does not fit")
-        self._refuse_intruders()
+        self._refuse_other_publishers()
         self.estimator = self.node.settings(self.executor)
         require_every_sample(self.estimator)
-        for topic in self.node.rivals():
+        for topic in self.node.shared_outputs():
             self.bar.say(f"warning: several nodes publish {topic}; their answers are mixed")
         return True
 
@@ -174,16 +174,16 @@ class Player:
         self._gone = False
         while not (playback.ended or self._stop or self._gone or run.trouble):
             now = perf_counter()
-            if now >= self._chores_s:
-                self._do_chores(now, playback, run)
+            if now >= self._update_s:
+                self._update(now, playback, run)
             if run.under_way > WINDOW:
-                self._let_answers_in(run, now)
+                self._wait_for_room(run, now)
             elif messages := playback.take(now, BATCH):
                 self._send(messages, routes)
                 paced = self._wait_until_through(run, paced)
                 spin_once(timeout_sec=0.0)
             else:
-                wait = min(self._chores_s - now, playback.wait_s(now))
+                wait = min(self._update_s - now, playback.wait_s(now))
                 spin_once(timeout_sec=max(wait, 0.0))
         ended = playback.ended
         if self._stop and run.under_way:
@@ -216,12 +216,12 @@ class Player:
                 send(data)
         self._reached_ns = messages[-1].log_ns
 
-    def _let_answers_in(self, run: Run, now: float) -> None:
-        """Wait until another batch may be sent or the chores are due."""
+    def _wait_for_room(self, run: Run, now: float) -> None:
+        """Wait until another batch may be sent or the update is due."""
         room: Future = Future()
         run.call_at(WINDOW - BATCH, lambda: room.set_result(None))
         # one call for many answers, since spin_once per answer costs more than its callback
-        left_s = max(self._chores_s - now, 0.0)
+        left_s = max(self._update_s - now, 0.0)
         self.executor.spin_until_future_complete(room, timeout_sec=left_s)
 
     def _drain(self, playback: Playback, run: Run) -> None:
@@ -233,9 +233,9 @@ class Player:
                 signalled_s = min(signalled_s, now)
                 if now - signalled_s > ANSWERS_S:
                     return
-            if now >= self._chores_s:
-                self._do_chores(now, playback, run)
-            self.executor.spin_once(timeout_sec=max(self._chores_s - now, 0.0))
+            if now >= self._update_s:
+                self._update(now, playback, run)
+            self.executor.spin_once(timeout_sec=max(self._update_s - now, 0.0))
 
     def _routes(self, run: Run) -> Routes:
         """Build the routes of a run, see ``Routes``."""
@@ -251,15 +251,15 @@ class Player:
                 routes.setdefault(topic, []).append(route)  # each message once per topic
         return routes
 
-    def _do_chores(self, now: float, playback: Playback, run: Run) -> None:
+    def _update(self, now: float, playback: Playback, run: Run) -> None:
         """Handle clock, display and missing answers, which may wait some milliseconds."""
-        self._chores_s = now + CHORES_S
+        self._update_s = now + UPDATE_S
         hertz = self.node.clock_hz
         if hertz > 0:
             if now >= self._clock_s:
                 self.node.publish_clock(playback.position_ns(now))
                 self._clock_s = max(self._clock_s + 1.0 / hertz, now)
-            self._chores_s = min(self._chores_s, self._clock_s)
+            self._update_s = min(self._update_s, self._clock_s)
         if self.bar.is_due():
             self._show(now, playback, run)
         lost = run.give_up_stalled(now)
@@ -272,7 +272,7 @@ class Player:
                 self._refuse_silence(run.tally())
         if now >= self._presence_s:
             self._presence_s = now + PRESENCE_S
-            self._refuse_intruders()
+            self._refuse_other_publishers()
             if missing := self.node.missing():
                 self.bar.say(f"the estimator disappeared: {'; '.join(missing)}")
                 self._gone = True
@@ -284,9 +284,9 @@ class Player:
         counters = (self._before + run.tally()).words
         self.bar(done, f"{done:.1f}/{total:.1f} s, {counters}")
 
-    def _refuse_intruders(self) -> None:
+    def _refuse_other_publishers(self) -> None:
         """Refuse to play to an estimator that hears a robot as well; it may be discovered late."""
-        for topic, names in self.node.intruders().items():
+        for topic, names in self.node.other_publishers().items():
             named = ", ".join(name for name in names if "_UNKNOWN_" not in name)
             who = f": {named}" if named else ""  # a name is discovered after its publisher
             raise UsageError(f"{topic} is published by others, too{who}; stop them")

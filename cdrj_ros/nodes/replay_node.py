@@ -90,7 +90,7 @@ class ReplayNode(Node):
             if p.get_subscription_count() < self.count_subscribers(p.topic_name)
         ]
 
-    def intruders(self) -> dict[str, list[str]]:
+    def other_publishers(self) -> dict[str, list[str]]:
         """Nodes that publish an input of the estimator beside this one, by topic."""
         found = {}
         for topic, own in Counter(one.topic_name for one in (self.motors, self.joints)).items():
@@ -101,7 +101,7 @@ class ReplayNode(Node):
                 found[topic] = names
         return found
 
-    def rivals(self) -> list[str]:
+    def shared_outputs(self) -> list[str]:
         """Output topics of the estimator with more than one publisher."""
         return [topic for topic in self.outputs if self.count_publishers(topic) > 1]
 
