@@ -50,7 +50,8 @@ settings.register_profile(
 settings.load_profile("steady")
 
 LONGEST_FIRST = (
-    "estimation/test_campaign.py", "nodes/test_replay_node.py", "commands/test_commission_poses.py",
+    "estimation/test_driver_faults.py", "estimation/test_campaign.py", "nodes/test_replay_node.py",
+    "commands/test_commission_poses.py",
     "commands/test_commission.py",
     "evaluation/test_parallel.py", "estimation/test_prediction.py", "recordings/test_bombs.py",
     "nodes/test_view.py", "estimation/test_conditioner.py", "commands/test_identify.py",
@@ -66,13 +67,13 @@ three neighbours one waits for messages a good part of its time, and two calcula
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest files; the order within a file stays."""
+    """Begin with the longest files; a single process with the shortest, to fail early."""
 
     def rank(item: pytest.Item) -> int:
         file = "/".join(item.path.parts[-2:])
         return LONGEST_FIRST.index(file) if file in LONGEST_FIRST else len(LONGEST_FIRST)
 
-    items.sort(key=rank)
+    items.sort(key=rank, reverse="PYTEST_XDIST_WORKER" not in os.environ)
 
 
 def pytest_collection_finish() -> None:
