@@ -294,6 +294,18 @@ def _transform(origin: Sequence[float], rpy: Sequence[float]) -> Matrix:
     return pose
 
 
+def standing(joint: UrdfJoint, value: float) -> tuple[list[float], list[float]]:
+    """Origin and rpy of the link of a joint that stands at a value [rad] or [m]."""
+    pose, axis = _transform(joint.origin, joint.rpy), np.array(joint.axis)
+    axis = axis / np.linalg.norm(axis)
+    if joint.motion == "prismatic":
+        pose[:3, 3] += pose[:3, :3] @ (value * axis)
+    else:
+        cross = np.cross(np.eye(3), axis)  # cross @ v is axis x v
+        pose[:3, :3] @= np.eye(3) + sin(value) * cross + (1.0 - cos(value)) * cross @ cross
+    return pose[:3, 3].tolist(), _rpy(pose)
+
+
 def _rpy(pose: Matrix) -> list[float]:
     """Roll, pitch and yaw of a rotation; roll is 0 where only their sum is known."""
     r = pose[:3, :3]

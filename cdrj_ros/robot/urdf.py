@@ -18,7 +18,7 @@ from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.names import prefixed, renamed
-from cdrj_ros.robot.space import UrdfJoint, urdf_visuals
+from cdrj_ros.robot.space import UrdfJoint, standing, urdf_visuals
 
 MAXIMUM_BYTES: Final = 20_000_000
 """Largest accepted size of a URDF [bytes]."""
@@ -325,8 +325,26 @@ def _ordered(links: list[str], joints: list[UrdfJoint], path: Path) -> list[Urdf
             f"{path} must have one root link, got {len(roots)}{': ' * bool(roots)}{named}{more}; "
             "a link that is the child of no joint is a root"
         )
+    ordered = _led(ordered, path)
     root = UrdfJoint("", "fixed", ROOT, roots[0], [0.0] * 3, [0.0] * 3, [0.0] * 3, None, None)
     return ([root] if roots[0] != ROOT else []) + ordered
+
+
+def _led(joints: list[UrdfJoint], path: Path) -> list[UrdfJoint]:
+    """Joints that mimic others which mimic others themselves, as functions of the last ones."""
+    own = {joint.name: joint.mimic for joint in joints if joint.mimic}
+    last: dict[str, tuple[str, float, float]] = {}
+    for name in own:
+        chain = {name: None}
+        while (leader := own[next(reversed(chain))][0]) in own and leader not in last:
+            if leader in chain:
+                raise RobotFileError(f"{path}: joint {leader!r} mimics itself, through others")
+            chain[leader] = None
+        for one in reversed(chain):
+            leader, share, constant = own[one]
+            further, multiplier, offset = last.get(leader, (leader, 1.0, 0.0))
+            last[one] = further, share * multiplier, share * offset + constant
+    return [replace(joint, mimic=last.get(joint.name)) for joint in joints]
 
 
 def _check_measured(measured: Any, joints: list[UrdfJoint], path: Path, source: str) -> None:
@@ -368,7 +386,7 @@ def _needed(document: Document, joints: list[UrdfJoint]) -> set[str]:
 def _frames(
     joints: list[UrdfJoint], kept: set[str], measured: set[str], path: Path
 ) -> list[Document]:
-    """Frames of the kept links; joints that are not measured are fixed at 0."""
+    """Frames of the kept links; joints that are not measured, nor follow one, stand still."""
     frames: list[Document] = []
     names = {joint.name for joint in joints}
     for joint in joints:
@@ -386,6 +404,8 @@ def _frames(
                 "motion": joint.motion, "joint": leader, "axis": joint.axis,
                 "multiplier": multiplier, "offset": offset,
             }  # fmt: skip
+        elif joint.motion != "fixed" and offset:
+            frame["origin"], frame["rpy"] = standing(joint, offset)
         frames.append(frame)
     return frames
 

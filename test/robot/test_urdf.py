@@ -87,6 +87,58 @@ def test_links_become_frames_and_limits_ranges(tmp_path: Path) -> None:
     assert found.prismatic_joints == {"slide"}
 
 
+CHAIN = """<robot name="chain"> <link name="a"/> <link name="b"/> <link name="c"/> <link name="d"/>
+  <joint name="one" type="revolute"> <parent link="a"/> <child link="b"/> <origin xyz="0.1 0 0"/>
+    <axis xyz="0 0 1"/> <limit lower="-1" upper="1"/> </joint>
+  <joint name="two" type="revolute"> <parent link="b"/> <child link="c"/> <axis xyz="0 1 2"/>
+    <origin xyz="0.1 0 0" rpy="0.3 -0.2 0.1"/> <limit lower="-1" upper="1"/>TWO</joint>
+  <joint name="three" type="TYPE"> <parent link="c"/> <child link="d"/> <axis xyz="1 0 1"/>
+    <origin xyz="0 0.1 0" rpy="0 0.4 0"/> <limit lower="-1" upper="1"/>THREE</joint>
+</robot>"""
+MIMICS = {
+    "TWO": '<mimic joint="one" multiplier="0.5" offset="0.1"/>',
+    "THREE": '<mimic joint="two" multiplier="-0.4" offset="0.2"/>',
+}
+ON_CHAIN = """
+name: chain
+motors: []
+frames: {urdf: arm.urdf, joints: [JOINTS]}
+cables:
+  - {name: c, axial_stiffness: 1e4, preload: 10, nodes: [
+      {type: anchor, position: [0, 0, 0.05]}, {type: anchor, position: [0.1, 0, 0.02], frame: d}]}
+"""
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_chain_of_mimics_is_the_robot_whose_joints_stand_where_it_puts_them(
+    kind: str, tmp_path: Path
+) -> None:
+    plain = CHAIN.replace("TYPE", kind)
+    mimicking, measured = plain, plain.replace("TWO", "").replace("THREE", "")
+    for key, tag in MIMICS.items():
+        mimicking = mimicking.replace(key, tag)
+    every = prepare(robot(tmp_path, ON_CHAIN.replace("JOINTS", "one, two, three"), measured))
+    led = prepare(robot(tmp_path, ON_CHAIN.replace("JOINTS", "one"), mimicking))
+    still = prepare(robot(tmp_path, ON_CHAIN.replace("JOINTS", ""), mimicking))
+    share = np.array([1.0, 0.5, -0.2])
+    for angle in (0.0, -0.7, 0.4):
+        two = 0.5 * angle + 0.1
+        expected = shape_at(every, np.array([angle, two, -0.4 * two + 0.2]))
+        found = shape_at(led, np.array([angle]))
+        np.testing.assert_allclose(found.length, expected.length, rtol=1e-12)
+        np.testing.assert_allclose(found.lever_arm[:, 0], expected.lever_arm @ share, atol=1e-14)
+        if angle == 0.0:
+            length = shape_at(still, np.empty(0)).length
+            np.testing.assert_allclose(length, expected.length, rtol=1e-12)
+
+
+def test_a_ring_of_mimics_is_refused_by_name(tmp_path: Path) -> None:
+    ring = CHAIN.replace("TYPE", "revolute").replace("THREE", MIMICS["THREE"])
+    ring = ring.replace("TWO", MIMICS["TWO"].replace("one", "three"))
+    with pytest.raises(RobotFileError, match="joint 'two' mimics itself, through others"):
+        robot(tmp_path, ON_CHAIN.replace("JOINTS", "one"), ring)
+
+
 @pytest.mark.parametrize("of_urdf", [True, False])
 def test_a_prefix_is_that_of_names_in_messages_and_where_it_has_it_of_the_urdf(
     of_urdf: bool, tmp_path: Path
