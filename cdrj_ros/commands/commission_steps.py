@@ -132,18 +132,26 @@ def preloaded(now: Commissioned, readings: Sequence[Mapping[str, float]]) -> Com
     Raises:
         UsageError: there is no such cable, element or pose, or a value is out of range.
     """
-    robot = now.model.robot
-    preloads, recorded = scale_readings(robot, now.rest, now.poses, readings)
-    values = preloads_of(now.model, preloads).values
-    after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.1%}")
-    after = replace(after, readings=(*readings,))
-    return after if recorded is None else fitted(after, [recorded])
+    after, recorded = _weighed(now, readings)
+    return fitted(after, recorded) if recorded else after
 
 
 def read_again(now: Commissioned, readings: Sequence[Mapping[str, float]]) -> Commissioned:
     """The file with other readings of the spring scale, fitted to the same motions."""
+    motions = [one for one in now.recordings if not one.scales]
     before = replace(now, text=now.base, fits=(), recordings=())
-    return fitted(preloaded(before, readings), [one for one in now.recordings if not one.scales])
+    after, recorded = _weighed(before, readings)
+    return fitted(after, [*recorded, *motions])
+
+
+def _weighed(
+    now: Commissioned, readings: Sequence[Mapping[str, float]]
+) -> tuple[Commissioned, list[Recorded]]:
+    """The file with the preloads that were read, and the readings in further poses if any."""
+    preloads, recorded = scale_readings(now.model.robot, now.rest, now.poses, readings)
+    values = preloads_of(now.model, preloads).values
+    after = _measured(now, values, list(values), f"spring scale, {SPRING_SCALE_NOW:.1%}")
+    return replace(after, readings=(*readings,)), [recorded] if recorded else []
 
 
 def drums_measured(now: Commissioned, diameters: Mapping[str, float]) -> Commissioned:
