@@ -104,6 +104,11 @@ RIM: Final = 1e-6
 """Depth below the rim at which a point counts as on it, over the radius; as in the core."""
 
 
+COINCIDENT: Final = 1e-9
+"""Share of a cable's length between two nodes below which they count as one point, where it has no
+direction; as in the core, up to the size of the robot."""
+
+
 def reason(robot: Robot, angle: Vector, views: Views) -> str:
     """Message of one line that names the impossible node or element and the joint angles.
 
@@ -131,11 +136,14 @@ def _impossible(robot: Robot, angle: Vector, views: Views) -> Iterator[str]:
         path, count = f"cables[{c}].nodes", len(cable.nodes)
         if cable.placed:
             yield from _at_nodes(cable, path, where, views.touches[node : node + count])
-        for e, length in enumerate(views.element_length[element : element + count - 1]):
-            if not length > 0.0:
+        lengths = views.element_length[element : element + count - 1]
+        least = COINCIDENT * float(lengths.sum()) if cable.placed else 0.0
+        for e, length in enumerate(lengths):
+            if not length > least:
+                why = ": its ends coincide" if cable.placed else "; it must be positive"
                 yield (
                     f"cables[{c}]: element {cable.name}/{e + 1} has the length {length:.4g} m"
-                    f"{where}; it must be positive"
+                    f"{where}{why}"
                 )
         for p, wrap in enumerate(views.wrap[pulley : pulley + count - 2]):
             if not wrap >= 0.0:

@@ -90,7 +90,7 @@ def beginning(document: Document, remarks: Sequence[str], head: Sequence[str]) -
     """
     yield from (f"# {line}" for line in head)
     yield from (f"# - {printable(remark)}" for remark in remarks)
-    yield f"name: {document['name']}"
+    yield f"name: {yaml_flow(document['name'])}"
     for key in ("motors", "joints", "frames"):
         entries = document[key]
         listed = isinstance(entries, list) and entries
@@ -104,7 +104,7 @@ def beginning(document: Document, remarks: Sequence[str], head: Sequence[str]) -
 
 
 def _cable(cable: Document, assumed: Collection[str]) -> Iterator[str]:
-    yield f"  - name: {cable['name']}"
+    yield f"  - name: {yaml_flow(cable['name'])}"
     for key in ("axial_stiffness", "preload", "rest_length"):
         if key in cable:
             marked = f"cables.{cable['name']}.{key}" in assumed

@@ -11,6 +11,7 @@ import pytest
 from support.page_lines import ROOT, loaded_tool
 
 from cdrj_ros.commands import import_robot
+from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import Model, prepare, shape_at
@@ -315,6 +316,29 @@ def test_the_part_of_a_spring_that_is_not_linear_is_named(
     imported(HELD, tmp_path)
     said = "a stiffness that is not linear of bent is not carried over: the spring is its linear"
     assert said in capsys.readouterr().out
+
+
+MEETING = """
+<mujoco model="null">
+  <worldbody> <site name="a"/> <body name="true">
+    <joint name="yes" type="slide" axis="1 0 0" range="-0.1 0.1"/> <geom size="0.01"/> <site name="b" pos="0.1 0 0"/>
+  </body></worldbody>
+  <tendon><spatial name="null"><site site="a"/><site site="b"/></spatial></tendon>
+  <actuator><motor name="on" tendon="null"/></actuator>
+</mujoco>
+"""  # noqa: E501
+
+
+def test_names_that_yaml_reads_otherwise_stay_names_and_points_that_meet_are_named(
+    tmp_path: Path,
+) -> None:
+    model = imported(MEETING, tmp_path)
+    assert [cable.name for cable in model.robot.cables] == ["null"]
+    assert [axis.name for axis in model.robot.axes] == ["on", "yes"]
+    with pytest.raises(RobotFileError) as caught:
+        prepare(model.robot)
+    assert "element null/1 has the length" in str(caught.value)
+    assert ": its ends coincide" in str(caught.value)
 
 
 def test_a_spring_has_the_force_of_mujoco_and_is_slack_below_its_length(tmp_path: Path) -> None:
