@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.followers import assert_same_tensions_and_work
 
-from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.groups import part_of
@@ -125,28 +125,12 @@ def test_tensions_are_those_of_the_measured_robot_and_the_efforts_do_the_same_wo
         prepare(build_robot(part_of(one.robot, cables), "part"), check_range=False)
         for one in (coupled, measured)
     )
-    states = initial_state(coupled), initial_state(measured)
-    work = np.zeros(2)
-    before = REFERENCE
-    for k in range(400):
-        t = 0.01 * k
-        angles = REFERENCE + np.array([0.3 * np.sin(t), -0.2 * np.sin(2.3 * t)])
-        every = np.concatenate([angles, followers(angles)])
-        results = []
-        for model, state, joints in zip((coupled, measured), states, (angles, every), strict=True):
-            results.append(
-                step(model, state, Sample(10**9 + k * 10**7, np.array([0.02 * t]), joints))
-            )
-        states = results[0][0], results[1][0]
-        one, other = (result[1] for result in results)
-        assert one.solved
-        assert one.tension.min() > 1.0
-        np.testing.assert_allclose(one.tension[:5], other.tension[:5], rtol=1e-9)
-        np.testing.assert_allclose(one.joint_effort, other.joint_effort @ MAP, rtol=effort)
-        change = angles - before
-        work += one.joint_effort @ change, other.joint_effort @ (MAP @ change)
-        before = angles
-    assert work[0] == pytest.approx(work[1], rel=share)
+    t = 0.01 * np.arange(400)
+    motion = REFERENCE + np.stack([0.3 * np.sin(t), -0.2 * np.sin(2.3 * t)], axis=1)
+    assert_same_tensions_and_work(
+        coupled, measured, lambda angles: np.concatenate([angles, followers(angles)]), motion,
+        motors=0.02 * t, compared=slice(5), effort=effort, share=share,
+    )  # fmt: skip
 
 
 def test_a_joint_that_follows_one_and_the_multiplier_of_its_frame_are_the_same() -> None:

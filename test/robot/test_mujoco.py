@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.followers import assert_same_tensions_and_work
 from support.page_lines import ROOT, loaded_tool
 
 from cdrj_ros.commands import import_robot
@@ -17,7 +18,7 @@ from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Winch
 from cdrj_ros.robot.parameters import find_number
-from cdrj_ros.robot.reader import load_robot
+from cdrj_ros.robot.reader import build_robot, load_robot
 
 MUJOCO = pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
 
@@ -226,6 +227,29 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
         "friction.mu_c, cables.flexor.nodes.1.radius, cables.flexor.nodes.1.winding, "
         "cables.[flexor,leash,cord].axial_stiffness, cables.[flexor,cord].preload: guesses"
     )
+
+
+def test_a_coupling_is_the_same_robot_with_its_joints_measured(tmp_path: Path) -> None:
+    """MuJoCo's polynomials are those of changes since the model's pose, in which pip has 5 deg."""
+    led = imported(FINGER, tmp_path)
+
+    def follow(angles: np.ndarray) -> np.ndarray:
+        five, four = np.deg2rad([5.0, 4.0])
+        dip = 0.05 - four + 0.7 * (angles[1] - five)
+        return np.array([*angles, dip, 0.5 * (dip + four)])
+
+    document = {**led.robot.document}
+    rest = dict(zip(("dip", "end"), follow(led.robot.reference_pose)[3:].tolist(), strict=True))
+    document["joints"] = [one for one in document["joints"] if "coupled" not in one] + [
+        {"name": name, "range": [-2.0, 2.0], "reference_angle": angle}
+        for name, angle in rest.items()
+    ]
+    every = prepare(build_robot(document, "measured"), check_range=False)
+    assert [joint.name for joint in every.robot.joints] == ["mcp", "pip", "x", "dip", "end"]
+    t = 0.03 * np.arange(200)
+    ways = [0.2 * np.sin(t), 0.3 * np.sin(1.7 * t), 0.002 * np.sin(t)]
+    motion = led.robot.reference_pose + np.array([0.3, 0.4, 0.0]) + np.stack(ways, axis=1)
+    assert_same_tensions_and_work(led, every, follow, motion)
 
 
 def larger(xml: str, factor: float) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.followers import assert_same_tensions_and_work
 
 from cdrj_ros.commands import import_robot
 from cdrj_ros.foundation.files import parse_xml
@@ -222,8 +223,8 @@ def test_drums_before_a_linkage_are_sums_of_its_joints(
     assert "j1 is a motor here: the links that it carries stand still with it" in said
 
 
-def test_joints_that_are_not_published_follow_the_actuators(tmp_path: Path) -> None:
-    document, text = begun(driven("a1", "a2") + ros2("DifferentialTransmission"), tmp_path)
+def test_actuators_that_joints_follow_have_the_ranges_that_the_joints_allow(tmp_path: Path) -> None:
+    document, _ = begun(driven("a1", "a2") + ros2("DifferentialTransmission"), tmp_path)
     assert document["motors"] == []
     entries = {joint["name"]: joint for joint in document["joints"]}
     assert set(entries) == {"a1", "a2", "j1", "j2"}
@@ -231,30 +232,40 @@ def test_joints_that_are_not_published_follow_the_actuators(tmp_path: Path) -> N
     first = [AR[0] * (JR[0] * (one - OFF[0]) + JR[1] * (two - OFF[1])) for one, two in corners]
     assert entries["a1"]["range"] == pytest.approx([min(first), max(first)])
     assert entries["a1"]["max_speed"] == pytest.approx(2 * 50 * (2 * 2.0 + 0.8 * 3.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "joints_of"),
+    [("DifferentialTransmission", differential), ("FourBarLinkageTransmission", four_bar)],
+)
+def test_joints_that_are_not_published_follow_the_actuators(
+    kind: str, joints_of: Callable[[np.ndarray], np.ndarray], tmp_path: Path
+) -> None:
+    _, text = begun(driven("a1", "a2") + ros2(kind), tmp_path)
     (tmp_path / "arm.yaml").write_text(
         text.replace("motors: []", "motors: [{name: m}]").replace("cables: []", CABLES % "m")
     )
     model = prepare(load_robot(tmp_path / "arm.yaml"), check_range=False)
     assert [joint.name for joint in model.robot.joints] == ["a1", "a2"]
-    # the same arm, all of whose joints are measured
+    # the same arm, all of whose joints are measured, with the same reference pose
+    rest = dict(zip(("j1", "j2"), joints_of(model.robot.reference_pose).tolist(), strict=True))
+    own = "".join(
+        f"\n  - {{name: {name}, range: [-9, 9], reference_angle: {angle!r}}}"
+        for name, angle in rest.items()
+    )
     plain = (tmp_path / "arm.yaml").read_text()
     plain = re.sub(r"\n  - {name: (a1|a2|j1|j2),.*", "", plain)
-    plain = plain.replace("joints:\n", "joints: []\n", 1)
-    plain = plain.replace("joints: []}", "joints: [j1, j2]}")
+    plain = plain.replace("joints:\n", f"joints:{own}\n", 1)
+    plain = re.sub(r"joints: \[[^]]*]}", "joints: [j1, j2]}", plain)
     (tmp_path / "plain.yaml").write_text(plain)
     other = prepare(load_robot(tmp_path / "plain.yaml"), check_range=False)
     assert [joint.name for joint in other.robot.joints] == ["j1", "j2"]
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        joints = rng.uniform([-0.4, -0.6], [0.5, 0.3])
-        scaled = np.array([JR[0] * (joints[0] - OFF[0]), JR[1] * (joints[1] - OFF[1])])
-        actuators = np.array([AR[0] * scaled.sum(), AR[1] * (scaled[0] - scaled[1])])
-        one, two = shape_at(model, actuators), shape_at(other, joints)
+    t = 0.03 * np.arange(200)
+    motion = model.robot.reference_pose + np.stack([9 * np.sin(t), 5 * np.sin(2.3 * t)], axis=1)
+    for actuators in motion[::20]:
+        one, two = shape_at(model, actuators), shape_at(other, joints_of(actuators))
         np.testing.assert_allclose(one.length, two.length, atol=1e-14)
-        # work: the arms per angle of the actuators are those per angle of the joints by the map
-        change = rng.normal(size=2)
-        moved = differential(actuators + change) - differential(actuators)
-        np.testing.assert_allclose(one.lever_arm @ change, two.lever_arm @ moved, atol=1e-15)
+    assert_same_tensions_and_work(model, other, joints_of, motion)
 
 
 def test_without_ros2_control_joints_and_motors_are_those_of_the_transmissions(
