@@ -39,9 +39,6 @@ Fast DDS may detect the loss of the last message only with its next heartbeat, u
 the retransmission may fail as well.
 """
 
-NEVER: Final = -1
-"""A number of estimates in flight that is not reached."""
-
 
 class AnotherRobotError(CdrjError):
     """The estimator's names differ from those of the robot file."""
@@ -146,8 +143,6 @@ class Run:
         """Time at which all topics had answered [s], by stamp."""
         self._given_up: set[int] = set()
         self._strange = 0
-        self._room_at = NEVER
-        self._on_room: Callable[[], None] = _nothing
 
     def asker(self, kind: Kind) -> Callable[[bytes, int], None]:
         """Function to call with every payload sent on one topic, which carries ``kind``.
@@ -201,9 +196,6 @@ class Run:
             if all(stamp in one for one in self._payloads):
                 self._complete[stamp] = self.received_s
                 self._given_up.discard(stamp)
-                if self.under_way <= self._room_at:
-                    self._room_at = NEVER
-                    self._on_room()
 
         return hear
 
@@ -225,10 +217,6 @@ class Run:
     def under_way(self) -> int:
         """Number of expected estimates not yet received on all topics or given up."""
         return len(self._asked) - len(self._complete) - len(self._given_up)
-
-    def call_at(self, under_way: int, then: Callable[[], None]) -> None:
-        """Call ``then`` once, when at most ``under_way`` estimates remain in flight."""
-        self._on_room, self._room_at = then, under_way
 
     def give_up_stalled(self, now_s: float) -> int:
         """Give up the estimates in flight after ``STALLED_S`` of silence; returns their number."""
@@ -291,10 +279,6 @@ def _decoded(
         value = np.concatenate(table.value).reshape(-1, len(names), len(topic.arrays))
         block[:, np.concatenate(table.arrival)] = np.moveaxis(value, 2, 0)
     return dict(zip(topic.arrays, block, strict=True))
-
-
-def _nothing() -> None:
-    """Do nothing."""
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -10,7 +10,6 @@ from time import monotonic, perf_counter
 from typing import Any, Final
 
 from rclpy.experimental import EventsExecutor
-from rclpy.task import Future
 
 from cdrj_ros.estimation.conditioner import Kind
 from cdrj_ros.evaluation.answers import Answers, Run, Tally
@@ -177,7 +176,7 @@ class Player:
             if now >= self._update_s:
                 self._update(now, playback, run)
             if run.under_way > WINDOW:
-                self._wait_for_room(run, now)
+                spin_once(timeout_sec=max(self._update_s - now, 0.0))
             elif messages := playback.take(now, BATCH):
                 self._send(messages, routes)
                 paced = self._wait_until_through(run, paced)
@@ -215,14 +214,6 @@ class Player:
                 ask(data, message.log_ns)
                 send(data)
         self._reached_ns = messages[-1].log_ns
-
-    def _wait_for_room(self, run: Run, now: float) -> None:
-        """Wait until another batch may be sent or the update is due."""
-        room: Future = Future()
-        run.call_at(WINDOW - BATCH, lambda: room.set_result(None))
-        # one call for many answers, since spin_once per answer costs more than its callback
-        left_s = max(self._update_s - now, 0.0)
-        self.executor.spin_until_future_complete(room, timeout_sec=left_s)
 
     def _drain(self, playback: Playback, run: Run) -> None:
         """Wait for the answers in flight; after a signal for at most ``ANSWERS_S``."""
