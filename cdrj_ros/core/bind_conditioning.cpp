@@ -144,7 +144,7 @@ void expect(Conditioner& conditioner, const Given& angles, Nanoseconds stamp_ns)
 
 /// Fields of `Samples`, as `Recording.advance` gives them.
 using Piece = nb::typed<
-    nb::tuple, bool, GivenIntegers, Given, Given, GivenIntegers, Given, GivenIntegers, Given, GivenIntegers>;
+    nb::tuple, bool, GivenIntegers, Given, Given, GivenIntegers, Given, GivenIntegers, Given, GivenIntegers, GivenIntegers>;
 
 Piece tuple_of(const Samples& samples, Index motors, Index joints) {
     const auto n = static_cast<Index>(samples.stamp_ns.size());
@@ -159,7 +159,8 @@ Piece tuple_of(const Samples& samples, Index motors, Index joints) {
         copy_of(samples.unseen, {unseen, 2, motors + joints}),
         copy_of(samples.offset_rows),
         copy_of(samples.offset, {changes, 2, motors + joints}),
-        copy_of(samples.doubtful));
+        copy_of(samples.doubtful),
+        copy_of(samples.after_gap));
 }
 
 /// A recording, with the arrays that it reads.
@@ -419,7 +420,7 @@ void bind_conditioning(nb::module_& core) {
                 went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
                 shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
                 shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 3, axes); rows
-                that are doubtful.)");
+                that are doubtful; rows that are the first after gaps.)");
     nb::class_<TrackingFilter>(core, "TrackingFilter",
         "A filter of the angle between the counts of a sensor, (C1) of docs/estimation.md.")
         .def(nb::init<>(), "Start without readings.")

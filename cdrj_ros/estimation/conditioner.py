@@ -405,6 +405,7 @@ class _Piece(NamedTuple):
     offset_rows: NDArray[np.uint64]
     offset: NDArray[np.float64]
     doubtful: NDArray[np.uint64]
+    after_gap: NDArray[np.uint64]
 
 
 def condition(
@@ -459,7 +460,7 @@ def _joined(pieces: list[_Piece]) -> Samples:
     stamp_ns = np.empty(n, dtype=np.int64)
     motor_angle, joint_angle = np.empty((n, motors)), np.empty((n, joints))
     unseen, doubtful = ALL_SEEN_OVER_TIME, NO_DOUBTS
-    rows, offsets = [], []
+    rows, offsets, gaps = [], [], []
     if any(piece.unseen_rows.size for piece in pieces):
         unseen = np.zeros((n, 2, motors + joints))
     if any(piece.doubtful.size for piece in pieces):
@@ -475,10 +476,11 @@ def _joined(pieces: list[_Piece]) -> Samples:
             unseen[here][piece.unseen_rows] = piece.unseen
         rows.append(begin + piece.offset_rows.astype(np.int64))
         offsets.append(piece.offset)
+        gaps.append(begin + piece.after_gap.astype(np.int64))
         if piece.doubtful.size:
             doubtful[here][piece.doubtful] = True
         begin = here.stop
-    changes = np.concatenate(rows), np.concatenate(offsets)
+    changes = np.concatenate(rows), np.concatenate(offsets), np.concatenate(gaps)
     return Samples(stamp_ns, motor_angle, joint_angle, unseen, doubtful, *changes)
 
 

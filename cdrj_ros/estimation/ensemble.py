@@ -180,6 +180,11 @@ class Ensemble:
         np.add.reduce(self.deviation * self.deviation, axis=0, out=self.variance)
         self.variance /= len(self.deviation)
 
+    def mean_tensions(self, tensions: Vector) -> Vector:
+        """Of all cables over their lengths [N], shape (cables,), from those of all elements."""
+        weighed = self.length_share * tensions
+        return np.array([weighed[part].sum() for part in self.model.robot.parts])
+
     def show_at_least(self, changes: Vector) -> None:
         """Show no smaller standard deviations than those of changes of mean tensions, (U15).
 

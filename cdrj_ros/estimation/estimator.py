@@ -85,6 +85,8 @@ class Samples:
     """The samples at which the offsets' standard deviations change, increasing, shape (k,)."""
     offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
     """As ``Sample.offset`` of these, shape (k, 2, axes)."""
+    after_gap: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
+    """The first samples after gaps, increasing."""
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""
@@ -100,6 +102,7 @@ class Samples:
             doubtful,
             np.maximum(self.offset_rows[here] - begin, 0),
             self.offset[here],
+            self.after_gap[(self.after_gap >= begin) & (self.after_gap < end)] - begin,
         )
 
     def _holds_at(self, k: int) -> int:

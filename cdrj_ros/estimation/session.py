@@ -258,9 +258,7 @@ class LiveEstimator:
         """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms the angles."""
         if self.ensemble is None:
             return
-        change = earlier.pose_change(self.model, sample)
-        shares = self.ensemble.length_share * change
-        mean = np.array([shares[part].sum() for part in self.model.robot.parts])
+        mean = self.ensemble.mean_tensions(earlier.pose_change(self.model, sample))
         self._moved = np.hypot(self._moved, mean)
         if self.corrections is not None:
             self.corrections.widen(mean)

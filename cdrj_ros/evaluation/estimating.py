@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Final, TypeVar
 
 import numpy as np
@@ -12,9 +13,16 @@ from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elements, stddev_columns
-from cdrj_ros.estimation.estimator import Angles, Estimates, Samples, initial_state, run
+from cdrj_ros.estimation.estimator import (
+    Angles,
+    EarlierRun,
+    Estimates,
+    Samples,
+    initial_state,
+    run,
+)
 from cdrj_ros.evaluation.inputs import in_order
-from cdrj_ros.foundation.arrays import Series, Table
+from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
@@ -60,20 +68,37 @@ def pieces_of(
 def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estimates]:
     """``pieces_of`` for a robot whose joints have encoders."""
     preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if uncertainty else None
-    for piece, estimates in _ahead(_estimated(model, samples)):
-        found = estimates if ensemble is None else ensemble.follow(piece, estimates)
+    moved = np.zeros(len(model.robot.cables))
+    for piece, estimates, change in _ahead(_estimated(model, samples)):
+        found = estimates
+        if ensemble is not None:
+            if change is not None:
+                moved = np.hypot(moved, ensemble.mean_tensions(change))
+                ensemble.show_at_least(moved)
+            found = ensemble.follow(piece, estimates)
         stddev = UNKNOWN if found.stddev is None else found.stddev
         mark_unsure(model.core, found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
         yield found
 
 
-def _estimated(model: Model, samples: Samples) -> Iterator[tuple[Samples, Estimates]]:
-    """Consecutive pieces of a pass and their estimates, without standard deviations."""
-    state = initial_state(model)
-    for begin in range(0, samples.stamp_ns.size, AT_ONCE):
-        piece = samples.part(slice(begin, begin + AT_ONCE))
+def _estimated(
+    model: Model, samples: Samples
+) -> Iterator[tuple[Samples, Estimates, Vector | None]]:
+    """Consecutive pieces of a pass and their estimates, without standard deviations.
+
+    A gap ends a piece.  With the piece after it comes what the poses before and after the gap
+    differ by in the tensions [N], shape (elements,).
+    """
+    state, count = initial_state(model), samples.stamp_ns.size
+    gaps = set(samples.after_gap.tolist()) - {0}
+    for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *gaps, count})):
+        piece, change = samples.part(slice(begin, end)), None
+        if begin in gaps:
+            before = samples.at(begin - 1)
+            earlier = EarlierRun(state, before.motor_angle, before.joint_angle)
+            change = earlier.pose_change(model, piece.at(0))
         state, estimates = run(model, state, piece)
-        yield piece, estimates
+        yield piece, estimates, change
 
 
 def _ahead(items: Iterator[T]) -> Iterator[T]:
