@@ -14,6 +14,10 @@ namespace {
 /// reversals.
 constexpr int PARTS = 4;
 
+/// A cable that slips by more than this multiple of its deviation midway does not slip back on (U3)'s
+/// parabola, which is steepest at its ends: four times 2.5, beyond which a share hardly lies.
+constexpr double STRAIGHT = 10.0;
+
 /// A longer time between two samples counts as a gap.
 constexpr Nanoseconds GAP_NS = 1'000'000'000;
 
@@ -71,6 +75,7 @@ Ensemble::Ensemble(
       robot_(topology_.data(), constants_.data()),
       first_{
           first_of(robot_.topology.sizes, &Estimate::status),
+          first_of(robot_.topology.sizes, &Estimate::slip_speed),
           first_of(robot_.topology.sizes, &Estimate::tension, true),
           first_of(robot_.topology.sizes, &Estimate::magnitude, true),
           first_of(robot_.topology.sizes, &Estimate::motor_effort, true),
@@ -270,10 +275,11 @@ void Ensemble::choose(Nanoseconds before) {
     const Paths& paths = *robot_.topology.paths;
     any_small_ = false;
     for (Index c = 0; c < cables(); ++c) {
+        walked_[c] = 0;
         Walk* const chosen = walk_of(c, before);
-        walked_[c] = chosen != nullptr;
         memory.unsolved[c] = is_invalid(estimate_, c);
         if (chosen == nullptr) continue;
+        walked_[c] = 1;
         chosen->cables.push_back(c);
         join(chosen->axes, paths.of_cable[c].axes);
         join(chosen->frames, paths.of_cable[c].frames);
@@ -310,7 +316,31 @@ Ensemble::Walk* Ensemble::walk_of(Index c, Nanoseconds before) {
     double least = INFINITE;
     for (Index q = first; q < beyond; ++q) least = std::min(least, shown(q, estimate_));
     if (std::max(here, way) <= SMALL * SMALL * least) return nullptr;
+    walked_[c] = 1;
+    if (slips_on(c, std::sqrt(way), before)) return nullptr;  // members show all that there is
     return way > 0.0 ? &parts_ : &in_turn_;
+}
+
+/// Whether a cable has slipped over all its pulleys since the sample before, by more than a path
+/// between two readings of all its axes may bend: friction then follows from the ends of the path.
+///
+/// `way`: standard deviation of its tension midway [N].
+bool Ensemble::slips_on(Index c, double way, Nanoseconds before) const {
+    const Topology& topology = robot_.topology;
+    const bool read = std::ranges::all_of(topology.paths->of_cable[c].axes, [&](Index a) {
+        return unseen_[a] == 0.0 && memory.unseen[a] == 0.0;
+    });
+    if (!read) return false;
+    const auto [first, beyond] = topology.segments_of(c);
+    double length = 0.0;
+    for (Index e = first; e < beyond; ++e) length += robot_.constants.segments[e].material;
+    const double stiffness = robot_.constants.cables[c].axial_stiffness / length;
+    const double time = static_cast<double>(memory.progress.last_stamp - before) * 1e-9;
+    const CableTopology& cable = topology.cables[c];
+    const auto speeds = std::span(estimate_).subspan(first_.slip_speed + cable.first_pulley);
+    return std::ranges::all_of(speeds.first(cable.pulleys), [&](double speed) {
+        return stiffness * time * std::abs(speed) > STRAIGHT * way;
+    });
 }
 
 /// Whether the motion of an axis of a cable since the sample before is unknown.

@@ -176,6 +176,7 @@ private:
     /// Where parts of an estimate begin, and those of quantities.
     struct Firsts {
         Index status;
+        Index slip_speed;
         Index tension_quantity;
         Index force_quantity;
         Index effort_quantity;
@@ -210,6 +211,7 @@ private:
     void choose(Nanoseconds before);
     Walk* walk_of(Index cable, Nanoseconds before);
     bool is_unknown(Index cable, Nanoseconds before) const;
+    bool slips_on(Index cable, double way, Nanoseconds before) const;
     void walk(const Walk& walk, Nanoseconds before);
     bool takes_part(Index member, Nanoseconds before) const;
     void update_members(Index count);

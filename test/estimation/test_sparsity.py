@@ -72,6 +72,18 @@ def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequen
         assert max(taken) <= 4 * cables, "only the member in turn, and where axes have turned"
 
 
+def test_a_cable_that_slips_on_moves_no_member_between_two_readings() -> None:
+    """Friction follows a path without a reversal to its ends, however well the numbers are known."""
+    known = {"uncertainty": {"others": "exact", "drums": "hold"}}
+    model = prepare(build_robot({**hand(finger("a")).document, **known}, "hand"))
+    phase = 2.0 * np.pi * np.arange(0.0, 2.0, 0.01)
+    taken, _ = feed(model, 100.0, angles(model, 0.5 + 0.4 * np.sin(phase)))
+    walked = np.array(taken) > MEMBERS
+    turning = np.abs(np.cos(phase[-len(taken) :])) < 0.25
+    assert walked[turning].any()
+    assert not walked[~turning].any()
+
+
 def test_what_readings_of_a_finger_are_held_to_is_its_own() -> None:
     one, three = (fingers(count).robot for count in (1, 3))
     assert bends_of(three)[: len(one.cables)] == bends_of(one)
