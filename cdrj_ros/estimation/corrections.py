@@ -65,8 +65,7 @@ class Corrections:
         self._columns = stddev_columns(model.layout)
         self._group_of = {c: group for group in self.groups for c in group.cables}
         self.doubted: NDArray[np.bool_] | None = None
-        """Elements whose tensions are in doubt whatever their deviations say, shape (elements,);
-        None for none."""
+        """Elements of cables that carry nothing, shape (elements,); None for none."""
         self._past: deque[Past] = deque(maxlen=KEPT)
         self._said = np.zeros((3, len(self.groups), self._columns.size))
         """What the sensors of every group say, see ``Group.correction``."""
@@ -124,10 +123,10 @@ class Corrections:
         if renewed:
             self._shift, self._left = self._said[[0, 2]].sum(axis=1)
             self._known = self._said[1].max(axis=0)
-            cables = [c for group in self.groups for c in group.doubted]
+            broken = {group.verdict.broken for group in self.groups if group.verdict} - {""}
             robot = self.model.robot
-            every = np.arange(len(robot.cables))
-            self.doubted = robot.per_element(np.isin(every, cables)) if cables else None
+            gone = [cable.name in broken for cable in robot.cables]
+            self.doubted = robot.per_element(gone) if broken else None
         self.correct(estimate, ensemble.variance)
 
     def correct(self, estimate: Estimate, history: Vector) -> None:

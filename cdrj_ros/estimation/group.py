@@ -37,10 +37,6 @@ JUDGED_NS: Final = 500_000_000
 CONTRADICTED: Final = 2.0
 """Tensions contradict readings that show others by more than so many standard deviations."""
 
-LOST_NS: Final = 10_000_000_000
-"""Time for which they do, or nothing explains the readings, until the tensions are in doubt [ns]:
-after a sudden change its readings mix with those before."""
-
 
 Said = tuple[Vector, Vector, Vector]
 """What sensors say, see ``Group.correction``."""
@@ -103,7 +99,6 @@ class Group:
         self._model = model
         self._own = own
         self._cable_of = _cables_of_columns(own)
-        self._tensions = own.layout.stddev["tension"]
         self.forget()
 
     def forget(self) -> None:
@@ -131,10 +126,8 @@ class Group:
         """Signatures with the stamps of their samples [ns]."""
         self.verdict: Verdict | None = None
         """What the latest readings show; None: they are too few."""
-        self.doubted: Sequence[int] = ()
-        """Numbers of the cables whose tensions are in doubt whatever their deviations say."""
-        self._agreed_ns, self._judged_ns = NEVER, NEVER
-        """When the tensions last agreed with the verdict, and when that was judged [ns]."""
+        self._judged_ns = NEVER
+        """When that was seen [ns]."""
 
     def take(
         self, sample: Sample, phase: float, past: Sequence[Past], deviation: Table
@@ -158,7 +151,7 @@ class Group:
         said = self.correction(sample.stamp_ns, past[-1].values, deviation)
         if abs(sample.stamp_ns - self._judged_ns) >= JUDGED_NS:
             self._judged_ns = sample.stamp_ns
-            self._judge(sample.stamp_ns)
+            self.verdict = self._judge(sample.stamp_ns)
         shift, known, left = said
         if self.verdict is not None:
             left = left * self.verdict.unexplained
@@ -240,28 +233,17 @@ class Group:
             float(then.stddev[sensor.column]), parts,
         )  # fmt: skip
 
-    def _judge(self, now_ns: int) -> None:
-        """Renew ``verdict`` and ``doubted``; both stay while the sensors are silent."""
-        core, names = self.beliefs.core, self._model.layout.cables
+    def _judge(self, now_ns: int) -> Verdict | None:
+        """What the latest readings show; the verdict before while the sensors are silent."""
+        core = self.beliefs.core
         heard = [
             Heard(
-                sensor,
-                core.heard(k)[2],
-                self.beliefs.probability_right(k),
-                self._parts[k],
+                sensor, core.heard(k)[2], self.beliefs.probability_right(k), self._parts[k],
                 *core.evidence(k, now_ns),
             )
             for k, sensor in enumerate(self.beliefs.sensors)
-        ]
-        verdict = judge(self.unknowns, heard, names)
-        if verdict is None:
-            return
-        self.verdict = verdict
-        if verdict.broken or verdict.explained:
-            self._agreed_ns = now_ns
-        broken = [names.index(verdict.broken)] if verdict.broken else []
-        lost = now_ns - self._agreed_ns > LOST_NS
-        self.doubted = self.cables if lost else broken
+        ]  # fmt: skip
+        return judge(self.unknowns, heard, self._model.layout.cables) or self.verdict
 
     def _contradicted(self, shift: Vector, left: Vector) -> Vector:
         """Variances of all quantities by which the changes found contradict what is published.

@@ -221,8 +221,8 @@ def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int]]:
     shapes, found = [np.empty((len(factor), 0))], list[int]()
     for cable in (*every, -1):
         own = [k for k, other in enumerate(only) if other == cable]
-        _, size, turn = np.linalg.svd(effects[own].T, full_matrices=False)
-        shapes.append(factor[:, own] @ turn[size >= LEAST].T)
+        squares, turn = np.linalg.eigh(effects[own] @ effects[own].T)
+        shapes.append(factor[:, own] @ turn[:, squares >= LEAST**2])
         found += [cable] * shapes[-1].shape[1]
     return np.concatenate(shapes, axis=1), found
 
