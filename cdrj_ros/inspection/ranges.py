@@ -24,7 +24,7 @@ from cdrj_ros.model.laws import (
     friction_numbers,
     secant_at,
 )
-from cdrj_ros.model.prepared import Model, course_of, prepare
+from cdrj_ros.model.prepared import Course, Model, course_of, prepare
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
 from cdrj_ros.robot.groups import joints_of, motors_of
 
@@ -176,8 +176,8 @@ def inspect_robot(model: Model) -> Inspection:
         cables |= {check.name: check for check in checks}
         wound = {name for cable in own for name in motors_of(cable)}
         motors |= {name: angles[name] for name in wound}
-    poses, arms = _total_arms(model, visited_poses(robot, [joint.name for joint in robot.joints]))
-    ranks = np.linalg.matrix_rank(_scaled(arms))
+    poses = _possible(model, visited_poses(robot, [joint.name for joint in robot.joints]))
+    ranks = np.linalg.matrix_rank(_scaled(_total_arms(model, poses)))
     still = Extent(0.0, 0.0, tuple(robot.reference_pose), tuple(robot.reference_pose))
     drums = robot.drums
     return Inspection(
@@ -192,71 +192,56 @@ def inspect_robot(model: Model) -> Inspection:
     )
 
 
-@dataclass(frozen=True)
-class _Geometry:
-    """A robot in n poses."""
-
-    poses: Matrix
-    """Shape (n, joints)."""
-    length: Matrix
-    """Of every element [m], shape (n, elements)."""
-    lever_arm: Table
-    """Of every element about every joint [m], shape (n, elements, joints)."""
-    wrap: Matrix
-    """Of every pulley [rad], shape (n, pulleys)."""
-
-
-def _possible(model: Model, poses: Matrix) -> Iterator[_Geometry]:
-    """The robot in all poses but the impossible ones, in runs of at most ``RUN``."""
-    at = 0
+def _possible(model: Model, poses: Matrix) -> Matrix:
+    """All poses but the impossible ones."""
+    kept, at = [], 0
     while at < len(poses):
         some = poses[at : at + RUN]
-        course, done = course_of(model, some)
-        if done:
-            found = some, course.length, course.lever_arm, course.wrap
-            yield _Geometry(*(one[:done] for one in found))
-        at += done if done == len(some) else done + 1
+        done = course_of(model, some)[1]
+        kept.append(some[:done])
+        at += min(done + 1, len(some))
+    return np.concatenate(kept)
 
 
-def _total_arms(model: Model, poses: Matrix) -> tuple[Matrix, Table]:
-    """Possible poses, and in each derivatives of all cables' lengths, (poses, cables, joints)."""
+def _total_arms(model: Model, poses: Matrix) -> Table:
+    """Derivatives of every cable's length by every joint, shape (poses, cables, joints)."""
     starts = [part.start for part in model.robot.parts]
-    found = [
-        (some.poses, np.add.reduceat(some.lever_arm, starts, axis=1))
-        for some in _possible(model, poses)
-    ]
-    kept, arms = zip(*found, strict=True)
-    return np.concatenate(kept), np.concatenate(arms)
+    return np.concatenate(
+        [
+            np.add.reduceat(course_of(model, poses[k : k + RUN])[0].lever_arm, starts, axis=1)
+            for k in range(0, len(poses), RUN)
+        ]
+    )
 
 
 def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str, Extent]]:
     """The cables of a robot in some poses, and the angles of its motors by name."""
     robot = model.robot
-    found = [vars(some).values() for some in _possible(model, poses)]
-    geometry = _Geometry(*(np.concatenate(one) for one in zip(*found, strict=True)))
-    poses = geometry.poses
-    whole = whole_lengths(robot, geometry.length)
+    poses = _possible(model, poses)
+    course = course_of(model, poses)[0]
+    whole = whole_lengths(robot, course.length)
     stiffness = stiffness_at_preload(robot, whole[0])
     motors, followed = followed_by(robot, whole, stiffness, robot.drums)
     names = [motor.name for motor in robot.motors]
     angles = {name: _extent(motors[:, m], poses) for m, name in enumerate(names)}
-    return list(_cables(model, geometry, followed, stiffness, motors)), angles
+    return list(_cables(model, poses, course, followed, stiffness, motors)), angles
 
 
 def _cables(
     model: Model,
-    geometry: _Geometry,
+    poses: Matrix,
+    course: Course,
     followed: Matrix,
     stiffness: Vector,
     motors: Matrix,
 ) -> Iterator[CableCheck]:
-    robot, poses = model.robot, geometry.poses
+    robot = model.robot
     joints = range(len(robot.joints))
     pulley_at = 0
     for c, (cable, part) in enumerate(zip(robot.cables, robot.parts, strict=True)):
-        length, by_joint = geometry.length[:, part], geometry.lever_arm[:, part]
+        length, by_joint = course.length[:, part], course.lever_arm[:, part]
         count = len(cable.pulleys)
-        wrap = geometry.wrap[:, pulley_at : pulley_at + count]
+        wrap = course.wrap[:, pulley_at : pulley_at + count]
         pulley_at += count
         eta = _transmissions(cable, wrap)
         arms = by_joint.sum(axis=1)

@@ -33,9 +33,6 @@ FASTER: Final = 2.0
 MOST_LINKS: Final = 8
 """Number of links that the file, or a remark, names."""
 
-MOST_GEARS: Final = 3
-"""Number of gears of motors that remarks name one by one."""
-
 LEFT_OUT: Final = "none of its reductions is in the file"
 """What becomes of a transmission that is not carried over."""
 
@@ -301,21 +298,13 @@ class _Begun:
             for one in self._transmissions
             if not one.refused and len(one.joints) == 1 and {*one.joints} <= {*self.motors}
         ]
-        geared = [(joint, name) for joint, name in gears if self._gear(name)[1] != 1.0]
-        if len(geared) > MOST_GEARS:
-            yield (
-                f"{_some([joint for joint, _ in geared])} are published behind their "
-                "transmissions, as ros2_control does; if the hardware publishes the actuators "
-                "themselves, scale: 1/N and effort_scale: N"
-            )
-            return
-        for joint, actuator in geared:
-            reduction = self._gear(actuator)[1]
-            yield (
-                f"{joint} is published behind its transmission of {reduction:g}, as ros2_control "
-                f"does; if the hardware publishes {actuator} itself, scale: "
-                f"{1.0 / reduction:.6g} and effort_scale: {reduction:g}"
-            )
+        for joint, actuator in gears:
+            if (reduction := self._gear(actuator)[1]) != 1.0:
+                yield (
+                    f"{joint} is published behind its transmission of {reduction:g}, as "
+                    "ros2_control does; if the hardware publishes the actuator itself, scale: "
+                    f"{1.0 / reduction:.6g} and effort_scale: {reduction:g}"
+                )
 
 
 def _couples(one: Transmission) -> str:

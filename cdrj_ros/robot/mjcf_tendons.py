@@ -91,7 +91,7 @@ class _Import:
                 if divisor != 1.0:
                     self._remarks.append(
                         f"{name}: MuJoCo divides the length of this branch by {divisor:g}; here "
-                        "every branch is a cable of its own, at its full length"
+                        "every branch is a cable of its own, at its full length and tension"
                     )
         if not cables:
             raise UsageError(

@@ -114,7 +114,7 @@ def test_names_gears_and_limits_are_those_of_the_urdf(
     assert ranges["el-bow"] == pytest.approx((-3.14159265, 3.14159265))
     assert {joint.name: joint.max_speed for joint in robot.joints}["shoulder"] == 8.0
     assert "winch/1 is published behind its transmission of 50" in said
-    assert "if the hardware publishes m1 itself, scale: 0.02 and effort_scale: 50" in said
+    assert "if the hardware publishes the actuator itself, scale: 0.02 and effort_scale: 50" in said
     assert "claw is not in ros2_control: it stands at 0" in said
     assert "el-bow has no limits: a range of one turn is assumed" in said
     assert "is begun; add its cables" in said
