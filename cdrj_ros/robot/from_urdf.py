@@ -37,7 +37,10 @@ LEFT_OUT: Final = "none of its reductions is in the file"
 """What becomes of a transmission that is not carried over."""
 
 TURN: Final = (-pi, pi)
-"""Assumed range of a joint without limits [rad]."""
+"""Assumed range of a hinge without limits [rad]."""
+
+WAY: Final = (-1.0, 1.0)
+"""Assumed range of a slide without limits [m]."""
 
 FRICTION: Final = 0.15
 """Assumed coefficient of cables on what they touch."""
@@ -208,17 +211,22 @@ class _Begun:
                 return joint, one.actuators[actuator].shares[0][1], behind.offset
         return "", 1.0, 0.0
 
+    def _range(self, name: str) -> tuple[float, float]:
+        """The limits of a joint; assumed ones where it has none."""
+        slides = self._joints[name].motion == "prismatic"
+        return self._joints[name].limits or (WAY if slides else TURN)
+
     def _joint(self, name: str) -> Document:
         entry: Document = {"name": name}
         if self._joints[name].limits is None:
-            entry["range"] = [*TURN]
+            entry["range"] = [*self._range(name)]
         return entry | _fastest(self._speeds.get(name, 0.0))
 
     def _leader(self, name: str) -> Document:
         """An actuator that joints follow: a measured joint, with what their limits allow it."""
         coupling, ends, speed = self._leading[name], [0.0, 0.0], 0.0
         for joint, share in coupling.shares:
-            limits = self._joints[joint].limits or TURN
+            limits = self._range(joint)
             ends = [sum(pair) for pair in zip(ends, sorted(share * x for x in limits), strict=True)]
             speed += abs(share) * self._speeds.get(joint, 0.0)
         return {"name": name, "range": [coupling.offset + end for end in ends]} | _fastest(speed)
@@ -247,7 +255,8 @@ class _Begun:
             yield f"{name} is not in ros2_control: it stands at 0"
         for name in self._measured:
             if self._joints[name].limits is None:
-                yield f"{name} has no limits: a range of one turn is assumed"
+                wide = "2 m" if self._joints[name].motion == "prismatic" else "one turn"
+                yield f"{name} has no limits: a range of {wide} is assumed"
         for name in self.motors:
             if name in self._joints and self._carries(name):
                 yield (

@@ -255,6 +255,7 @@ def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
             _values(limit.get("lower", "0"), 1, f"{where}, lower limit")[0],
             _values(limit.get("upper", "0"), 1, f"{where}, upper limit")[0],
         )
+        limits = limits if limits[0] < limits[1] else None  # both left out, or the wrong way round
     follows = None
     if mimic is not None:
         follows = (

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cdrj_ros.commands import import_robot
@@ -233,6 +234,23 @@ def test_floating_and_planar_joints_are_held_and_named(
     said = capsys.readouterr().out
     held = "is a floating or planar joint: it is held at its place in the model"
     assert f"each of float, table {held}" in said
+
+
+@pytest.mark.parametrize("limit", ["", '<limit effort="1"/>', '<limit lower="1" upper="-1"/>'])
+@pytest.mark.parametrize(("kind", "words"), [("revolute", "one turn"), ("prismatic", "2 m")])
+def test_limits_that_are_none_are_assumed_and_named(
+    kind: str, words: str, limit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (
+        '<robot name="r"><link name="a"/><link name="b"/>'
+        f'<joint name="j" type="{kind}"><parent link="a"/><child link="b"/>{limit}</joint></robot>'
+    )
+    document = imported_document(text, tmp_path)
+    assert document["joints"][0]["range"] == (
+        pytest.approx([-np.pi, np.pi]) if kind == "revolute" else [-1.0, 1.0]
+    )
+    assert document["assumed"] == ["friction.mu_c", "joints.j.range.1", "joints.j.range.2"]
+    assert f"j has no limits: a range of {words} is assumed" in capsys.readouterr().out
 
 
 UNREADABLE = {
