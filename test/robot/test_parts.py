@@ -110,11 +110,6 @@ def test_parts_expand_to_exactly_what_is_written_by_hand() -> None:
     assert parse_document(FINGER, "hand") == parse_document(BY_HAND, "hand")
 
 
-def test_a_robot_with_parts_has_the_numbers_of_the_one_written_by_hand_to_the_last_bit() -> None:
-    ours, by_hand = (prepare(parse_robot(text)) for text in (FINGER, BY_HAND))
-    assert np.array_equal(ours.constants, by_hand.constants)
-
-
 def test_check_robot_prints_the_file_with_its_parts_written_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
