@@ -95,19 +95,14 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
 
 
 def _patterns(robot: Robot, paths: Sequence[str]) -> Iterator[str]:
-    """Patterns that match paths: those that differ in the name of a cable or joint alone as one."""
-    every = {
-        "cables": [cable.name for cable in robot.cables],
-        "joints": [joint.name for joint in robot.joints],
-    }
+    """Patterns that match paths: those that differ in the name of an entry alone as one."""
     alike: dict[tuple[str, str], list[str]] = {}
     for path in paths:
-        kind, _, rest = path.partition(".")
-        names = (one for one in every.get(kind, ()) if rest.startswith(f"{one}."))
-        name = max(names, key=len, default="")
-        alike.setdefault((kind, rest.removeprefix(name)), []).append(name)
+        kind, name, *rest = path.split(".", 2)
+        alike.setdefault((kind, "".join(f".{key}" for key in rest)), []).append(name)
+    every = {"cables": len(robot.cables), "joints": len(robot.joints)}
     for (kind, key), own in alike.items():
-        several = "*" if len(own) == len(every.get(kind, ())) else f"[{','.join(own)}]"
+        several = "*" if len(own) == every.get(kind) else f"[{','.join(own)}]"
         yield f"{kind}.{several if len(own) > 1 else own[0]}{key}"
 
 

@@ -121,12 +121,13 @@ class Bodies:
                 "name": self.name(label if k == len(joints) - 1 else f"{label}_{k + 1}"),
                 "parent": carrier,
             }
-            slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
             one = self._following.get(joint)
             if one is not None and one.leader == HELD:
-                self._hold(frame, joint, start, one.offset, first=k == 0)
+                frame |= self._held(joint, start, one.offset, first=k == 0)
+                self.frames.append(frame)
                 carrier, at = frame["name"], position
                 continue
+            slides = model.jnt_type[joint] == self._mujoco.mjtJoint.mjJNT_SLIDE
             frame["motion"] = "prismatic" if slides else "revolute"
             frame["joint"] = self._joint_names[joint]
             frame["origin"] = numbers_of(start)
@@ -148,37 +149,24 @@ class Bodies:
             carrier = name
         self.places[body] = (carrier, -at)
 
-    def _hold(self, frame: Document, joint: int, start: Any, angle: float, *, first: bool) -> None:
-        """Add a fixed frame in place of that of a joint that stands still.
+    def _held(self, joint: int, start: Any, angle: float, *, first: bool) -> Document:
+        """A fixed frame for a joint that stands at an angle [rad] or [m].
 
-        Args:
-            frame: its name and parent.
-            joint: index.
-            start: origin of the joint in the parent [m].
-            angle: at which the joint stands [rad] or [m].
-            first: whether it is the body's first joint, whose frame is turned as the body.
+        ``start`` is where it is in the parent [m]; the first joint of a body is turned as the body.
         """
         model, mujoco = self._model, self._mujoco
-        axis = np.array(model.jnt_axis[joint])
+        label, slides = self.label("JOINT", joint), mujoco.mjtJoint.mjJNT_SLIDE
+        self.remarks.append(f"{label} is held by an equality constraint: it is no joint here")
+        body = model.body_quat[model.jnt_bodyid[joint]] if first else np.array([1.0, 0.0, 0.0, 0.0])
         moved = angle - float(model.qpos0[model.jnt_qposadr[joint]])
-        turned = np.array(
-            model.body_quat[model.jnt_bodyid[joint]] if first else [1.0, 0.0, 0.0, 0.0]
-        )
-        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
-            way = np.empty(3)
-            mujoco.mju_rotVecQuat(way, moved * axis, turned)
-            start = start + way
+        way, turn, whole = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.empty(4)
+        if model.jnt_type[joint] == slides:
+            mujoco.mju_rotVecQuat(way, moved * model.jnt_axis[joint], body)
         else:
-            turn, whole = np.empty(4), np.empty(4)
-            mujoco.mju_axisAngle2Quat(turn, axis, moved)
-            mujoco.mju_mulQuat(whole, turned, turn)
-            turned = whole
-        w, x, y, z = numbers_of(turned)
-        frame |= {"motion": "fixed", "origin": numbers_of(start), "quaternion": [x, y, z, w]}
-        self.frames.append(frame)
-        self.remarks.append(
-            f"{self.label('JOINT', joint)} is held by an equality constraint: it is no joint here"
-        )
+            mujoco.mju_axisAngle2Quat(turn, model.jnt_axis[joint], moved)
+        mujoco.mju_mulQuat(whole, body, turn)
+        w, x, y, z = numbers_of(whole)
+        return {"motion": "fixed", "origin": numbers_of(start + way), "quaternion": [x, y, z, w]}
 
     def renamed(self) -> Iterator[str]:
         """What is said of names that differ from the model's."""
