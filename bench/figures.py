@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from cdrj_ros.foundation.arrays import Table
 
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
@@ -97,10 +99,6 @@ def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
     return times
 
 
-def turns(rounds: int, within_s: float) -> Iterator[int]:
-    """Count rounds, at least one, and stop when another is unlikely to end ``within_s``."""
-    begin = perf_counter()
-    for k in range(rounds):
-        if k > 0 and (perf_counter() - begin) * (k + 1) / k > within_s:
-            return
-        yield k
+def there_and_back(angles: Table) -> Table:
+    """Readings of a motion and of the way back, shape (n, axes), which may be repeated."""
+    return np.concatenate([angles, angles[-2:0:-1]])

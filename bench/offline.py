@@ -1,4 +1,4 @@
-"""Time of ``validate`` on a long recording beside rosbags, and of a fit to it."""
+"""Time of commands on recordings: ``validate`` beside rosbags, ``identify``, ``commission``."""
 
 from __future__ import annotations
 
@@ -6,82 +6,75 @@ import contextlib
 import io
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
-from bench.figures import BAG, ROBOT, Row, alone, compared, seconds, turns
+from bench.figures import ROBOT, Row, alone, compared, seconds, there_and_back
+from bench.hand import fingers, hand_text
+from bench.update import recorded_motion
 from cdrj_ros.commands import validate
-from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.foundation.arrays import Table
+from cdrj_ros.model.following import following_motors
+from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
+from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.reader import build_robot
 
 DURATION_S = 200
 ROUNDS = 3
-MESSAGES_S = 45.0
-"""Time for the rounds of ``validate``."""
-FIT_S = 40.0
-"""Time for the rounds of ``identify``."""
 EIGHT = "rho,preload,EA,f_d"
 """Numbers to fit: four keys with a number for each of the prototype's two cables."""
+TRUE = {"cables.upper.preload": 34.0, "cables.lower.preload": 28.0}
+"""Where the recorded prototype differs from its file [N]."""
+NOISE = (0.1, 0.002)
+"""Of references [N], and of torques [N m]."""
+FINGERS = 5
+REST_S, MOTION_S = 3, 40
+OFTEN = (1.3, 1.9)
+"""Of both joints of a finger [rad/s]."""
 
 
-def prolonged(series: Series, begin_ns: int, end_ns: int) -> Series:
-    """The series repeated forwards and backwards; every pass begins where the previous one ends."""
-    span = end_ns - begin_ns
-    passes = -(-DURATION_S * 1_000_000_000 // span)
-    logs: list[Any] = []
-    stamps: list[Any] = []
-    values: list[Any] = []
-    for k in range(passes):
-        there = k % 2 == 0
-        for times, into in ((series.log_ns, logs), (series.stamp_ns, stamps)):
-            since = times - begin_ns if there else (end_ns - times)[::-1]
-            into.append(begin_ns + k * span + since)
-        values.append(series.value if there else series.value[::-1])
-    log, stamp, value = (np.concatenate(parts) for parts in (logs, stamps, values))
-    kept = log < begin_ns + DURATION_S * 1_000_000_000
-    kept[1:] &= stamp[1:] > stamp[:-1]
-    return Series(stamp[kept], log[kept], value[kept])
+def write_bag(path: Path, model: Model, motors: Table, joints: Table, every: int = 0) -> None:
+    """Write a robot's readings, joints' half as often, with torques.
 
+    Args:
+        path: of the bag.
+        model: the robot.
+        motors, joints: angles at all readings [rad].
+        every: how many readings come with a reading of all load cells; 0 for none.
+    """
+    topics, layout, noise = Topics(), model.layout, np.random.default_rng(0)
+    stamps = 1_700_000_000 * 10**9 + np.arange(len(motors)) * 1_000_000
+    found = run(model, initial_state(model), Samples(stamps, motors, joints))[1].values
 
-def _columns(channels: Mapping[str, Series], prefix: str, recording: Recording) -> dict[str, Any]:
-    """Arguments of a ``BagWriter.write_…`` method for the channels of one topic."""
-    longer = {
-        name.removeprefix(prefix): prolonged(series, recording.start_ns, recording.end_ns)
-        for name, series in channels.items()
-        if name.startswith(prefix)
-    }
-    first = next(iter(longer.values()))
-    return {
-        "stamp_ns": first.stamp_ns,
-        "log_ns": first.log_ns,
-        "names": tuple(longer),
-        "values": np.stack([series.value for series in longer.values()], axis=1),
-    }
+    def heard(part: slice, size: float) -> Table:
+        return found[:, part] + noise.normal(0.0, size, found[:, part].shape)
 
-
-def write_long_bag(path: Path, recording: Recording) -> None:
-    """Write the sample recording, prolonged to ``DURATION_S``."""
-    topics = Topics()
-
-    def given(channels: Mapping[str, Series], prefix: str, array: str) -> dict[str, Any]:
-        columns = _columns(channels, prefix, recording)
-        columns[array] = columns.pop("values")
-        return columns
-
+    tensions, forces, _ = topics.references
     with BagWriter(path) as bag:
-        bag.write_joint_states(topics.motors, **given(recording.motors, "", "position"))
-        bag.write_joint_states(topics.joints, **given(recording.joints, "", "position"))
-        tensions, forces, efforts = topics.references
-        bag.write_tensions(tensions, **given(recording.references, "tension/", "tension"))
-        bag.write_nodal_forces(forces, **given(recording.references, "nodal_force/", "magnitude"))
-        bag.write_joint_states(efforts, **given(recording.references, "effort/", "effort"))
+        efforts = heard(layout.motor_effort, NOISE[1])
+        bag.write_joint_states(topics.motors, stamps, layout.motors, motors, effort=efforts)
+        bag.write_joint_states(topics.joints, stamps[::2], layout.joints, joints[::2])
+        if every:
+            pulls, magnitudes = (heard(one, NOISE[0]) for one in (layout.tension, layout.magnitude))
+            bag.write_tensions(tensions, stamps[::every], layout.elements, pulls[::every])
+            bag.write_nodal_forces(forces, stamps[::every], layout.pulleys, magnitudes[::every])
+
+
+def write_prototype(path: Path) -> None:
+    """Write the sample recording's motion, to and fro for ``DURATION_S``."""
+    robot = load_model(str(ROBOT)).robot
+    model = prepare(build_robot(with_numbers(robot.document, TRUE), "recorded"))
+    read = recorded_motion(model)
+    motors, joints = (
+        np.resize(there_and_back(angles), (DURATION_S * 1000, 1))
+        for angles in (read.motor_angle, read.joint_angle)
+    )
+    write_bag(path, model, motors, joints, 10)
 
 
 def deserialise(path: Path) -> float:
@@ -110,28 +103,39 @@ def _run(command: str, arguments: list[str]) -> float:
     return seconds(lambda: subprocess.run(given, check=True, stdout=subprocess.DEVNULL))
 
 
+def commissioned(folder: Path, count: int) -> float:
+    """Time of ``commission`` of fingers with tare, spring scale and motion with torques [s]."""
+    robot, model = folder / "hand.yaml", fingers(count)
+    robot.write_text(hand_text(count), encoding="utf-8")
+    reference = model.robot.reference_pose
+    time = 1e-3 * np.arange(1000 * MOTION_S)
+    moving = np.radians(35.0 + 25.0 * np.sin(np.outer(time, OFTEN * count)))
+    for name, joints in (("rest", np.tile(reference, (1000 * REST_S, 1))), ("motion", moving)):
+        write_bag(folder / name, model, following_motors(model, joints), joints)
+    scale = ",".join(f"{cable.name}={cable.preload}" for cable in model.robot.cables)
+    given = {"robot": robot, "out": folder / "new.yaml", "preload": scale}
+    given |= {name: folder / name for name in ("rest", "motion")}
+    return _run("commission", ["--yes", *(f"--{key}={value}" for key, value in given.items())])
+
+
 def measure() -> list[Row]:
-    """Seconds for a bag of ``DURATION_S``."""
+    """Seconds for a bag of ``DURATION_S``, and of the hand's commissioning."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "long")
-        write_long_bag(path, read_recording(BAG))
+        write_prototype(path)
         given = [str(path), "--robot", str(ROBOT)]
-        model = load_model(str(ROBOT))
-        conditioned = condition_recording(model, read_inputs(str(path), Topics(), model))
-        if any(conditioned.refused.values()):
-            raise RuntimeError(f"the prolonged bag is not clean: {dict(conditioned.refused)}")
-        whole, process, decoded = [], [], []
         _quietly(given)
-        for _ in turns(ROUNDS, MESSAGES_S):
-            whole.append(seconds(lambda: _quietly(given)))
-            decoded.append(deserialise(path))
-            process.append(_run("validate", given))
-        fits = [_run("identify", [*given, "--fit", EIGHT]) for _ in turns(ROUNDS, FIT_S)]
+        turns = [
+            (seconds(lambda: _quietly(given)), _run("validate", given), deserialise(path))
+            for _ in range(ROUNDS)
+        ]
+        fit = _run("identify", [*given, "--fit", EIGHT])
+        commission = commissioned(Path(folder), FINGERS)
+    whole, process, decoded = zip(*turns, strict=True)
     bag, beside = f"{DURATION_S} s bag", "rosbags: deserialising alone"
-    what = f"validate, {bag}, all but the process's start"
-    command = "validate as a command, from its start"
     return [
-        compared(what, "s", whole, beside, decoded, "< 1"),
-        compared(command, "s", process, beside, decoded, "≤ 0.3"),
-        alone(f"identify, eight numbers, {bag}", "s", fits, "< 12"),
+        compared(f"validate, {bag}, without its process", "s", whole, beside, decoded, "< 1"),
+        compared("validate as a command", "s", process, beside, decoded, "≤ 0.3"),
+        alone(f"identify, eight numbers, {bag}", "s", fit, "< 12"),
+        alone("commission of five fingers, 40 s of motion", "s", commission, "≤ 90"),
     ]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.figures import ROBOT, Row, alone, compared
+from bench.figures import ROBOT, Row, alone, compared, there_and_back
 from bench.hand import fingers, hand_text, motion
 from bench.processes import (
     Process,
@@ -130,10 +130,6 @@ def _messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> M
         yield joint.encode(stamp, position=moved), motor.encode(stamp, position=turned)
 
 
-def _there_and_back(angles: Table) -> Table:
-    return np.concatenate([angles, angles[-2:0:-1]])
-
-
 def _write_answers(model: Model, folder: Path) -> None:
     """Write one estimate as the three messages that the relay sends."""
     reference = Sample(1, model.robot.reference_motors, model.robot.reference_pose)
@@ -176,7 +172,7 @@ def _beside_relay(folder: Path) -> list[Row]:
     """The prototype at 1 kHz."""
     model = load_model(str(ROBOT))
     read = recorded_motion(model)
-    played = _there_and_back(read.motor_angle), _there_and_back(read.joint_angle)
+    played = there_and_back(read.motor_angle), there_and_back(read.joint_angle)
     _write_answers(model, folder)
     nodes = [
         (name, command, _messages(model.layout, *played, PERIOD_NS))

@@ -73,7 +73,7 @@ def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequen
 
 
 def test_a_cable_that_slips_on_moves_no_member_between_two_readings() -> None:
-    """Friction follows a path without a reversal to its ends, however well the numbers are known."""
+    """Friction follows a path without a reversal to its ends, however exact the numbers are."""
     known = {"uncertainty": {"others": "exact", "drums": "hold"}}
     model = prepare(build_robot({**hand(finger("a")).document, **known}, "hand"))
     phase = 2.0 * np.pi * np.arange(0.0, 2.0, 0.01)
