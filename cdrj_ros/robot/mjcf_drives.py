@@ -20,6 +20,9 @@ MyoSuite's whole body."""
 SLENDER: Final = 150.0
 """Length over thickness of a tendon beyond which that is said; up to 150 in public models."""
 
+THICKEST: Final = 0.05
+"""Thickness of a tendon beyond which that is said, too [m]."""
+
 HELD: Final = -1
 """Leader of a joint that stands still."""
 
@@ -189,7 +192,7 @@ def other_properties(
     length, thickness = (
         float(one[longest]) for one in (model.tendon_length0, 2.0 * model.tendon_width)
     )
-    if length > max(LARGE, SLENDER * thickness):
+    if length > max(LARGE, SLENDER * thickness) or thickness > THICKEST:
         yield (
             f"tendon {label('TENDON', longest)} is {length:.3g} m long and {1e3 * thickness:g} mm "
             "thick: are all lengths of the model in m?"

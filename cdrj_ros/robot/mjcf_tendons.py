@@ -215,6 +215,11 @@ class _Import:
                         f"{name}: the gear {gear:g} of its actuator is not carried over: the "
                         "radius of its drum is assumed"
                     )
+                if (
+                    self._model.actuator_gaintype[actuators[0]]
+                    == self._mujoco.mjtGain.mjGAIN_MUSCLE
+                ):
+                    self._remarks.append(f"{name}: its muscle is a motor with a drum here")
                 if names[1:]:
                     self._remarks.append(
                         f"{name} is pulled by {', '.join(names)}: the first one turns its drum"

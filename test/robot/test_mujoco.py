@@ -271,6 +271,13 @@ def test_a_finger_of_metres_with_cables_of_millimetres_is_asked_for_its_unit(
     assert any("are all lengths in m?" in text for text in doubts) == (factor == 1000)
 
 
+def test_cables_that_are_thick_as_well_are_asked_for_their_unit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(larger(FINGER, 10).replace("<spatial ", '<spatial width="0.03" '), tmp_path)
+    assert "60 mm thick: are all lengths of the model in m?" in capsys.readouterr().out
+
+
 def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path: Path) -> None:
     path = tmp_path / "finger.xml"
     path.write_text(FINGER)
@@ -304,7 +311,7 @@ HELD = """
     <joint joint1="behind" joint2="turned" polycoef="0.1 0.5 0 0 0"/> <joint name="more" joint1="behind" joint2="q"/>
     <tendon name="tied" tendon1="t" tendon2="bent"/>
   </equality>
-  <actuator><motor name="m" tendon="t"/><motor name="n" tendon="bent"/><motor name="s" tendon="sum"/></actuator>
+  <actuator><muscle name="m" tendon="t"/><motor name="n" tendon="bent"/><motor name="s" tendon="sum"/></actuator>
 </mujoco>
 """  # noqa: E501
 
@@ -319,6 +326,7 @@ def test_joints_that_an_equality_holds_are_none_and_what_is_lost_is_said_once(
         "each of still, slid, gliding, turned, behind is held by an equality constraint: it is no",
         "equality constraint more of behind and q is left out: the first joint follows another",
         "equality constraint tied of t and bent is left out: each tendon is a cable of its own",
+        "t: its muscle is a motor with a drum here",
         "damping of bent is not carried over: cables are not damped",
         "bent has a limited length, which is not carried over",
         "s pulls a fixed tendon, which has no path: it is left out",
