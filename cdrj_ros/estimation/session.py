@@ -44,7 +44,7 @@ from cdrj_ros.estimation.estimator import (
     step,
 )
 from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
-from cdrj_ros.estimation.travel import MotorTravel
+from cdrj_ros.estimation.travel import MotorTravel, most_likely
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -145,6 +145,7 @@ class LiveEstimator:
         """The state after the last predicted sample, if one was taken since the last other one."""
         self._preload = preload_of_elements(model.robot)
         self._everywhere = np.ones(self._preload.size, dtype=np.bool_)
+        self._most = model.robot.per_element([most_likely(one) for one in model.robot.cables])
         if expected is not None:
             self.expect_sensors()
 
@@ -375,6 +376,8 @@ class LiveEstimator:
             )
         if sample.doubtful or self.travel.words:
             mark_elements_unsure(estimate.values, self._everywhere)
+        elif (beyond := estimate.tension > self._most).any():
+            mark_elements_unsure(estimate.values, beyond)
         if self.corrections is not None and self.corrections.doubted is not None:
             mark_elements_unsure(estimate.values, self.corrections.doubted)
         if not self.options.uncertainty:

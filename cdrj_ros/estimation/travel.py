@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from math import isfinite
+from math import inf, isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +20,8 @@ from cdrj_ros.estimation.estimator import NEVER, Sample
 from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.model.following import following_motors, stiffness_at_preload, whole_lengths
 from cdrj_ros.model.prepared import Model, lengths_at
-from cdrj_ros.robot.description import Joint, Motor, Winch
+from cdrj_ros.robot.description import Cable, Joint, Motor, Winch
+from cdrj_ros.robot.groups import motors_of
 
 FEWEST: Final = 4
 """Smallest number of poses that are compared: of a motor that turns too fast, or a joint out of its
@@ -240,6 +241,16 @@ class MotorTravel:
         for a, b in _pairs(joints, len(robot.joints)):
             pair = robot.joints[a].name, robot.joints[b].name
             yield Mistake(words.format(*pair), motor, _swapped(robot.joints, joint, a, b), SCATTER)
+
+
+def most_likely(cable: Cable) -> float:
+    """Tension beyond which a motor's cable is rather misread than loaded [N].
+
+    Infinite for a cable with a ``max_tension``, beyond which it is overloaded.
+    """
+    if isfinite(cable.maximum_tension) or not motors_of(cable):
+        return inf
+    return max(MOST_PRELOADS * cable.preload, LARGEST_STRAIN * cable.axial_stiffness)
 
 
 def _pairs(some: Indices, count: int) -> Iterator[tuple[int, int]]:

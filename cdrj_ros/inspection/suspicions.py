@@ -85,7 +85,7 @@ def find_suspicions(inspection: Inspection) -> tuple[Suspicion, ...]:
         found += _thickness(cable, entry.get("diameter"))
     unlimited = [cable.name for cable in robot.cables if isinf(cable.maximum_tension)]
     if unlimited:
-        text = "without max_tension: no overload will be reported"
+        text = "without max_tension: overload is only UNSURE"
         found.append(Suspicion(", ".join(unlimited), text, grave=False))
     found += untouched_bodies(inspection.model)
     found += _motors(inspection)

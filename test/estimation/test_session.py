@@ -21,6 +21,7 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.robot.reader import parse_robot
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +63,30 @@ def test_a_sensor_that_is_ignored_changes_nothing(model: Model, readings: Sample
     assert np.array_equal(output.values, plain.values)
     with pytest.raises(UsageError, match="ignored_sensors names no sensor of the robot: wnch"):
         LiveEstimator(model, Options(ignored_sensors=("wnch",)))
+
+
+@pytest.mark.parametrize(("turn", "ok"), [(0.0, True), (0.1, True), (20.0, False)])
+def test_a_tension_that_no_such_cable_carries_is_not_ok_without_a_max_tension(
+    turn: float, ok: bool
+) -> None:
+    """A cable of EA 8000 N on a drum of 10 mm; 20 rad of it, a gear left out, make 4000 N."""
+    anchor = "{type: anchor, position: [0.4, 0.0]}"
+    winch = "{type: winch, motor: m, winding: 1, radius_mm: 10, position: [0, 0], turn: cw}"
+    robot = parse_robot(
+        f"""
+        name: lift
+        motors: [{{name: m}}]
+        joints: []
+        frames: []
+        friction: {{mu_c: 0.1}}
+        uncertainty: {{others: exact}}
+        cables: [{{name: c, axial_stiffness: 8000, preload: 20, nodes: [{winch}, {anchor}]}}]
+        """
+    )
+    live = LiveEstimator(prepare(robot))
+    for k in range(100):
+        _, found = live.feed("both", 10**9 + 10_000_000 * k, ["m"], [turn])
+    assert (found[-1].status == 0).all() == ok
 
 
 def test_an_effort_counts_by_the_noise_of_its_motor_in_the_robot_file(model: Model) -> None:
