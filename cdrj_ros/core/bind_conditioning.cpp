@@ -222,19 +222,19 @@ void bind_axis(nb::module_& core) {
                Nanoseconds clock_offset_ns, double clock_stddev, double period, double scale,
                double offset, std::vector<double> corrected_at, std::vector<double> correction,
                double bandwidth, bool adaptive, double band, double negligible, double count,
-               double worth, std::vector<double> pull, bool free, double start) {
+               double worth, double start) {
                 require(
                     corrected_at.size() == correction.size(),
                     "a correction needs as many values as angles");
                 new (made) Axis{std::move(name), lower, upper, max_speed, clock_offset_ns,
                                 clock_stddev, period, scale, offset, std::move(corrected_at),
                                 std::move(correction), bandwidth, adaptive, band, negligible,
-                                count, worth, std::move(pull), free, start};
+                                count, worth, start};
             },
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
             "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
             "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "count"_a,
-            "worth"_a, "pull"_a, "free"_a, "start"_a, R"(
+            "worth"_a, "start"_a, R"(
             Keep the numbers.
 
             Args:
@@ -252,9 +252,6 @@ void bind_axis(nb::module_& core) {
                 negligible: standard deviations up to this are not reported [rad].
                 count: resolution of the readings [rad]; 0 where it is unknown.
                 worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
-                pull: of every cable, see ``conditioner.pulls_of`` [1/rad]; empty if it is unknown.
-                free: whether the axis may move through its range while those of the other kind, motors
-                    or joints, stand still.
                 start: an ambiguous first reading means the possible angle nearest to it [rad].)")
         .def_ro("name", &Axis::name)
         .def_ro("lower", &Axis::lower)
@@ -276,11 +273,10 @@ void bind_conditioner(nb::module_& core) {
         "Gates and time line of one robot.")
         .def(
             "__init__",
-            [](Conditioner* self, std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns,
-               const std::vector<double>& bends) {
-                new (self) Conditioner(std::move(axes), motors, predict, horizon_ns, bends);
+            [](Conditioner* self, std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns) {
+                new (self) Conditioner(std::move(axes), motors, predict, horizon_ns);
             },
-            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a, "bends"_a = std::vector<double>(),
+            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a,
             "Start without readings.")
         .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a,
              "arrival_ns"_a = NEVER_NS, "by_arrival"_a = false,
@@ -341,12 +337,7 @@ void bind_conditioner(nb::module_& core) {
             return names_where(c, [](const Channel& channel) { return channel.steps.repeats(); });
         })
         .def_prop_ro("misfitting", [](const Conditioner& c) {
-            List<nb::str> found;
-            for (std::size_t k = 0; k < c.axes().size(); ++k) {
-                const bool doubted = c.channels()[k].misfits || c.time_line().units().doubts(k);
-                if (doubted) found.append(c.axes()[k].name);
-            }
-            return found;
+            return names_where(c, [](const Channel& channel) { return channel.misfits; });
         })
         .def_prop_ro("lagging", [](const Conditioner& c) {
             ByName<std::pair<Nanoseconds, double>> found;

@@ -26,7 +26,7 @@ void make_ensemble(
     Ensemble* made, const HeldRobot& robot, const Given& constants, const Given& friction_share,
     const GivenFlags& slipping, const Given& effort_error, const Given& reading_error,
     const Given& zero_error, const Given& unseen_share, const Given& offset_gain, const Given& length_share,
-    const Given& span, const Given& unmodelled) {
+    const Given& load_share, const Given& span, const Given& unmodelled) {
     const Sizes& sizes = robot.robot.topology.sizes;
     const Index members = constants.shape(0), axes = sizes.axes();
     const Index quantities = unmodelled.shape(1);
@@ -43,6 +43,7 @@ void make_ensemble(
         .unseen_share = taken(unseen_share, {paths, members, axes}, "unseen_share"),
         .gains = std::vector<std::vector<Gain>>(quantities),
         .length_share = taken(length_share, {sizes.elements}, "length_share"),
+        .load_share = taken(load_share, {sizes.cables, axes}, "load_share"),
         .lower = {lower_upper.begin(), lower_upper.begin() + axes},
         .upper = {lower_upper.begin() + axes, lower_upper.end()},
         .reading_rows = errors,
@@ -147,6 +148,7 @@ void continue_lags(Ensemble& ensemble, const Ensemble& before) {
     require(
         ensemble.lags.numbers.size() == before.lags.numbers.size(), "the ensembles are of different robots");
     std::ranges::copy(before.lags.numbers, ensemble.lags.numbers.begin());
+    ensemble.units = before.units;
     ensemble.renew_lasting();
 }
 
@@ -238,7 +240,7 @@ void bind_ensemble(nb::module_& core) {
         .def(
             "__init__", make_ensemble, "robot"_a, "constants"_a, "friction_share"_a, "slipping"_a,
             "effort_error"_a, "reading_error"_a, "zero_error"_a, "unseen_share"_a, "offset_gain"_a, "length_share"_a,
-            "span"_a, "unmodelled"_a, R"(
+            "load_share"_a, "span"_a, "unmodelled"_a, R"(
             Copy all arrays.
 
             Args:
@@ -252,6 +254,8 @@ void bind_ensemble(nb::module_& core) {
                 unseen_share: xi of (U3), rows used in turn, shape (rows, members, axes).
                 offset_gain: change per offset of an axis (U12), shape (quantities, axes).
                 length_share: of every element in the length of its cable, shape (elements,).
+                load_share: by what share of an axis's motion a load stretches a cable, (C15), shape
+                    (cables, axes).
                 span: range of all axes [rad], shape (2, axes).
                 unmodelled: variance that no member shows, (U5), and magnitude where cables are slack,
                     (U6), shape (2, quantities).
@@ -289,7 +293,7 @@ void bind_ensemble(nb::module_& core) {
         .def("reset", &Ensemble::reset,
             "Discard the history of all members; the next sample starts them anew.")
         .def("continue_lags", continue_lags, "before"_a,
-            "Continue with what another ensemble of the robot knows of lasting errors (U12), (U13).")
+            "Continue with what another ensemble of the robot knows of errors that last, (C15) and (U13).")
         .def("renew_lasting", &Ensemble::renew_lasting,
             "Compute what follows from ``lags``, after changes of it.")
         .def_prop_ro("lag", lag_of, R"(
@@ -318,6 +322,12 @@ void bind_ensemble(nb::module_& core) {
             "Least variance of every quantity that is shown, (U15), shape (quantities,).")
         .def_prop_ro("lags", part(&Ensemble::lags, &Lags::numbers),
             "What is remembered of mean tensions and velocities, (U13) and (U18); opaque.")
+        .def_prop_ro("unit_error", [](const Ensemble& ensemble) {
+            Written found({Index(ensemble.axes())});
+            std::ranges::copy(ensemble.units.errors, found.data());
+            return found;
+        },
+            "What every axis may be wrong by because of its unit, (C15) [rad], shape (axes,).")
         .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals),
             "Beginnings and ends of intervals without readings so far, odd during one, shape (axes,).")
         .def_prop_ro("heading", part(&Ensemble::memory, &EnsembleMemory::heading),

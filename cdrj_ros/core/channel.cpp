@@ -44,12 +44,13 @@ double correction_at(const Axis& axis, double angle) {
     return slope * (angle - at[before]) + value[before];
 }
 
-}  // namespace
-
+/// The next of few values, each a quarter above the one before, so that changes are few.
 double level(double value) {
     if (!(value > 0.0)) return 0.0;
     return std::exp(FINER * std::ceil(std::log(value) / FINER));
 }
+
+}  // namespace
 
 void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
     if (others_.size() <= axis) others_.resize(axis + 1);

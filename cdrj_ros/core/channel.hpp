@@ -64,9 +64,6 @@ struct Unwrapped {
     double angle;
 };
 
-/// The next of few values, each a quarter above the one before, so that changes are few.
-double level(double value);
-
 /// Result of comparing a stamp with the last one accepted.
 enum class Timing { usable, repeated, contradictory, late, another_time };
 
@@ -179,7 +176,7 @@ public:
     void look_at_counts(const Axis& axis, double reading);
 
     /// Whether its counts do not exclude degrees yet.
-    bool is_unit_open(const Axis& axis) const { return !axis.pull.empty() && !axis.free && !counted; }
+    bool is_unit_open(const Axis& axis) const { return axis.worth > 0.0 && axis.worth < INFINITE && !counted; }
 
     /// What its motion so far is wrong by if its unit is.
     double unit_error(const Axis& axis) const {

@@ -7,9 +7,8 @@
 
 namespace cdrj {
 Conditioner::Conditioner(
-    std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns,
-    std::span<const double> bends)
-    : axes_(std::move(axes)), motors_(motors), time_line_(axes_, bends, predict, horizon_ns) {
+    std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns)
+    : axes_(std::move(axes)), motors_(motors), time_line_(predict, horizon_ns) {
     for (std::size_t k = 0; k < axes_.size(); ++k) index_.emplace(axes_[k].name, k);
     take_refused();
     begin();

@@ -39,10 +39,8 @@ public:
     /// axes: of all motors, then all joints, in the robot's order.
     /// motors: how many of them are motors.
     /// predict: whether lagging channels are extrapolated, by up to `horizon_ns`.
-    /// bends: of every cable, see `Units`; empty for none.
     Conditioner(
-        std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns,
-        std::span<const double> bends = {});
+        std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns);
     Conditioner(const Conditioner&) = delete;  // recordings refer to it
     Conditioner& operator=(const Conditioner&) = delete;
 

@@ -85,6 +85,7 @@ Ensemble::Ensemble(
       draws(std::move(of_draws)),
       population(robot_.topology, draws.slipping.size() / cables(), std::move(of_members)),
       lags(robot_.topology.sizes.axes(), gains_of_cables()),
+      units(robot_.topology.sizes.axes(), gains_of_cables(), draws.load_share),
       everything_{robot_.topology.paths->all, 1, false},
       parts_{{}, PARTS, false},
       at_once_{{}, 1, false},
@@ -164,6 +165,7 @@ void Ensemble::roll_back() {
 void Ensemble::reset() {
     kept_.reset();
     start_anew();
+    units.begin();
     memory.progress.last_stamp = -1;
     std::ranges::fill(memory.unsolved, 0);
     std::ranges::fill(memory.unseen, 0.0);

@@ -11,6 +11,7 @@
 #include "population.hpp"
 #include "lags.hpp"
 #include "records.hpp"
+#include "units.hpp"
 
 namespace cdrj {
 
@@ -56,6 +57,7 @@ struct Draws {
     std::vector<double> unseen_share;    // xi of (U3), by intervals in turn, members and axes
     std::vector<std::vector<Gain>> gains;  // of every quantity
     std::vector<double> length_share;    // of every element in the length of its cable
+    std::vector<double> load_share;      // of cables by axes, see `Units`
     std::vector<double> lower;           // range of every axis [rad]
     std::vector<double> upper;
     Index reading_rows;                  // of `reading_error`
@@ -192,6 +194,7 @@ public:
     Population population;  // the members
     EnsembleMemory memory;  // Python holds views of it: its vectors are never moved
     Lags lags;              // and of its numbers; samples that are predicted do not change it
+    Units units;            // nor this
     Index cable_steps = 0;  // of all cables of all members so far
 
 private:
@@ -224,6 +227,7 @@ private:
     void renew_variance(Index quantity);
     std::vector<double> gains_of_cables() const;
     void bound_errors();
+    void renew_slipped();
     void renew_late();
     double shown(Index quantity, std::span<const double> nominal) const;
     double hidden(Index quantity) const;

@@ -82,7 +82,7 @@ std::vector<double> Ensemble::gains_of_cables() const {
     return found;
 }
 
-/// Note the mean tensions of all cables, which bound what lags are worth, (U13).
+/// Note the mean tensions of all cables, which bound what lags and units are worth, (U13), (C15).
 void Ensemble::bound_errors() {
     for (Index c = 0; c < cables(); ++c) {
         if (memory.unsolved[c] != 0) continue;
@@ -91,6 +91,7 @@ void Ensemble::bound_errors() {
         for (Index e = first; e < beyond; ++e) mean += draws.length_share[e] * estimate_[e];
     }
     if (lags.take(memory.progress.last_stamp, angle_, unseen_, mean_tensions_)) renew_late();
+    if (units.take(memory.progress.last_stamp, angle_, unseen_, mean_tensions_)) renew_slipped();
 }
 
 void Ensemble::take_offset(std::span<const double> offset) {
@@ -100,15 +101,20 @@ void Ensemble::take_offset(std::span<const double> offset) {
 
 void Ensemble::renew_lasting() {
     lags.renew();
+    renew_slipped();
+    renew_late();
+}
+
+/// Compute the variances of offsets, (C9), and of what units may be wrong by, (C15).
+void Ensemble::renew_slipped() {
     const std::span<const double> offset = lags.offset();
     for (std::size_t q = 0; q < quantities.size(); ++q) {
         slipped_[q] = 0.0;
         for (const auto& [axis, gain] : draws.gains[q]) {
-            const double part = gain * offset[axis];
-            slipped_[q] += part * part;
+            slipped_[q] += gain * offset[axis] * (gain * offset[axis]);
+            slipped_[q] += gain * units.errors[axis] * (gain * units.errors[axis]);
         }
     }
-    renew_late();
 }
 
 /// Compute the variances of lags with the greatest speeds so far, (C10).

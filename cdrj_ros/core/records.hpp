@@ -75,8 +75,6 @@ struct Axis {
     double negligible = 0.0;            // standard deviations up to this are not reported
     double count = 0.0;                 // resolution of the readings; 0 where it is unknown
     double worth = 0.0;  // change of the angle that alone makes tensions UNSURE; 0 where unknown
-    std::vector<double> pull{};  // of every cable: change of its tension, by what makes it UNSURE, per angle [1/rad]
-    bool free = false;  // whether it may move through its range while those of the other kind stand still
     double start = 0.0;                 // an ambiguous first reading means the angle nearest to it
 };
 

@@ -116,7 +116,6 @@ std::vector<double> unseen_ahead(
 void TimeLine::begin() {
     doubts_.clear();
     offset_.clear();
-    units_.begin();
     resumed_ns_ = passed_over_ns_ = given_out_ns_ = ahead_ns_ = ahead_from_ns_ = -1;
 }
 
@@ -216,10 +215,9 @@ void TimeLine::interpolate(
             passed_over_ns_ = last_ns;  // nothing is known of an axis here
             continue;
         }
-        units_.take(last_ns, sample.angle, here);
         tell_offsets(channels, sample);
         std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= last_ns; });
-        sample.doubtful = units_.doubtful() || is_doubtful(last_ns);
+        sample.doubtful = is_doubtful(last_ns);
         sample.silent = last_ns <= ahead_ns_;
         began = true;
         to.push_back(std::move(sample));
@@ -232,9 +230,7 @@ void TimeLine::tell_offsets(Channels channels, Sample& sample) {
     bool changed = offset_.empty();
     offset_.resize(channels.size());
     for (std::size_t k = 0; k < channels.size(); ++k) {
-        Offset offset = reached(channels[k], sample.stamp_ns).offset;
-        const double unit_error = units_.error(k);
-        if (unit_error > 0.0) offset.slipped = level(std::hypot(offset.slipped, unit_error));
+        const Offset offset = reached(channels[k], sample.stamp_ns).offset;
         changed = changed || offset != offset_[k];
         offset_[k] = offset;
     }
@@ -266,7 +262,7 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     const bool undecided = std::any_of(channels.begin(), channels.end(), [](const Channel& channel) {
         return channel.off.has_value();  // the next reading decides if others have changed, too
     });
-    sample.doubtful = undecided || units_.doubtful() || is_doubtful(stamp_ns);
+    sample.doubtful = undecided || is_doubtful(stamp_ns);
     sample.predicted = true;
     return sample;
 }

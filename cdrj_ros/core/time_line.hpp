@@ -13,7 +13,6 @@
 
 #include "channel.hpp"
 #include "records.hpp"
-#include "units.hpp"
 
 namespace cdrj {
 
@@ -23,12 +22,9 @@ inline constexpr std::size_t WAITING = 20'000;
 /// Samples of all channels at common times.
 class TimeLine {
 public:
-    /// axes, bends: see `Units`.
     /// predict: whether lagging channels are extrapolated.
     /// horizon_ns: longest time to extrapolate.
-    TimeLine(
-        std::span<const Axis> axes, std::span<const double> bends, bool predict, Nanoseconds horizon_ns)
-        : units_(axes, bends), predict_(predict), horizon_ns_(horizon_ns) {}
+    TimeLine(bool predict, Nanoseconds horizon_ns) : predict_(predict), horizon_ns_(horizon_ns) {}
 
     /// Begins without readings.
     void begin();
@@ -51,9 +47,6 @@ public:
     /// least: what the other axes show of its motion since the reading before.
     void take(
         const Axis& axis, Channel& channel, Raw raw, Unwrapped unwrapped, const LeastMotion& least);
-
-    /// What the samples so far show of the axes' units.
-    const Units& units() const { return units_; }
 
     /// Samples at all stamps that every channel has reached, then a predicted one if enabled.
     std::vector<Sample> samples(std::span<const Axis> axes, std::span<Channel> channels);
@@ -79,7 +72,6 @@ private:
     Sample predict(Axes axes, Channels channels, Nanoseconds stamp_ns);
     bool is_doubtful(Nanoseconds stamp_ns) const;
 
-    Units units_;
     bool predict_;
     Nanoseconds horizon_ns_;
     std::vector<Doubt> doubts_;

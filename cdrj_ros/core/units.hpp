@@ -1,8 +1,8 @@
 // Units and signs of the axes, as their motion together shows them.
 //
 // A cable keeps its length but for its stretch, so what motors wind in, joints give out. Where a motion
-// leaves a stretch that is a large part of it, the angle of some axis has another unit, another sign, or
-// another axis's name. (C15) of docs/estimation.md.
+// leaves a stretch that is a large part of it, the angle of some axis has another unit, another sign,
+// another factor, or another axis's name. (C15) of docs/estimation.md.
 #pragma once
 
 #include <span>
@@ -15,54 +15,43 @@ namespace cdrj {
 /// What the motions of one robot's axes since the first sample show of their units.
 class Units {
 public:
-    /// axes: with their `pull`.
-    /// bends: by what share of the greatest motion every cable's length is not linear in the angles.
-    Units(std::span<const Axis> axes, std::span<const double> bends);
+    /// gains: change of every cable's mean tension by every axis [N/rad], by rows.
+    /// loads: by what share of an axis's motion a load stretches the cable, by rows: 0 for motors, 1 or
+    ///     more where nothing tells the motion from a load.
+    Units(std::size_t axes, std::span<const double> gains, std::span<const double> loads);
 
     /// Begins without samples.
     void begin();
 
-    /// Takes the angles of the next sample, and their standard deviations if one is not zero.
-    void take(
-        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen);
+    /// Takes the angles of the next sample, their standard deviations, and the mean tensions of all
+    /// cables. Whether `errors` have changed.
+    bool take(
+        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
+        std::span<const double> tensions);
 
-    /// Whether an axis may have another unit, because it has moved and some cable has not kept its length.
-    bool doubtful() const { return doubts_ > 0; }
-
-    /// Whether this one may.
-    bool doubts(std::size_t axis) const;
-
-    /// What an axis may be wrong by because of its unit.
-    double error(std::size_t axis) const { return error_[axis]; }
+    /// What every axis may be wrong by because of its unit, 0 where nothing says so.
+    std::vector<double> errors;
 
 private:
     /// A motor or joint that acts on a cable.
     struct End {
         std::size_t axis;
-        double pull;            // as `Axis::pull`
-        bool free;              // as `Axis::free`: its motion may stretch the cable or be taken up
-        double furthest = 0.0;  // greatest part of it of late in what stretches the cable
-        bool known = false;     // whether its unit is
-        bool doubtful = false;
+        double gain, load;
     };
 
-    /// A cable, with its ends until all of them are known.
     struct Cable {
-        double bend;
-        std::vector<End> ends{};
-        double furthest = 0.0;  // greatest of all
-        double stretch = 0.0;   // greatest sum of all, of late
+        std::vector<End> ends;
+        double stretch = 0.0;  // greatest change of its mean tension, of late [N]
     };
 
-    void take(Cable& cable, std::span<const double> angles, std::span<const double> unseen);
+    void doubt(const Cable& cable);
 
-    std::vector<Cable> all_;     // at the beginning
-    std::vector<Cable> cables_;  // those with an unknown axis
-    std::vector<double> first_;  // angles of the first sample; empty before it
-    std::vector<double> error_;
-    Nanoseconds last_ns_ = -1;   // the last sample
-    double kept_ = 1.0;          // share of what was known then that is not forgotten
-    int doubts_ = 0;             // doubtful ends
+    std::vector<Cable> cables_;
+    std::vector<double> first_angle_, first_tension_;  // of the first sample; empty before it
+    std::vector<double> furthest_;                     // greatest motion of every axis since
+    std::vector<double> before_;                       // `errors` of the sample before
+    std::vector<char> doubtful_;                       // whether an axis is
+    Nanoseconds last_ns_ = NEVER_NS;                   // the last sample
 };
 
 }  // namespace cdrj

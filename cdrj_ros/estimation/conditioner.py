@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros._core import Axis
-from cdrj_ros.estimation.draws import Streams
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.following import whole_lengths
-from cdrj_ros.model.prepared import Model, lengths_at, prepare, shape_at
+from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 
 NOISE_BAND: Final = 3.0
@@ -67,28 +65,10 @@ def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
     return efforts * np.array([scale.get(name, 1.0) for name in names])
 
 
-class Pull(NamedTuple):
-    """What an axis does to the cables."""
-
-    of_cables: Sequence[float]
-    """Change of every cable's tension per angle, by what makes it ``UNSURE`` [1/rad].
-
-    Positive where a greater angle lengthens the cable's path or winds in cable; zero for cables
-    without a motor.  Empty where it is unknown.
-    """
-    free: bool
-    """Whether it may move through its range while those of the other kind stand still."""
-
-
-UNKNOWN: Final = Pull((), False)
-"""What an axis does where nobody asks, or joints have no encoder."""
-
-
 def axes_of(
     robot: Robot,
     tracking: float | None = None,
     worth: Sequence[float] = (),
-    pulls: Sequence[Pull] = (),
 ) -> list[Axis]:
     """All motors, then all joints, in the robot's order.
 
@@ -97,16 +77,13 @@ def axes_of(
         tracking: fixed bandwidth [Hz] to use instead of the robot file's; 0 for no tracking.  A
             sensor without resolution and noise is not tracked.
         worth: of every axis, see ``worth_of``; empty where it is not needed.
-        pulls: of every axis, see ``pulls_of``; empty where they are not needed.
     """
     axes: tuple[Motor | Joint, ...] = (*robot.motors, *robot.joints)
     known = {} if robot.uncertainty is None else robot.uncertainty.stddev
     kinds = ["motors"] * len(robot.motors) + ["joints"] * len(robot.joints)
     return [
-        axis_of(one, tracking, size, known.get(f"{kind}.{one.name}.clock_offset", 0.0), pull)
-        for kind, one, size, pull in zip(
-            kinds, axes, worth or [0.0] * len(axes), pulls or [UNKNOWN] * len(axes), strict=True
-        )
+        axis_of(one, tracking, size, known.get(f"{kind}.{one.name}.clock_offset", 0.0))
+        for kind, one, size in zip(kinds, axes, worth or [0.0] * len(axes), strict=True)
     ]
 
 
@@ -115,7 +92,6 @@ def axis_of(
     tracking: float | None = None,
     worth: float = 0.0,
     clock_stddev: float = 0.0,
-    pull: Pull = UNKNOWN,
 ) -> Axis:
     """One motor or joint, as ``axes_of``; ``clock_stddev`` of its ``clock_offset`` [s]."""
     sensor, bandwidth = axis.sensor, axis.sensor.tracking_bandwidth
@@ -142,8 +118,6 @@ def axis_of(
         negligible=max(negligible(sensor), LITTLE * worth if isfinite(worth) else 0.0),
         count=sensor.resolution,
         worth=worth,
-        pull=pull.of_cables,
-        free=pull.free,
         start=axis.reference_angle,
     )
 
@@ -199,63 +173,6 @@ def _worth(model: Model) -> list[float]:
     return [UNSURE_SHARE / one if one > 0.0 else np.inf for one in most.tolist()]
 
 
-def pulls_of(robot: Robot) -> list[Pull]:
-    """What every axis with an encoder does to the cables.
-
-    Free are joints that no cable hinders to move through their ranges while the motors stand still,
-    and motors of such joints alone.
-    """
-    if robot.unmeasured:
-        return [UNKNOWN for _ in robot.as_read.axes]
-    model = prepare(robot, check_range=False)
-    motors, most = len(robot.motors), [cable.maximum_tension for cable in robot.cables]
-    ranges = np.array([joint.upper - joint.lower for joint in robot.joints])
-    held = _stiffness(model)[:, motors:] * ranges > np.array(most)[:, None]
-    shape = shape_at(model, robot.reference_pose)
-    arm, size = _by_joint(robot, shape.lever_arm), _by_joint(robot, np.abs(shape.lever_arm))
-    sign = np.hstack([np.sign(robot.drums), arm / np.maximum(size, np.finfo(float).tiny)])
-    pull = _share(model) / UNSURE_SHARE * sign
-    pull[~np.any(robot.drums, axis=1)] = 0.0
-    shared = (pull[:, :motors] != 0.0).T @ held.any(axis=1)
-    bound = [*shared.tolist(), *held.any(axis=0).tolist()]
-    return [Pull(one, not is_bound) for one, is_bound in zip(pull.T.tolist(), bound, strict=True)]
-
-
-POSES: Final = 40
-"""Random poses between which cables are compared with what is linear in the angles."""
-
-TYPICAL: Final = 0.8
-"""Share of the motions between them that are no less linear than is assumed."""
-
-MOST_BENT: Final = 0.5
-"""What is assumed at most: a stretch of the whole motion is always noticed."""
-
-
-def bends_of(robot: Robot) -> list[float]:
-    """By what share of the greatest part of an axis in it each cable's length is not linear.
-
-    Lever arms are those of the reference pose, as in ``pulls_of``; shape (cables,).
-    """
-    if robot.unmeasured or not robot.joints:
-        return []
-    model = prepare(robot, check_range=False)
-    arm = _by_joint(robot, shape_at(model, robot.reference_pose).lever_arm)
-    lower = np.array([joint.lower for joint in robot.joints])
-    upper = np.array([joint.upper for joint in robot.joints])
-    shares = [Streams(0).of("bend", joint.name).random(POSES) for joint in robot.joints]
-    pose = lower + np.stack(shares, axis=1) * (upper - lower)
-    change = np.diff(whole_lengths(robot, lengths_at(model, pose)).T)
-    parts = arm[:, :, None] * np.diff(pose, axis=0).T
-    greatest = np.maximum(np.abs(parts).max(axis=1), np.abs(change))
-    bent = np.abs(change - parts.sum(axis=1)) / np.maximum(greatest, np.finfo(float).tiny)
-    return np.fmin(np.quantile(bent, TYPICAL, axis=1), MOST_BENT).tolist()
-
-
-def _by_joint(robot: Robot, lever_arm: Table) -> Table:
-    """Lever arm of every joint on every cable, shape (cables, joints)."""
-    return np.array([lever_arm[own].sum(axis=0) for own in robot.parts])
-
-
 def _share(model: Model) -> Table:
     """``stiffness`` by the preload; a tenth of the greatest tension for a cable without one."""
     usual = [cable.preload or 0.1 * cable.maximum_tension for cable in model.robot.cables]
@@ -297,8 +214,8 @@ class Conditioner(_core.Conditioner):
     every axis less its time of arrival [ns], ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
     between two motions or contradict each other, ``stuck`` those that repeat an old reading with
-    new stamps, ``misfitting`` those whose motion has not fitted that of the motors, or joints, at
-    the other ends of their cables, ``lagging`` has the lag of axes whose topic is always late, or
+    new stamps, ``misfitting`` those whose counts do not show their unit although they have moved,
+    ``lagging`` has the lag of axes whose topic is always late, or
     whose clock differs, and ``lag_ns`` is the lag of the last sample behind the newest reading.
     """
 
@@ -313,9 +230,8 @@ class Conditioner(_core.Conditioner):
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
         self._robot, self.worth = robot.as_read, worth_of(robot)
-        self._pulls = pulls_of(robot)
-        axes = axes_of(self._robot, tracking, self.worth, self._pulls)
-        super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS, bends_of(robot))
+        axes = axes_of(self._robot, tracking, self.worth)
+        super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS)
 
     def memory(self) -> dict[str, Vector]:
         """Values that outlast a restart, for ``recall``: motion so far and the sensors' steps."""
@@ -341,7 +257,7 @@ class Conditioner(_core.Conditioner):
 
     def set_tracking(self, tracking: float | None) -> None:
         """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
-        self.use_tracking_of(axes_of(self._robot, tracking, self.worth, self._pulls))
+        self.use_tracking_of(axes_of(self._robot, tracking, self.worth))
 
     def take(
         self,

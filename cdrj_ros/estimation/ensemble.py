@@ -27,6 +27,7 @@ from cdrj_ros.estimation.estimator import Estimate, Estimates, Sample, Samples, 
 from cdrj_ros.estimation.model_error import (
     in_all_quantities,
     length_share,
+    load_share,
     offset_gain,
     unmodelled,
 )
@@ -76,6 +77,7 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         unseen_share=draws.unseen_share,
         offset_gain=offset_gain(model),
         length_share=length_share(model),
+        load_share=load_share(model),
         span=np.array(spans).T.copy(),
         unmodelled=error,
     )

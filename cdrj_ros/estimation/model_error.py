@@ -7,6 +7,7 @@ See docs/estimation.md.
 
 from __future__ import annotations
 
+from math import inf, isfinite
 from typing import Final
 
 import numpy as np
@@ -14,10 +15,24 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.robot.description import Robot, Winch, turns_of
+from cdrj_ros.robot.description import Cable, Robot, Winch, turns_of
+from cdrj_ros.robot.groups import motors_of
 
 LEAST_ARM: Final = 0.05
 """Moment arms below this fraction of the largest are not used to turn an effort into a tension."""
+
+
+MOST_PRELOADS: Final = 4.0
+"""Tension that a cable without ``max_tension`` may have, in preloads."""
+
+LARGEST_STRAIN: Final = 0.01
+"""Strain that a cable with neither may have: steel breaks at 1 to 2 %."""
+
+LARGEST_LOAD: Final = 0.3
+"""Share of a joint's motion by which loads stretch a cable at most."""
+
+FREE: Final = 1.5
+"""The same where a cable may take up the whole motion, with a greater arm than in the reference."""
 
 
 def unmodelled(model: Model) -> Table:
@@ -81,6 +96,51 @@ def offset_gain(model: Model) -> Table:
     tension = robot.per_element(stiffness(robot, shape))
     efforts = np.einsum("ea,eb->ab", _arms(robot, shape), tension)
     return _in_order(model, tension, _forces(model, shape, tension), efforts)
+
+
+def largest_tensions(robot: Robot) -> Vector:
+    """Largest tension that every cable may have [N], shape (cables,)."""
+    return np.array(
+        [
+            cable.maximum_tension
+            if isfinite(cable.maximum_tension)
+            else MOST_PRELOADS * cable.preload or LARGEST_STRAIN * cable.axial_stiffness
+            for cable in robot.cables
+        ]
+    )
+
+
+def most_likely(cable: Cable) -> float:
+    """Tension beyond which a motor's cable is rather misread than loaded [N].
+
+    Infinite for a cable with a ``max_tension``, beyond which it is overloaded.
+    """
+    if isfinite(cable.maximum_tension) or not motors_of(cable):
+        return inf
+    return max(MOST_PRELOADS * cable.preload, LARGEST_STRAIN * cable.axial_stiffness)
+
+
+def load_share(model: Model) -> Table:
+    """By what share of an axis's motion a load stretches a cable, (C15), shape (cables, axes).
+
+    A load in proportion to the pose reaches the largest tension of a cable no sooner than its
+    joints reach the ends of their ranges, and its share is ``LARGEST_LOAD`` at most.  The share is
+    0 for motors and ``FREE`` for joints that no cable hinders to move through their ranges while
+    the motors stand still, and for axes of cables that only such joints act on.
+    """
+    robot, motors = model.robot, len(model.robot.motors)
+    share = np.full((len(robot.cables), len(robot.axes)), FREE)
+    if robot.unmeasured:
+        return share
+    ranges = np.array([joint.upper - joint.lower for joint in robot.joints])
+    change = stiffness(robot, shape_at(model, robot.reference_pose))[:, motors:] * ranges
+    most = largest_tensions(robot)
+    held = (change > most[:, None]).any(axis=0)
+    whole = change[:, held].sum(axis=1)
+    for c in np.flatnonzero(whole > 0.0).tolist():
+        share[c, :motors] = 0.0
+        share[c, motors:][held] = min(most[c] / whole[c], LARGEST_LOAD)
+    return share
 
 
 def length_share(model: Model) -> Vector:

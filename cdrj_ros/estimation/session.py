@@ -43,8 +43,9 @@ from cdrj_ros.estimation.estimator import (
     initial_state,
     step,
 )
+from cdrj_ros.estimation.model_error import most_likely
 from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
-from cdrj_ros.estimation.travel import MotorTravel, most_likely
+from cdrj_ros.estimation.travel import MotorTravel
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -102,7 +103,9 @@ class LiveEstimator:
         """Samples with at least one unsolved element, without predicted ones."""
         self.ensemble: Ensemble | None = None
         self.travel = MotorTravel(model)
-        """Whether motors turn as far as the cables allow; all is in doubt while they do not."""
+        """The latest poses, which tell why motors and joints do not fit each other,"""
+        self.misfit = ""
+        """in words and with the key that mends it; empty while they fit."""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -171,6 +174,7 @@ class LiveEstimator:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
         self.travel = MotorTravel(self.model)
+        self.misfit = ""
         self._restart(known=False)
 
     def _restart(self, *, known: bool) -> None:
@@ -354,9 +358,20 @@ class LiveEstimator:
         """Note whether the robot rests, and whether motors turn as far as the cables allow."""
         self.sample = sample
         self._rest.add(sample)
-        self.travel.follow(sample)
+        if self.travel.follow(sample):
+            self.misfit = self.travel.suspicion() if self.misfitting else ""
         if not estimate.solved:
             self.unsolved += 1
+
+    @property
+    def misfitting(self) -> list[str]:
+        """Axes whose angles may have another unit, sign or name, by what they leave of tensions."""
+        names = self.conditioner.misfitting
+        if self.ensemble is not None:
+            axes = zip(self.model.robot.axes, self.ensemble.core.unit_error, strict=True)
+            worth = self.conditioner.worth
+            names += [axis.name for (axis, error), w in zip(axes, worth, strict=True) if error > w]
+        return names
 
     def _believe(self, corrections: Corrections, sample: Sample, estimate: Estimate) -> None:
         """Add what sensors say to the model's estimate; only a sample that lasts hears them."""
@@ -374,7 +389,7 @@ class LiveEstimator:
             mark_unsure(
                 self.model.core, estimate.values, self._preload, estimate.stddev, share, NO_DOUBTS
             )
-        if sample.doubtful or self.travel.words:
+        if sample.doubtful:
             mark_elements_unsure(estimate.values, self._everywhere)
         elif (beyond := estimate.tension > self._most).any():
             mark_elements_unsure(estimate.values, beyond)

@@ -10,18 +10,17 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from math import inf, isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import NEVER, Sample
+from cdrj_ros.estimation.model_error import largest_tensions
 from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.model.following import following_motors, stiffness_at_preload, whole_lengths
 from cdrj_ros.model.prepared import Model, lengths_at
-from cdrj_ros.robot.description import Cable, Joint, Motor, Winch
-from cdrj_ros.robot.groups import motors_of
+from cdrj_ros.robot.description import Joint, Motor, Winch
 
 FEWEST: Final = 4
 """Smallest number of poses that are compared: of a motor that turns too fast, or a joint out of its
@@ -42,17 +41,8 @@ POSE_NS: Final = 1_000_000_000
 FIRST_NS: Final = 20_000_000
 """and between the first ones: a wrong unit may end the motion at once."""
 
-APART: Final = 2.0
-"""Factor by which a travel must differ from the one that the cables allow, or its inverse."""
-
 UNLIKE: Final = 0.2
-"""Difference from 1 from which such a factor is told, where the motion is as regular."""
-
-MOST_PRELOADS: Final = 4.0
-"""Tension that a cable without ``max_tension`` may have, in preloads."""
-
-LARGEST_STRAIN: Final = 0.01
-"""Strain that a cable with neither may have: steel breaks at 1 to 2 %."""
+"""Difference from 1 from which a factor is told, where the motion is as regular."""
 
 NEAR: Final = 3.0
 """Factor up to which a wrong radius of a drum explains a travel as well as a gear."""
@@ -74,6 +64,7 @@ SLIGHT: Final = 1e-3
 
 
 Indices = NDArray[np.intp]
+Flags = NDArray[np.bool_]
 
 
 class Mistake(NamedTuple):
@@ -95,10 +86,7 @@ class MotorTravel:
         """Start without a pose."""
         self._motor: deque[Vector] = deque(maxlen=KEPT)
         self._joint: deque[Vector] = deque(maxlen=KEPT)
-        self._expected: deque[Vector] = deque(maxlen=KEPT)
         self._looked_ns = NEVER
-        self.words = ""
-        """What the poses so far show, see ``suspicion``."""
         self.use(model)
 
     def use(self, model: Model) -> None:
@@ -106,17 +94,16 @@ class MotorTravel:
         self._model = model
         self._stretch = _stretches(model)
         """Turns by which the largest tensions stretch the motors' cables [rad]."""
-        if self._joint:
-            self._expected = deque(following_motors(model, np.array(self._joint)), maxlen=KEPT)
+        self._slopes = _slopes(model)
+        """Motion of all motors that follow a joint, by its motion, shape (joints, motors)."""
 
-    def follow(self, sample: Sample) -> None:
-        """Renew ``words`` if something has moved since the last pose, once in ``POSE_NS``."""
+    def follow(self, sample: Sample) -> bool:
+        """Add the pose of a sample, once in ``POSE_NS``; whether it was kept."""
         since_ns = abs(sample.stamp_ns - self._looked_ns)
         if since_ns < (FIRST_NS if len(self._motor) < FEWEST else POSE_NS):
-            return
+            return False
         self._looked_ns = sample.stamp_ns
-        if self.add(sample.motor_angle, sample.joint_angle):
-            self.words = self.suspicion()
+        return self.add(sample.motor_angle, sample.joint_angle)
 
     def add(self, motor_angle: Vector, joint_angle: Vector) -> bool:
         """Add a pose: the angles of all motors and joints [rad] or [m].
@@ -126,48 +113,35 @@ class MotorTravel:
         """
         if self._model.robot.unmeasured or not self._model.robot.motors:
             return False
-        expected = following_motors(self._model, joint_angle[None, :])[0]
         if self._motor:
-            moved = [np.abs(motor_angle - self._motor[-1]), np.abs(expected - self._expected[-1])]
+            by_joints = (joint_angle - self._joint[-1]) @ self._slopes
+            moved = [np.abs(motor_angle - self._motor[-1]), np.abs(by_joints)]
             if not np.max(moved) > LEAST_TURN:
                 return False
         self._motor.append(motor_angle.copy())
         self._joint.append(joint_angle.copy())
-        self._expected.append(expected)
         return True
-
-    def ratios(self) -> dict[str, float]:
-        """Travel of every motor in units of the travel that follows the joints.
-
-        Returns:
-            By the name of those motors that follow the joints with a factor that clearly differs
-            from 1, further than tensions can stretch their cables.
-        """
-        if len(self._motor) < FEWEST:
-            return {}
-        columns = np.array(self._motor).T, np.array(self._expected).T
-        found = {}
-        for m, (read, expected) in enumerate(zip(*columns, strict=True)):
-            y, x = read - read.mean(), expected - expected.mean()
-            if not np.ptp(x) > LEAST_TRAVEL:  # NaN too: no such pose
-                continue
-            ratio = float(x @ y / (x @ x))
-            scatter = float(np.sqrt(np.mean((y - ratio * x) ** 2)) / np.std(x))
-            follows = scatter < SCATTER * abs(ratio)
-            far = not 1.0 / APART < ratio < APART
-            little = abs(ratio - 1.0) > max(UNLIKE, scatter / SCATTER)
-            if follows and (far or little) and np.ptp(y - x) > self._stretch[m]:
-                found[self._model.layout.motors[m]] = ratio
-        return found
 
     def suspicion(self) -> str:
         """What may be wrong with which axis, and the key that mends it; empty if nothing is."""
-        if mistake := self._mistake():
+        if len(self._motor) < FEWEST:
+            return ""
+        motor, joint = np.array(self._motor), np.array(self._joint)
+        expected = following_motors(self._model, joint)
+        apart = np.ptp(motor - expected, axis=0) > self._stretch
+        if not apart.any():
+            return ""
+        few = slice(None, None, 1 + len(motor) // THINNED)
+        if mistake := self._mistake(motor[few], joint[few], expected[few], apart):
             return mistake
-        return "; ".join(self._sentence(name, ratio) for name, ratio in self.ratios().items())
+        ratios = zip(self._model.layout.motors, motor.T, expected.T, apart, strict=True)
+        said = [self._sentence(name, _ratio(y, x)) for name, y, x, is_apart in ratios if is_apart]
+        return "; ".join(filter(None, said))
 
     def _sentence(self, name: str, ratio: float) -> str:
-        """A motor that follows with another factor, and the keys that may be wrong."""
+        """A motor that follows with another factor than 1, and the keys that may be wrong."""
+        if ratio == 1.0:
+            return ""
         robot = self._model.robot
         (motor,) = (one for one in robot.motors if one.name == name)
         text = f"{name} turns {abs(ratio):.3g} times as far as its cables allow"
@@ -190,22 +164,18 @@ class MotorTravel:
                 )
         return f"{text}: gear ratio, unit or sign? {fits} would fit"
 
-    def _mistake(self) -> str:
-        """The single mistake by which all motors follow the joints, if they do not as read."""
-        if len(self._motor) < FEWEST:
-            return ""
-        motor, joint, expected = (
-            np.array(one)[:: 1 + len(one) // THINNED]
-            for one in (self._motor, self._joint, self._expected)
-        )
+    def _mistake(self, motor: Matrix, joint: Matrix, expected: Matrix, apart: Flags) -> str:
+        """The single mistake by which all motors follow the joints, if they do not as read.
+
+        Args:
+            motor, joint: angles as read, shapes (n, motors) and (n, joints).
+            expected: angles of the motors that follow the joints [rad], shape (n, motors).
+            apart: which motors are further from these than tensions can stretch their cables.
+        """
         present = _deviations(motor, expected)
-        apart = np.ptp((motor - expected), axis=0) > self._stretch
         if not (wrong := apart & (present > SCATTER)).any():
             return ""
-        robot = self._model.robot
-        there, here = robot.reference_pose, robot.reference_motors
-        steps = there + SLIGHT * np.eye(len(there))
-        slopes = (following_motors(self._model, steps) - here) / SLIGHT
+        there, slopes = self._model.robot.reference_pose, self._slopes
         motors = np.flatnonzero(wrong)
         joints = np.flatnonzero((np.abs(slopes) > LEAST_TURN)[:, wrong].any(axis=1))
 
@@ -243,33 +213,40 @@ class MotorTravel:
             yield Mistake(words.format(*pair), motor, _swapped(robot.joints, joint, a, b), SCATTER)
 
 
-def most_likely(cable: Cable) -> float:
-    """Tension beyond which a motor's cable is rather misread than loaded [N].
-
-    Infinite for a cable with a ``max_tension``, beyond which it is overloaded.
-    """
-    if isfinite(cable.maximum_tension) or not motors_of(cable):
-        return inf
-    return max(MOST_PRELOADS * cable.preload, LARGEST_STRAIN * cable.axial_stiffness)
-
-
 def _pairs(some: Indices, count: int) -> Iterator[tuple[int, int]]:
     """Pairs of ``count`` indices of which at least one is among ``some``."""
     return (pair for pair in combinations(range(count), 2) if np.isin(pair, some).any())
+
+
+def _ratio(read: Vector, expected: Vector) -> float:
+    """By what factor a motor follows the joints, if it clearly follows with another than 1.
+
+    Args:
+        read: its angles [rad], shape (n,).
+        expected: those that follow the joints; NaN in a pose that is not possible.
+    """
+    y, x = read - read.mean(), expected - expected.mean()
+    if not np.ptp(x) > LEAST_TRAVEL:
+        return 1.0
+    ratio = float(x @ y / (x @ x))
+    scatter = float(np.sqrt(np.mean((y - ratio * x) ** 2)) / np.std(x))
+    if abs(ratio - 1.0) > max(UNLIKE, scatter / SCATTER) and scatter < SCATTER * abs(ratio):
+        return ratio
+    return 1.0
+
+
+def _slopes(model: Model) -> Matrix:
+    """Motion of all motors by that of a joint that they follow, shape (joints, motors)."""
+    steps = model.robot.reference_pose + SLIGHT * np.eye(len(model.robot.joints))
+    slopes: Matrix = (following_motors(model, steps) - model.robot.reference_motors) / SLIGHT
+    return slopes
 
 
 def _stretches(model: Model) -> Vector:
     """Turn of every motor by which the largest tension of its cables stretches them [rad]."""
     robot = model.robot
     length = whole_lengths(robot, lengths_at(model, robot.reference_pose[None]))[0]
-    stretch = np.array(
-        [
-            cable.maximum_tension
-            if isfinite(cable.maximum_tension)
-            else MOST_PRELOADS * cable.preload or LARGEST_STRAIN * cable.axial_stiffness
-            for cable in robot.cables
-        ]
-    ) / stiffness_at_preload(robot, length)
+    stretch = largest_tensions(robot) / stiffness_at_preload(robot, length)
     reels = np.abs(robot.drums)
     turns = np.where(reels > 0.0, stretch[:, None] / np.maximum(reels, 1e-300), 0.0)
     largest: Vector = turns.max(axis=0, initial=0.0)

@@ -172,8 +172,8 @@ def _verdict(
             f"readings are old although their stamps are new: {', '.join(live.conditioner.stuck)}",
         ),
         (
-            live.conditioner.misfitting, warn,
-            f"misfit of motors and joints (unit?): {', '.join(live.conditioner.misfitting)}",
+            live.misfitting, warn,
+            f"misfit of motors and joints (unit?): {', '.join(live.misfitting)}",
         ),
         (health.other_estimators, warn, health.other_estimators),
         (

@@ -28,6 +28,7 @@ from support.driver_faults import (
 )
 from support.places import ROBOTS
 
+from cdrj_ros.estimation.model_error import load_share
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.simulation import motion
@@ -117,7 +118,7 @@ def test_a_clean_stream_keeps_status_0_and_is_called_nothing(
 ) -> None:
     def watch(live: LiveEstimator, _message: object) -> None:
         found = live.conditioner
-        assert found.stuck == found.alternating == found.misfitting == []
+        assert found.stuck == found.alternating == live.misfitting == []
 
     verdict = judge(course, feed(robot, messages_of(robot, course, hertz), watch=watch), 2 * SECOND)
     assert verdict.ratio.size > 0.7 * verdict.judged
@@ -255,7 +256,7 @@ def test_angles_in_degrees_are_unsure_before_a_tension_is_wrong(
     named: set[str] = set()
     outputs = feed(
         robot, in_degrees(names_of(robot, which))(messages),
-        watch=lambda live, _: named.update(live.conditioner.misfitting),
+        watch=lambda live, _: named.update(live.misfitting),
     )  # fmt: skip
     clean = feed(robot, messages)
     expected = {one.stamp_ns: one.tension for one in clean}
@@ -270,7 +271,10 @@ def test_angles_in_degrees_are_unsure_before_a_tension_is_wrong(
     assert named & set(names_of(robot, which))
 
 
-FACTORS = {"negated": -1.0, "half": 0.5, "double": 2.0, "turns": 0.5 / np.pi, "still": 0.0}
+FACTORS = {
+    "negated": -1.0, "half": 0.5, "fifth less": 0.8, "quarter more": 1.25, "double": 2.0,
+    "turns": 0.5 / np.pi, "still": 0.0,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("which", ["first joint", "first motor", "joints", "motors"])
@@ -279,6 +283,8 @@ def test_wrong_signs_and_factors_are_unsure_before_a_tension_is_wrong(
     what: str, which: str, robot: Model, course: Course
 ) -> None:
     """About the angle at which the sensors were zeroed."""
+    if abs(FACTORS[what] - 1.0) < 0.3 and load_share(robot).max() > 0.2:
+        pytest.skip("a load in proportion to the pose is possible that does the same")
     first = course._replace(angle=course.angle - course.angle[0])
     names = {
         "first joint": [first_joint(robot)],
@@ -291,7 +297,7 @@ def test_wrong_signs_and_factors_are_unsure_before_a_tension_is_wrong(
         m._replace(positions=tuple(a + b for a, b in zip(m.positions, begin, strict=True)))
         for m in wrong(sent)
     ]
-    outputs = feed(robot, messages, watch=lambda live, _: named.update(live.conditioner.misfitting))
+    outputs = feed(robot, messages, watch=lambda live, _: named.update(live.misfitting))
     assert judge(course, outputs).beyond(5.0) <= LAW
     assert named & set(names)
 

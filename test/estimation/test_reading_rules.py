@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from math import exp, hypot
 
 import numpy as np
@@ -12,7 +12,6 @@ from support.wound import robot_of
 from cdrj_ros.estimation.conditioner import Conditioner, Mode
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.reader import parse_robot
 
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -358,93 +357,6 @@ def test_times_of_arrival_are_as_certain_as_they_are_even() -> None:
         most = 8e-3 if late == 0.0 else 2e-3
         wanted = [hypot(1e-3, 0.35 * one, arrival) for one in (8e-3, most)]
         assert any(heard.lag() == pytest.approx(level(one)) for one in wanted)
-
-
-# --- units ----------------------------------------------------------------------------------------
-
-PAIR_TEXT = """
-name: pair
-motors: [{name: m}]
-joints: [{name: q, range: [-3, 3]}]
-cables:
-  - name: c
-    axial_stiffness: 1000
-    preload: 10
-    max_tension: 100
-    nodes: [{type: winch, motor: m, winding: -1, radius: 0.1}, {type: anchor}]
-    spans: [[1, {joint: q, slope: 0.1}]]
-uncertainty: {others: exact}
-"""
-PAIR = parse_robot(PAIR_TEXT)
-"""The cable takes 100 N/rad of both axes, so 10 mrad are worth a tenth of its preload."""
-
-
-def moved_together(
-    motor: Callable[[float], float], joint: Callable[[float], float], until: float = 1.0
-) -> tuple[Heard, list[bool]]:
-    """Readings of both axes by their true angle, 10 mrad apart; which samples are in doubt."""
-    heard = Heard(PAIR)
-    for k in range(round(100 * until)):
-        heard.hear("m", motor(0.01 * k), 10.0 * k)
-        heard.hear("q", joint(0.01 * k), 10.0 * k)
-    return heard, [one.doubtful for one in heard.samples[1:]]
-
-
-def same(angle: float) -> float:
-    return angle
-
-
-@pytest.mark.parametrize("factor", [-1.0, 0.0, 0.1, 0.5, 0.65, 1.6, 2.0, 57.3])
-@pytest.mark.parametrize("of_motor", [True, False])
-def test_an_axis_of_another_unit_is_in_doubt_once_it_is_worth_a_tenth(
-    factor: float, of_motor: bool
-) -> None:
-    def wrong(angle: float) -> float:
-        return factor * angle
-
-    axes = (wrong, same) if of_motor else (same, wrong)
-    heard, doubtful = moved_together(*axes, until=0.05 if factor > 50.0 else 1.0)
-    first = doubtful.index(True)
-    assert all(doubtful[first:])
-    assert abs(factor - 1.0) * first <= 1.0 + 1e-9 < abs(factor - 1.0) * (first + 1) + 1e-6
-    assert heard.gate.misfitting == ["m", "q"], "nothing tells which"
-
-
-@pytest.mark.parametrize("factor", [0.78, 1.0, 1.28])
-def test_a_stretch_of_less_than_three_tenths_of_the_motion_is_a_load(factor: float) -> None:
-    heard, doubtful = moved_together(same, lambda angle: factor * angle)
-    assert not any(doubtful)
-    assert heard.gate.misfitting == []
-    assert max(heard.offset(), heard.offset(1)) < 1e-9
-
-
-def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_stretch() -> None:
-    """The motor has wound in 20 mrad while the joint stood; after 67 mrad that is three tenths."""
-    heard, doubtful = moved_together(same, lambda angle: max(angle - 0.02, 0.0))
-    assert doubtful == [k in range(2, 9) for k in range(1, 100)]
-    assert heard.gate.misfitting == []
-
-
-@pytest.mark.parametrize("followed", [True, False])
-def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(followed: bool) -> None:
-    """0.8 rad of a joint are worth 80 of 100 N: the motor takes them up, or the cable does."""
-    free = "{name: q, range: [-3, 3]}, {name: f, range: [-0.4, 0.4]}"
-    text = PAIR_TEXT.replace("{name: q, range: [-3, 3]}", free)
-    heard = Heard(parse_robot(text.replace("slope: 0.1}", "slope: 0.1}, {joint: f, slope: 0.1}")))
-    for k in range(40):
-        heard.hear("f", 0.01 * k, 10.0 * k)
-        heard.hear("m", 0.01 * k if followed else 0.0, 10.0 * k)
-        heard.hear("q", 0.001 * k if followed else 0.0, 10.0 * k)
-    assert not any(one.doubtful for one in heard.samples[1:])
-    assert heard.gate.misfitting == []
-
-
-def test_units_that_motion_has_shown_are_not_doubted_for_what_loads_do_later() -> None:
-    heard, _ = moved_together(same, same)
-    for k in range(100):
-        heard.hear("m", 0.99 - 0.01 * k, 1000.0 + 10.0 * k)
-        heard.hear("q", 0.99 + 1e-5 * k, 1000.0 + 10.0 * k)
-    assert not any(one.doubtful for one in heard.samples[1:])
 
 
 # --- what lasts -----------------------------------------------------------------------------------

@@ -1,0 +1,130 @@
+"""Units, signs and factors of angles, by what cables say of them, (C15), in small cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cdrj_ros.estimation.model_error import load_share
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.packing import UNSURE
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.reader import parse_robot
+
+START = 1_700_000_000_000_000_000
+MS = 1_000_000
+TEXT = """
+name: pair
+motors: [{name: m}]
+joints: [{name: q, range: [-3, 3]}]
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 10
+    max_tension: 100
+    nodes: [{type: winch, motor: m, winding: -1, radius: 0.1}, {type: anchor}]
+    spans: [[1, {joint: q, slope: 0.1}]]
+  - name: d
+    axial_stiffness: 1000
+    preload: 10
+    max_tension: 100
+    nodes: [{type: winch, motor: m, winding: 1, radius: 0.1}, {type: anchor}]
+    spans: [[1, {joint: q, slope: -0.1}]]
+uncertainty: {others: exact}
+"""
+"""Both cables take 100 N/rad of both axes; 6 rad of the joint would take 600 N of 100 N."""
+SHARE = 100.0 / 600.0
+
+Angle = Callable[[float], float]
+
+
+class Moved:
+    """An estimator whose axes have moved together, with readings 10 mrad of true angle apart."""
+
+    def __init__(self, text: str = TEXT) -> None:
+        self.live = LiveEstimator(prepare(parse_robot(text)))
+        self.at_ns = START
+        self.unsure: list[bool] = []
+        """Whether a tension is, sample by sample,"""
+        self.doubted: list[bool] = []
+        """and whether a unit is in doubt."""
+
+    def feed(self, **angles: float) -> Moved:
+        names, positions = tuple(angles), tuple(angles.values())
+        for found in self.live.feed("both", self.at_ns, names, positions)[1]:
+            self.unsure.append(bool((found.status.astype(int) & UNSURE).any()))
+        self.doubted.append(bool(self.live.misfitting))
+        self.at_ns += 10 * MS
+        return self
+
+    def together(self, motor: Angle, joint: Angle, until: float = 1.0) -> Moved:
+        for k in range(round(100 * until)):
+            self.feed(m=motor(0.01 * k), q=joint(0.01 * k))
+        return self
+
+
+def same(angle: float) -> float:
+    return angle
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 0.1, 0.5, 0.65, 0.8, 1.25, 1.6, 2.0, 57.3])
+@pytest.mark.parametrize("of_motor", [True, False])
+def test_an_axis_of_another_unit_is_unsure_once_it_is_worth_a_tenth(
+    factor: float, of_motor: bool
+) -> None:
+    def wrong(angle: float) -> float:
+        return factor * angle
+
+    axes = (wrong, same) if of_motor else (same, wrong)
+    moved = Moved().together(*axes, until=0.05 if factor > 50.0 else 1.0)
+    first = moved.unsure.index(True, 1)
+    assert all(moved.unsure[first:])
+    assert abs(factor - 1.0) * (first - 1) <= 1.0 + 1e-6, "every step is worth a tenth"
+    assert moved.live.misfitting == ["m", "q"], "nothing tells which"
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.0, 1.1])
+def test_a_load_in_proportion_that_the_range_allows_is_no_other_unit(factor: float) -> None:
+    assert abs(factor - 1.0) < 0.9 * SHARE
+    moved = Moved().together(same, lambda angle: factor * angle)
+    assert not any(moved.doubted)
+
+
+def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_stretch() -> None:
+    """The motor has wound in 20 mrad while the joint stood; a load does so after 120 mrad."""
+    moved = Moved().together(same, lambda angle: max(angle - 0.02, 0.0))
+    last = max(k for k, is_doubted in enumerate(moved.doubted) if is_doubted)
+    assert 0.01 * last - 0.02 == pytest.approx(0.02 / SHARE, abs=0.0101)
+    assert all(moved.doubted[2 : last + 1])
+    assert all(moved.unsure[2 : last + 1])
+
+
+def test_loads_are_believed_as_far_as_they_would_not_be_too_much_at_the_ends_of_the_range() -> None:
+    """After 1 rad of 6 a load of 16 of 100 N is one."""
+    moved = Moved().together(same, same)
+    for k in range(190):
+        moved.feed(m=0.99 + 0.001 * k, q=0.99)
+    first = moved.doubted.index(True) - 100
+    assert 0.1 * first == pytest.approx(99.0 * SHARE, abs=2.0), "[N]"
+
+
+@pytest.mark.parametrize("followed", [True, False])
+def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(followed: bool) -> None:
+    """0.8 rad of a joint are worth 80 of 100 N: the motor takes them up, or the cable does."""
+    free = "{name: q, range: [-3, 3]}, {name: f, range: [-0.4, 0.4]}"
+    text = TEXT.replace("{name: q, range: [-3, 3]}", free)
+    text = text.replace("slope: 0.1}", "slope: 0.1}, {joint: f, slope: 0.1}")
+    moved = Moved(text.replace("slope: -0.1}", "slope: -0.1}, {joint: f, slope: -0.1}"))
+    for k in range(40):
+        taken_up = 0.01 * k if followed else 0.0
+        moved.feed(f=0.01 * k, m=taken_up, q=0.001 * k if followed else 0.0)
+    assert not any(moved.doubted)
+
+
+def test_what_a_load_may_stretch_follows_from_tensions_and_ranges() -> None:
+    model = prepare(parse_robot(TEXT))
+    assert load_share(model) == pytest.approx(np.array([[0.0, SHARE], [0.0, SHARE]]))
+    unlimited = prepare(parse_robot(TEXT.replace("    max_tension: 100\n", "")))
+    assert load_share(unlimited)[0, 1] == pytest.approx(40.0 / 600.0), "four preloads"
