@@ -193,7 +193,7 @@ double LagFit::share(std::span<const double> memory, std::span<const double> lag
     const Parts<const double> parts(memory, terms_, lags_);
     double mean = 0.0, spread = 0.0, open = 0.0;
     for (std::size_t i = 0; i < lags_; ++i) {
-        mean += parts.fastest[i] * parts.estimate[i];
+        mean += std::abs(parts.fastest[i] * parts.estimate[i]);  // other signs may follow
         open += parts.fastest[i] * parts.fastest[i] * prior(lag_stddev, i);
         for (std::size_t j = 0; j < lags_; ++j) {
             spread += parts.fastest[i] * parts.covariance[i * lags_ + j] * parts.fastest[j];

@@ -107,6 +107,17 @@ def test_a_lag_within_a_message_is_in_the_standard_deviations_from_the_start(
     assert judge(course, feed(robot, messages)).beyond(5.0) <= LAW
 
 
+def test_lags_of_joints_that_oppose_each_other_at_their_fastest_add_up_later(
+    robot: Model, course: Course
+) -> None:
+    if len(robot.robot.joints) != 2:
+        pytest.skip("two joints, which turn at different rates")
+    messages = messages_of(robot, course, 200)
+    for name in names_of(robot, "joints"):
+        messages = older(name, 4)(messages)
+    assert judge(course, feed(robot, messages)).beyond(5.0) <= LAW
+
+
 def test_a_lag_that_no_driver_should_have_takes_status_0_away(robot: Model, course: Course) -> None:
     messages = older(first_joint(robot), 20)(messages_of(robot, course, 200))
     assert judge(course, feed(robot, messages), 4500 * MS).beyond(5.0) <= LAW
