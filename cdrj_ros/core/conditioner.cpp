@@ -255,9 +255,7 @@ bool Conditioner::hold(std::size_t k, Raw raw) {
     if (regular) return append_held(k, confirmed);
     ++gaps;
     time_line_.skip_to(confirmed.front().stamp_ns);  // the motion during the gap is unknown
-    const Nanoseconds usual_ns = channel.usual_ns;
     const bool used = append_held(k, std::span(confirmed).first(1));
-    channel.usual_ns = usual_ns;  // a gap is not the channel's rate
     if (used && time_line_.has_begun()) {
         // an axis that stands where it stood is taken to have rested
         channel.readings.back().curvature = 0.0;

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import pytest
-from support.campaign import MS, Course, Faults, Verdict, course_of, judge, run, sine
+from collections.abc import Iterable
+from math import hypot
 
+import pytest
+from support.campaign import MS, START, Course, Faults, Verdict, course_of, judge, run, sine
+
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.reader import parse_robot
 
 
 @pytest.fixture(scope="module")
@@ -44,3 +49,49 @@ def test_what_motion_excludes_takes_no_status_0(model: Model, course: Course) ->
     assert abs(mean) < 4e-3
     assert stddev < 5e-3
     assert verdict.ratio.size > 0.85 * verdict.judged
+
+
+# --- in cases computed by hand --------------------------------------------------------------------
+
+PAIR = """
+name: pair
+motors: [{name: m}]
+joints: [{name: q, range: [-3, 3]}]
+friction: {law: none, bearing_friction: 0.0, mu_c: 0.0}
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 100
+    nodes: [{type: winch, motor: m, winding: -1, radius: 0.1}, {type: anchor}]
+    spans: [[1, {joint: q, slope: 0.1}]]
+uncertainty:
+  others: exact
+  parameters: [motors.m.clock_offset, joints.q.clock_offset]
+  stddev: [0.00509, 0.01227]
+"""
+"""The cable takes 100 N/rad of both axes, whose lags are known to 5 and 12 ms (rounded up)."""
+
+
+def _pair(angles: Iterable[tuple[float, float]]) -> tuple[LiveEstimator, Estimate]:
+    """Motor and joint, 10 ms apart; the estimator and its last estimate."""
+    live, found = LiveEstimator(prepare(parse_robot(PAIR))), list[Estimate]()
+    for k, pair in enumerate(angles):
+        found += live.feed("both", START + 10 * k * MS, ("m", "q"), pair)[1]
+    return live, found[-1]
+
+
+def test_at_rest_an_axis_lags_the_first_one_as_far_as_both_clocks_allow() -> None:
+    live, _ = _pair((0.0, 0.0) for _ in range(20))
+    assert live.ensemble is not None
+    assert live.ensemble.core.lag[1, 1] == pytest.approx(hypot(5.09e-3, 12.27e-3), rel=2e-3)
+
+
+def test_a_lag_is_worth_half_of_what_the_mean_tension_has_swung_at_most() -> None:
+    """The motor winds in 5 mrad after a motion of both at 1 rad/s, in which a lag is worth more."""
+    moved = [(-0.01 * k, -0.01 * k) for k in range(100)]
+    loaded = [(-0.99 - 2e-4 * k, -0.99) for k in range(1, 26)]
+    _, found = _pair([*moved, *loaded])
+    assert found.stddev is not None
+    swung = float(found.tension[0]) - 100.0
+    assert 0.5 < swung < 0.7, "5 mrad, with a cable that is a tenth shorter"
+    assert found.stddev[0] == pytest.approx(0.5 * swung, rel=0.02)
