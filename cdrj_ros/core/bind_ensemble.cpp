@@ -292,6 +292,8 @@ void bind_ensemble(nb::module_& core) {
             "Forget what has been predicted.")
         .def("reset", &Ensemble::reset,
             "Discard the history of all members; the next sample starts them anew.")
+        .def("begin_units", [](Ensemble& ensemble) { ensemble.units.begin(); },
+            "Forget what motions have shown of units, (C15).")
         .def("continue_lags", continue_lags, "before"_a,
             "Continue with what another ensemble of the robot knows of errors that last, (C15) and (U13).")
         .def("renew_lasting", &Ensemble::renew_lasting,

@@ -165,7 +165,6 @@ void Ensemble::roll_back() {
 void Ensemble::reset() {
     kept_.reset();
     start_anew();
-    units.begin();
     memory.progress.last_stamp = -1;
     std::ranges::fill(memory.unsolved, 0);
     std::ranges::fill(memory.unseen, 0.0);

@@ -37,7 +37,8 @@ bool Units::take(
         first_tension_.assign(tensions.begin(), tensions.end());
         last_ns_ = stamp_ns;
     }
-    const double kept = std::exp(-(stamp_ns - last_ns_) * 1e-9 / MEMORY);
+    const Nanoseconds since_ns = std::max<Nanoseconds>(stamp_ns - last_ns_, 0);  // or a clock was set
+    const double kept = std::exp(-since_ns * 1e-9 / MEMORY);
     last_ns_ = stamp_ns;
     for (std::size_t a = 0; a < furthest_.size(); ++a) {
         furthest_[a] = std::max(furthest_[a], std::abs(angles[a] - first_angle_[a]));

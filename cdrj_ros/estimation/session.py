@@ -144,6 +144,8 @@ class LiveEstimator:
             if self.corrections is not None:
                 self.corrections = self._new_corrections()
             self._renew_members()
+        if self.ensemble is not None:  # with other numbers it had other tensions
+            self.ensemble.core.begin_units()
         self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
         self._preload = preload_of_elements(model.robot)
@@ -197,6 +199,7 @@ class LiveEstimator:
             self.ensemble.reset()
             if not known:
                 self.ensemble.core.least_variance[:] = 0.0
+                self.ensemble.core.begin_units()
         if self.corrections is not None and known:
             self.corrections.restart()
         elif self.corrections is not None:

@@ -110,6 +110,17 @@ def test_loads_are_believed_as_far_as_they_would_not_be_too_much_at_the_ends_of_
     assert 0.1 * first == pytest.approx(99.0 * SHARE, abs=2.0), "[N]"
 
 
+def test_a_doubt_outlasts_a_gap_and_ends_with_a_reset() -> None:
+    """In the gap the axes move on, which leaves friction unknown, but not what a tension was."""
+    moved = Moved().together(same, lambda angle: 0.5 * angle, until=0.5)
+    moved.at_ns += 2_000 * MS
+    for k in range(20):
+        moved.feed(m=0.6 + 0.01 * k, q=0.3 + 0.005 * k)
+    assert all(moved.unsure[-10:])
+    moved.live.reset()
+    assert moved.live.misfitting == []
+
+
 @pytest.mark.parametrize("followed", [True, False])
 def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(followed: bool) -> None:
     """0.8 rad of a joint are worth 80 of 100 N: the motor takes them up, or the cable does."""
