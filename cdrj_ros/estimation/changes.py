@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import hypot
 from typing import Final, NamedTuple
@@ -220,6 +220,14 @@ class RestWatch:
                     f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed{key}"
                 )
         return ""
+
+
+def in_motion(robot: Robot, samples: Iterable[Sample]) -> str:
+    """``RestWatch.in_motion`` after some samples."""
+    watch = RestWatch()
+    for sample in samples:
+        watch.add(sample)
+    return watch.in_motion(robot)
 
 
 def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:

@@ -5,19 +5,20 @@ This module is independent of ROS: a node converts messages, calls it and publis
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from cdrj_ros._core import JointStateDecoder, mark_unsure
 from cdrj_ros.estimation.changes import (
     Change,
-    RestWatch,
     contradiction,
+    in_motion,
     narrowed,
     preloads_of,
     reference_at,
@@ -49,6 +50,9 @@ from cdrj_ros.estimation.travel import MotorTravel
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
+
+KEPT: Final = 4_096
+"""Last samples that are kept: more than ``REST_NS`` at 10 kHz."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +192,8 @@ class LiveEstimator:
         self.state: State = initial_state(self.model)
         self._predicted = None
         self.sample: Sample | None = None
-        self._rest = RestWatch()
+        self._recent: deque[Sample] = deque(maxlen=KEPT)
+        """The last samples, among which a tare looks for a rest."""
         self.readings.forget()
         if self.encoderless is not None:
             self.encoderless.reset()
@@ -358,9 +363,9 @@ class LiveEstimator:
         return estimate
 
     def _watch(self, sample: Sample, estimate: Estimate) -> None:
-        """Note whether the robot rests, and whether motors turn as far as the cables allow."""
+        """Note the sample, and whether motors turn as far as the cables allow."""
         self.sample = sample
-        self._rest.add(sample)
+        self._recent.append(sample)
         if self.travel.follow(sample):
             self.misfit = self.travel.suspicion() if self.misfitting else ""
         if not estimate.solved:
@@ -453,7 +458,7 @@ class LiveEstimator:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
         if self.encoderless is not None:
             raise UsageError(f"no reference can be set: {_without_encoder(self.model)}")
-        if reason := self._rest.in_motion(self.model.robot):
+        if reason := in_motion(self.model.robot, self._recent):
             raise UsageError(reason)
         measured = self.corrections.changes() if self.corrections is not None else {}
         change = shown_by_sensors(self.model, self.sample, measured)
