@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -34,7 +35,10 @@ MEMORY: Final = 350_000_000
 """Memory of the process that compiles [bytes]."""
 
 TIME_S: Final = 15.0
-"""Time in which a model must be compiled and converted [s]."""
+"""Time of the processor in which a model must be compiled and converted [s]."""
+
+PATIENCE: Final = 4.0
+"""Time that this may last on a busy computer, over ``TIME_S``."""
 
 LARGEST_RESULT: Final = 8_000_000
 """Largest accepted size of what is converted, as JSON [bytes]; a robot file has 1e6 at most."""
@@ -74,9 +78,10 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
     name = printable(str(path))
     _check_files(Path(path))
     wanted = None if tendons is None else [*tendons]
-    arguments = json.dumps([str(Path(path).absolute()), name, wanted])
+    arguments = json.dumps([str(Path(path).absolute()), name, wanted, round(TIME_S)])
     folders = [str(Path(entry).absolute()) for entry in sys.path]  # "" is the current folder
     with tempfile.TemporaryDirectory() as folder:  # MuJoCo writes a log into the current folder
+        late = f"cannot read {name}: MuJoCo needs more than {TIME_S:g} s for it"
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "cdrj_ros.robot.mjcf", arguments],
@@ -85,13 +90,13 @@ def read_mjcf(path: str | Path, tendons: Sequence[str] | None = None) -> Importe
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                timeout=TIME_S,
+                timeout=PATIENCE * TIME_S,
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            raise UsageError(
-                f"cannot read {name}: MuJoCo needs more than {TIME_S:g} s for it"
-            ) from None
+            raise UsageError(late) from None
+    if done.returncode == -signal.SIGXCPU:
+        raise UsageError(late)
     if not done.stdout:
         raise UsageError(
             f"cannot read {name}: MuJoCo gave up, or needs more than {MEMORY / 1e6:.0f} MB for it"
@@ -199,11 +204,12 @@ def _imported(path: str, name: str, tendons: list[str] | None) -> dict[str, Any]
         return {"error": f"cannot read {name}: {reason}"}
 
 
-def _serve(path: str, name: str, tendons: list[str] | None) -> None:
+def _serve(path: str, name: str, tendons: list[str] | None, time_s: int) -> None:
     """Compile within limits and write the result to standard output."""
     for kind, most in (
         (resource.RLIMIT_DATA, MEMORY),
         (resource.RLIMIT_CORE, 0),
+        (resource.RLIMIT_CPU, time_s),
         (resource.RLIMIT_FSIZE, 1_000_000),
     ):
         hard = resource.getrlimit(kind)[1]
