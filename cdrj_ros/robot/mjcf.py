@@ -214,7 +214,7 @@ def _serve(path: str, name: str, tendons: list[str] | None, time_s: int) -> None
     ):
         hard = resource.getrlimit(kind)[1]
         allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (allowed, allowed))
+        resource.setrlimit(kind, (allowed, hard))  # beyond the hard one, SIGKILL
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as answer:
         os.dup2(2, 1)  # what MuJoCo prints is no answer
         text = json.dumps(_imported(path, name, tendons))
