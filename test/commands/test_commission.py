@@ -140,7 +140,7 @@ def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() 
             judged(now.model), foretold(now, "motion"), foretold(now, "cells")
         )
     )  # fmt: skip
-    assert cells < motion < 0.15 * before
+    assert cells < motion < 0.25 * before  # friction of the motor is no number of the file
 
 
 def test_a_scale_that_was_read_in_another_pose_is_suspected(
