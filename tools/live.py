@@ -18,21 +18,13 @@ import time
 from pathlib import Path
 
 from cdrj_ros.model.prepared import robot_path
-from cdrj_ros.robot.writer import moved, with_section
+from cdrj_ros.robot.writer import exact_copy
 
 ROOT = Path(__file__).resolve().parent.parent
 EXECUTABLES = ROOT / "install" / "cdrj_ros" / "lib" / "cdrj_ros"
 EXAMPLES = ROOT / "examples"
 RIG = ("rig:=hand", "cells:=4", "truth_rate:=50.0")
 PATIENCE_S = 10.0
-
-
-def exact_copy(source, folder):
-    """Write a robot file whose numbers count as exact into a folder, under the same name."""
-    target = folder / source.name
-    text = with_section(source.read_text("utf-8"), "uncertainty", "uncertainty: {others: exact}\n")
-    target.write_text(moved(text, str(source), str(target)), "utf-8")
-    return target
 
 
 def commands(robot, controller="keep_taut"):

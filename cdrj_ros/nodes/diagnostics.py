@@ -171,10 +171,6 @@ def _verdict(
             live.conditioner.stuck, warn,
             f"readings are old although their stamps are new: {', '.join(live.conditioner.stuck)}",
         ),
-        (
-            live.misfitting, warn,
-            f"misfit of motors and joints (unit?): {', '.join(live.misfitting)}",
-        ),
         (health.other_estimators, warn, health.other_estimators),
         (
             stepped, warn,
@@ -183,6 +179,10 @@ def _verdict(
         (
             lagging, warn,
             f"readings lag: {', '.join(lagging)}; a late topic, or another clock (clock_offset)",
+        ),
+        (
+            live.misfitting, warn,
+            f"misfit of motors and joints (unit?): {', '.join(live.misfitting)}",
         ),
         (doubted, warn, f"sensors that contradict the others or the robot: {', '.join(doubted)}"),
         (health.refusing, warn, health.refusing),

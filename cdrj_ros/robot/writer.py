@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.yaml import Document, first_alias, yaml_nodes
 from cdrj_ros.robot.document import (
     IN_THE_UNIT,
@@ -27,6 +28,7 @@ from cdrj_ros.robot.document import (
 from cdrj_ros.robot.names import prefixed
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.parts import KINDS, Origin, origin_of
+from cdrj_ros.robot.reader import load_document
 from cdrj_ros.robot.urdf import DESCRIPTION
 
 DIGITS: Final = 7
@@ -137,6 +139,25 @@ def moved(text: str, source: str, target: str) -> str:
         return text
     path = os.path.relpath((before / found[1].value).resolve(), after)
     return _replaced(text, found[1].start_mark.index, found[1].end_mark.index, json.dumps(path))
+
+
+def exact_copy(source: Path, folder: Path) -> Path:
+    """Write a robot file whose numbers count as exact, as those of a simulated robot are.
+
+    Args:
+        source: the file.
+        folder: where the copy is written, under the same name.
+
+    Raises:
+        RobotFileError: there is no such file, or it is not valid.
+    """
+    load_document(source)  # refuses what is none
+    target = folder / source.name
+    text = with_section(
+        source.read_text(encoding="utf-8"), "uncertainty", "uncertainty: {others: exact}\n"
+    )
+    write_text(target, moved(text, str(source), str(target)))
+    return target
 
 
 def _with_number(text: str, number: Number, document: Document) -> str:

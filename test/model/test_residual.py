@@ -133,14 +133,17 @@ def assert_same(estimate: Estimate, found: Estimates, k: int) -> None:
 
 
 def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_elsewhere() -> None:
-    """(U14)."""
+    """(U14); the tensions, by which units of axes are judged, are those of the model."""
+    corrected = model_of(block("effort/spindle"))
     column = (
         stddev_columns(PLAIN.layout).tolist().index(channel_columns(PLAIN.layout)["effort/spindle"])
     )
-    plain, both = (Ensemble(model).follow(MOTION, estimates_of(model)) for model in (PLAIN, BOTH))
+    plain, both = (
+        Ensemble(model).follow(MOTION, estimates_of(model)) for model in (PLAIN, corrected)
+    )
     assert plain.stddev is not None
     assert both.stddev is not None
-    trust = both.values[:, BOTH.layout.trust.start]
+    trust = both.values[:, corrected.layout.trust.start]
     known = dict(PLAIN.robot.uncertainty.model_error)["effort/spindle"]  # type: ignore[union-attr]
     spread = plain.stddev[:, column] ** 2 - known**2
     left = trust * STDDEV**2 + (1.0 - trust) * known**2

@@ -13,12 +13,13 @@ import pytest
 from support.places import ROOT
 
 from cdrj_ros.model.prepared import robot_path
+from cdrj_ros.robot.writer import exact_copy
 
 LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))
 
 
 def test_every_program_exists_and_gets_the_robot(tmp_path: Path) -> None:
-    robot = LIVE["exact_copy"](robot_path("finger"), tmp_path)
+    robot = exact_copy(robot_path("finger"), tmp_path)
     started = LIVE["commands"](robot)
     assert list(started) == ["rig", "estimator", "view", "compare", "swing", "keep_taut"]
     for name, words in started.items():
