@@ -49,8 +49,8 @@ SMALL: Final = 0.01
 """Part of a standard deviation that is compared there: more would make cables slack."""
 
 SLIGHT: Final = 0.01
-"""A mode leaves out a cause of which it has less than this part of a standard deviation: its share of
-the variance is 10⁻⁴, and friction that is not quite 0 makes slack cables slow to solve."""
+"""A mode leaves out a cause of which it has less than this part of a standard deviation: its share
+of the variance is 10⁻⁴, and friction that is not quite 0 makes slack cables slow to solve."""
 
 SMALLEST_PRELOAD: Final = 1.0
 """Preload by which the changes of a cable with less are measured [N]."""
