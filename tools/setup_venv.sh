@@ -10,6 +10,12 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 . tools/say.sh
 
 python=${PYTHON:-python3}
+# In a shell of tools/env.sh that is the one of .venv, which is removed: take the one it was made with.
+if command -v "$python" >/dev/null; then
+    python=$("$python" -c 'import sys
+made = sys.prefix != sys.base_prefix
+print(sys.base_prefix + "/bin/python3" if made else sys.argv[1])' "$python")
+fi
 log=build/setup.log
 pinned=requirements/constraints.txt
 # Written below if the system has its own ROS.
