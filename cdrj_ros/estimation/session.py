@@ -250,6 +250,7 @@ class LiveEstimator:
         self.resume(earlier)
 
     def _run_so_far(self, last: Sample) -> EarlierRun:
+        """The run until its last sample, for another to continue."""
         return EarlierRun(self.state, last.motor_angle, last.joint_angle)
 
     def _take_up(self, earlier: EarlierRun, sample: Sample) -> None:
@@ -268,7 +269,7 @@ class LiveEstimator:
         self._doubt_change(earlier, sample)
 
     def _doubt_change(self, earlier: EarlierRun, sample: Sample) -> None:
-        """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms the angles."""
+        """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms it, (U15)."""
         if self.ensemble is None:
             return
         mean = self.ensemble.mean_tensions(earlier.pose_change(self.model, sample))
