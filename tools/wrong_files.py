@@ -195,12 +195,8 @@ def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
     stddev = estimates.stddev
     assert stddev is not None
     elements = len(model.layout.elements)
-    preload = np.repeat(
-        [cable.preload for cable in model.robot.cables],
-        [len(cable.element_names) for cable in model.robot.cables],
-    )
     for values, sigma in zip(estimates.values, stddev, strict=True):
-        mark_unsure(model.core, values, preload, sigma, 0.1, NO_DOUBTS)
+        mark_unsure(model.core, values, sigma, 0.1, NO_DOUBTS)
     error = np.abs(estimates.values[:, model.layout.tension] - true)
     inside = error <= 2.0 * stddev[:, :elements]
     ok = estimates.values[:, model.layout.status] == OK

@@ -194,7 +194,7 @@ Array<Index> view_of_progress(nb::handle self) {
 
 /// Mark one estimate, or the rows of a table.
 void mark_estimates(
-    const HeldRobot& robot, const Written& estimates, const Given& preload, const Given& stddev, double share,
+    const HeldRobot& robot, const Written& estimates, const Given& stddev, double share,
     const GivenFlags& doubtful) {
     require(
         estimates.ndim() > 0 && (stddev.size() == 0 || stddev.ndim() == estimates.ndim()),
@@ -205,20 +205,18 @@ void mark_estimates(
     const Index size = estimates.shape(estimates.ndim() - 1);
     const Index columns = stddev.size() > 0 ? stddev.shape(stddev.ndim() - 1) : 0;
     require(
-        size == Index(robot.robot.estimate_size()) && preload.size() == sizes.elements &&
+        size == Index(robot.robot.estimate_size()) &&
             (columns == 0 || (stddev.size() == samples * columns && columns >= sizes.elements)) &&
-            (doubtful.size() == 0 || doubtful.size() == samples),
+            (doubtful.size() == 0 || doubtful.size() == (single ? sizes.elements : samples)),
         "estimates, stddev and doubtful differ in their numbers of samples or are not of this robot");
     const Index first = first_of(sizes, &Estimate::tension, true);
     const auto mark = [&](Index k) {
         const Estimate estimate(sizes, estimates.data() + k * size);
-        if (columns > 0) {
-            const auto width = static_cast<std::size_t>(columns);
-            const std::span<const double> stddevs(stddev.data() + k * columns, width);
-            mark_unsure(estimate, span_of(preload), stddevs.subspan(first, sizes.elements), share);
-        }
-        if (doubtful.size() > 0 && doubtful.data()[k]) {
-            for (double& status : estimate.status) doubt(status);
+        const auto of_tensions = columns > 0 ? span_of(stddev).subspan(k * columns + first, sizes.elements)
+                                             : std::span<const double>();
+        mark_unsure(robot.robot, estimate, of_tensions, share);
+        for (Index e = 0; doubtful.size() > 0 && e < sizes.elements; ++e) {
+            if (doubtful.data()[single ? e : k]) doubt(estimate.status[e]);
         }
         return true;
     };
@@ -349,17 +347,17 @@ void bind_ensemble(nb::module_& core) {
             "Updates in turn so far, stamps of the last sample and of the last of them [ns] or -1.");
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "preload"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(
-        Set ``UNSURE`` where standard deviations are too large for tension and preload, or in doubt.
+        "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(
+        Set ``UNSURE`` where tensions are not credible, known too badly for them and the preload, or in doubt.
 
         Args:
             robot: of the estimates.
             estimates: shape (estimate_size,) or (n, estimate_size); changed.
-            preload: see ``cdrj_ros.estimation.ensemble.preload_of_elements`` [N].
             stddev: of all uncertain quantities, shape (columns,) or (n, columns); with a size of
                 0, none is known.
             share: see ``cdrj_ros.estimation.ensemble.UNSURE_SHARE``.
-            doubtful: see ``cdrj_ros.estimation.estimator.Samples.doubtful``, shape (n,) or (0,).)");
+            doubtful: whether to mark every element of a sample, shape (n,), or every element of one
+                estimate, shape (elements,); with a size of 0, none is.)");
 }
 
 }  // namespace cdrj

@@ -63,7 +63,7 @@ ByName<Columns> all_records() {
     ADD_RECORD(NodeTopology, kind, frame, exit_frame);
     ADD_RECORD(
         CableConstants, axial_stiffness, bedding_strain, bedding_tension, creep_share, creep_time,
-        flow_time, preload, maximum_tension, wound_tension, slack_tension);
+        flow_time, preload, maximum_tension, credible_tension, wound_tension, slack_tension);
     ADD_RECORD(EndConstants, radius);
     ADD_RECORD(TurnConstants, winding);
     ADD_RECORD(

@@ -275,15 +275,21 @@ inline void doubt(double& status) {
     if ((flags & INVALID) == 0) status = static_cast<double>(flags | UNSURE);
 }
 
-/// Set UNSURE where the standard deviation exceeds `share` of the tension or of the preload,
-/// whichever is larger.
+/// Set UNSURE where a tension is not credible, or its standard deviation exceeds `share` of it or of
+/// the preload, whichever is larger.
 ///
-/// `preload`: of every element's cable [N]. `stddev`: of the tensions [N].
+/// `stddev`: of the tensions [N]; empty if none is known.
 inline void mark_unsure(
-    const Estimate& estimate, std::span<const double> preload, std::span<const double> stddev,
-    double share) {
-    for (std::size_t e = 0; e < preload.size(); ++e) {
-        if (stddev[e] > share * std::max(estimate.tension[e], preload[e])) doubt(estimate.status[e]);
+    const Robot& robot, const Estimate& estimate, std::span<const double> stddev, double share) {
+    for (Index c = 0; c < robot.topology.sizes.cables; ++c) {
+        const CableTopology& where = robot.topology.cables[c];
+        const CableConstants& cable = robot.constants.cables[c];
+        for (Index e = where.first_element; e < where.first_element + where.elements; ++e) {
+            const double tension = estimate.tension[e];
+            const bool unclear =
+                !stddev.empty() && stddev[e] > share * std::max(tension, cable.preload);
+            if (unclear || tension > cable.credible_tension) doubt(estimate.status[e]);
+        }
     }
 }
 

@@ -104,6 +104,7 @@ struct CableConstants {
     double flow_time;  // time in which the flow equals the elastic strain [s]; infinite for none
     double preload;  // tension in the reference pose [N]
     double maximum_tension;  // an element with a higher tension is overloaded [N]
+    double credible_tension;  // an element with a higher tension is rather misread than loaded [N]
     double wound_tension;  // tension at which the cable was wound onto its drums [N]
     double slack_tension;  // an element with this tension or a lower one is slack [N]
 };

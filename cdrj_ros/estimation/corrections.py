@@ -13,11 +13,10 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros._core import correct
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, Sample
+from cdrj_ros.estimation.estimator import NO_DOUBTS, Estimate, Sample
 from cdrj_ros.estimation.group import HISTORY_NS, Group, Past
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.sensors import Reading, Sensor
@@ -64,8 +63,8 @@ class Corrections:
         self.groups = [Group(model, cables, changed) for cables in _groups_of(model, sensors)]
         self._columns = stddev_columns(model.layout)
         self._group_of = {c: group for group in self.groups for c in group.cables}
-        self.doubted: NDArray[np.bool_] | None = None
-        """Elements of cables that carry nothing, shape (elements,); None for none."""
+        self.doubted = NO_DOUBTS
+        """Whether each element is of a cable that carries nothing, shape (elements,) or (0,)."""
         self._past: deque[Past] = deque(maxlen=KEPT)
         self._said = np.zeros((3, len(self.groups), self._columns.size))
         """What the sensors of every group say, see ``Group.correction``."""
@@ -83,7 +82,7 @@ class Corrections:
         """Begin with an unknown history; what is known of robot and sensors is kept."""
         for group in self.groups:
             group.restart()
-        self.doubted = None
+        self.doubted = NO_DOUBTS
         self._past.clear()
         self._said[1] = self._known[:] = 0.0
 
@@ -126,7 +125,7 @@ class Corrections:
             broken = {group.verdict.broken for group in self.groups if group.verdict} - {""}
             robot = self.model.robot
             gone = [cable.name in broken for cable in robot.cables]
-            self.doubted = robot.per_element(gone) if broken else None
+            self.doubted = robot.per_element(gone) if broken else NO_DOUBTS
         self.correct(estimate, ensemble.variance)
 
     def correct(self, estimate: Estimate, history: Vector) -> None:

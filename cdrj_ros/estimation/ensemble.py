@@ -32,9 +32,9 @@ from cdrj_ros.estimation.model_error import (
     unmodelled,
 )
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.packing import INVALID, UNSURE, Layout
+from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import Model, shape_at
-from cdrj_ros.robot.description import Robot, Uncertainty
+from cdrj_ros.robot.description import Uncertainty
 
 LAST_STAMP: Final = 1
 """Index of the last sample's stamp in the ensemble's progress; that of the last update follows."""
@@ -42,6 +42,9 @@ LAST_STAMP: Final = 1
 UNSURE_SHARE: Final = 0.1
 """An element is ``UNSURE`` if its standard deviation exceeds this fraction of its tension or of
 its cable's preload, whichever is larger."""
+
+NO_STDDEVS: Final = np.empty((0, 0))
+"""Standard deviations that are not estimated."""
 
 MEMBERS: Final = 32
 """Members of the ensemble: the standard deviation is accurate to 1 / sqrt(2 * 32) = 12 %."""
@@ -257,20 +260,3 @@ class Ensemble:
             stddev,
         )
         return replace(estimates, stddev=stddev)
-
-
-def preload_of_elements(robot: Robot) -> Vector:
-    """Preload of every element's cable [N], shape (elements,)."""
-    return robot.per_element([cable.preload for cable in robot.cables])
-
-
-def mark_elements_unsure(values: Vector, which: NDArray[np.bool_]) -> None:
-    """Set ``UNSURE`` on some elements of an estimate, unless they are ``INVALID``.
-
-    Args:
-        values: an estimate; changed.
-        which: whether to mark each element, shape (elements,).
-    """
-    status = values[which.size : 2 * which.size]
-    flags = status.astype(np.int64)
-    status[:] = np.where(which & (flags & INVALID == 0), flags | UNSURE, flags)

@@ -7,7 +7,7 @@ See docs/estimation.md.
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -15,18 +15,16 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, Shape, shape_at
-from cdrj_ros.robot.description import Cable, Robot, Winch, turns_of
-from cdrj_ros.robot.groups import motors_of
+from cdrj_ros.robot.description import (
+    LARGEST_STRAIN,
+    MOST_PRELOADS,
+    Robot,
+    Winch,
+    turns_of,
+)
 
 LEAST_ARM: Final = 0.05
 """Moment arms below this fraction of the largest are not used to turn an effort into a tension."""
-
-
-MOST_PRELOADS: Final = 4.0
-"""Tension that a cable without ``max_tension`` may have, in preloads."""
-
-LARGEST_STRAIN: Final = 0.01
-"""Strain that a cable with neither may have: steel breaks at 1 to 2 %."""
 
 LARGEST_LOAD: Final = 0.3
 """Share of a joint's motion by which loads stretch a cable at most."""
@@ -108,16 +106,6 @@ def largest_tensions(robot: Robot) -> Vector:
             for cable in robot.cables
         ]
     )
-
-
-def most_likely(cable: Cable) -> float:
-    """Tension beyond which a motor's cable is rather misread than loaded [N].
-
-    Infinite for a cable with a ``max_tension``, beyond which it is overloaded.
-    """
-    if isfinite(cable.maximum_tension) or not motors_of(cable):
-        return inf
-    return max(MOST_PRELOADS * cable.preload, LARGEST_STRAIN * cable.axial_stiffness)
 
 
 def load_share(model: Model) -> Table:

@@ -28,12 +28,7 @@ from cdrj_ros.estimation.changes import (
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
 from cdrj_ros.estimation.corrections import Corrections, exact
 from cdrj_ros.estimation.encoderless import LiveEncoderless
-from cdrj_ros.estimation.ensemble import (
-    UNSURE_SHARE,
-    Ensemble,
-    mark_elements_unsure,
-    preload_of_elements,
-)
+from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble
 from cdrj_ros.estimation.estimator import (
     NEVER,
     NO_DOUBTS,
@@ -44,7 +39,6 @@ from cdrj_ros.estimation.estimator import (
     initial_state,
     step,
 )
-from cdrj_ros.estimation.model_error import most_likely
 from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
 from cdrj_ros.estimation.travel import MotorTravel
 from cdrj_ros.foundation.arrays import Vector
@@ -152,9 +146,7 @@ class LiveEstimator:
             self.ensemble.core.begin_units()
         self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
-        self._preload = preload_of_elements(model.robot)
-        self._everywhere = np.ones(self._preload.size, dtype=np.bool_)
-        self._most = model.robot.per_element([most_likely(one) for one in model.robot.cables])
+        self._everywhere = np.ones(len(model.layout.elements), dtype=np.bool_)
         if expected is not None:
             self.expect_sensors()
 
@@ -393,17 +385,12 @@ class LiveEstimator:
 
     def _mark(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
-        if estimate.stddev is not None:
-            share = self.options.unsure_share
-            mark_unsure(
-                self.model.core, estimate.values, self._preload, estimate.stddev, share, NO_DOUBTS
-            )
+        stddev = NO_STDDEVS if estimate.stddev is None else estimate.stddev
         if sample.doubtful:
-            mark_elements_unsure(estimate.values, self._everywhere)
-        elif (beyond := estimate.tension > self._most).any():
-            mark_elements_unsure(estimate.values, beyond)
-        if self.corrections is not None and self.corrections.doubted is not None:
-            mark_elements_unsure(estimate.values, self.corrections.doubted)
+            doubted = self._everywhere
+        else:
+            doubted = NO_DOUBTS if self.corrections is None else self.corrections.doubted
+        mark_unsure(self.model.core, estimate.values, stddev, self.options.unsure_share, doubted)
         if not self.options.uncertainty:
             estimate.stddev = None
 

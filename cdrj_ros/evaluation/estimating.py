@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
-from cdrj_ros.estimation.ensemble import UNSURE_SHARE, Ensemble, preload_of_elements, stddev_columns
+from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import (
     Angles,
     EarlierRun,
@@ -36,9 +36,6 @@ T = TypeVar("T")
 
 AT_ONCE: Final = 8192
 """Number of samples in a piece, which fit into the processor's cache; no estimate depends on it."""
-
-UNKNOWN: Final = np.empty((0, 0))
-"""Standard deviations that are not estimated."""
 
 
 def pieces_of(
@@ -67,7 +64,7 @@ def pieces_of(
 
 def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estimates]:
     """``pieces_of`` for a robot whose joints have encoders."""
-    preload, ensemble = preload_of_elements(model.robot), Ensemble(model) if uncertainty else None
+    ensemble = Ensemble(model) if uncertainty else None
     moved = np.zeros(len(model.robot.cables))
     for piece, estimates, change in _ahead(_estimated(model, samples)):
         found = estimates
@@ -76,8 +73,8 @@ def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estim
                 moved = np.hypot(moved, ensemble.mean_tensions(change))
                 ensemble.show_at_least(moved)
             found = ensemble.follow(piece, estimates)
-        stddev = UNKNOWN if found.stddev is None else found.stddev
-        mark_unsure(model.core, found.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        stddev = NO_STDDEVS if found.stddev is None else found.stddev
+        mark_unsure(model.core, found.values, stddev, UNSURE_SHARE, piece.doubtful)
         yield found
 
 
@@ -119,12 +116,12 @@ def _pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Itera
 
     ``efforts`` has those of the motors [N m], shape (n, motors); NaN where none was heard.
     """
-    encoderless, preload = EncoderlessEstimator(model), preload_of_elements(model.robot)
+    encoderless = EncoderlessEstimator(model)
     for begin in range(0, samples.stamp_ns.size, AT_ONCE):
         piece = samples.part(slice(begin, begin + AT_ONCE))
         estimates = encoderless.run(piece, efforts[begin : begin + AT_ONCE])
-        stddev = UNKNOWN if estimates.stddev is None else estimates.stddev
-        mark_unsure(model.core, estimates.values, preload, stddev, UNSURE_SHARE, piece.doubtful)
+        stddev = NO_STDDEVS if estimates.stddev is None else estimates.stddev
+        mark_unsure(model.core, estimates.values, stddev, UNSURE_SHARE, piece.doubtful)
         yield estimates
 
 

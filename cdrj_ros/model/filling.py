@@ -216,6 +216,7 @@ class _Rows:
             flow_time=cable.flow_time,
             preload=cable.preload,
             maximum_tension=cable.maximum_tension,
+            credible_tension=cable.credible_tension,
             wound_tension=cable.preload,
             slack_tension=cable.slack_tension,
         )

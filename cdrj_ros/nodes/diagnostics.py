@@ -258,7 +258,7 @@ def verdict_of(
 def _marked(model: Model, corrections: Corrections) -> str:
     """Elements that the verdict calls into doubt, in words."""
     doubted, names = corrections.doubted, model.layout.elements
-    if doubted is None:
+    if not doubted.any():
         return "none"
     if doubted.all():
         return "all"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import hypot, pi
+from math import hypot, inf, pi
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
@@ -312,6 +312,12 @@ class Anchor:
 
 Node = Winch | Pulley | Anchor
 
+MOST_PRELOADS: Final = 4.0
+"""Tension that a cable without ``max_tension`` may have, in preloads."""
+
+LARGEST_STRAIN: Final = 0.01
+"""Strain that a cable with neither may have: steel breaks at 1 to 2 %."""
+
 
 def turns_of(node: Node) -> dict[str, float]:
     """Angle that a node winds in per angle of every motor that turns it, (E3); empty without."""
@@ -360,6 +366,16 @@ class Cable:
     def pulleys(self) -> tuple[Pulley, ...]:
         """The pulleys in order."""
         return tuple(node for node in self.nodes if isinstance(node, Pulley))
+
+    @property
+    def credible_tension(self) -> float:
+        """Tension beyond which a motor's cable is rather misread than loaded [N].
+
+        Infinite for a cable with a ``max_tension``, beyond which it is overloaded.
+        """
+        if self.maximum_tension < inf or not any(map(turns_of, self.nodes)):
+            return inf
+        return max(MOST_PRELOADS * self.preload, LARGEST_STRAIN * self.axial_stiffness)
 
     @property
     def placed(self) -> bool:

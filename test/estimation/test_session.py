@@ -18,6 +18,7 @@ from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.estimation.sensors import Reading
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
+from cdrj_ros.evaluation.estimating import pieces_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model, load_model, prepare
@@ -83,10 +84,14 @@ def test_a_tension_that_no_such_cable_carries_is_not_ok_without_a_max_tension(
         cables: [{{name: c, axial_stiffness: 8000, preload: 20, nodes: [{winch}, {anchor}]}}]
         """
     )
-    live = LiveEstimator(prepare(robot))
-    for k in range(100):
-        _, found = live.feed("both", 10**9 + 10_000_000 * k, ["m"], [turn])
+    model = prepare(robot)
+    live, stamps = LiveEstimator(model), 10**9 + 10_000_000 * np.arange(100)
+    for stamp in stamps.tolist():
+        _, found = live.feed("both", stamp, ["m"], [turn])
     assert (found[-1].status == 0).all() == ok
+    readings = Samples(stamps, np.full((100, 1), turn), np.empty((100, 0)))
+    (recorded,) = pieces_of(model, readings, uncertainty=True)
+    assert (recorded.values[-1, model.layout.status] == 0).all() == ok
 
 
 def test_an_effort_counts_by_the_noise_of_its_motor_in_the_robot_file(model: Model) -> None:

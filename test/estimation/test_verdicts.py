@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
+from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.corrections import Corrections
-from cdrj_ros.estimation.ensemble import mark_elements_unsure
+from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.verdict_words import Report
@@ -128,7 +129,7 @@ def test_a_robot_that_is_as_its_file_says_raises_no_alarm(
         heard(model, motion.part(part), readings[part], sensors, live)
         assert report_of(live).level == "ok", report_of(live).message
     assert report_of(live).message == "agrees with the robot file"
-    assert corrections_of(live).doubted is None
+    assert not corrections_of(live).doubted.any()
 
 
 @pytest.mark.parametrize(
@@ -271,7 +272,7 @@ def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(
         later = replace(motion, stamp_ns=motion.stamp_ns + k * passed)
         heard(model, later, readings, ("effort",), live)
     assert report_of(live).level == "ok", report_of(live).message
-    assert corrections_of(live).doubted is None
+    assert not corrections_of(live).doubted.any()
 
 
 def test_a_lone_wrong_reading_is_no_evidence(model: Model, motion: Samples) -> None:
@@ -292,7 +293,7 @@ def test_the_clock_may_be_set_back_and_readings_may_pause(model: Model, motion: 
     late = replace(motion, stamp_ns=motion.stamp_ns + 10**12)
     heard(model, late, readings, live=live)
     assert report_of(live).level == "ok", report_of(live).message
-    assert corrections_of(live).doubted is None
+    assert not corrections_of(live).doubted.any()
 
 
 def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(
@@ -305,12 +306,15 @@ def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(
     assert report_of(heard(model, motion, readings)).level == "warn"
 
 
-def test_the_other_flags_of_unsure_elements_are_kept() -> None:
-    before = [OK, SLACK, INVALID, UNSURE | SLACK, SLACK]
-    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, *before, 7.0])
-    mark_elements_unsure(values, np.array([True, True, True, True, False]))
-    after = [UNSURE, SLACK | UNSURE, INVALID, UNSURE | SLACK, SLACK]
-    assert values.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, *after, 7.0]
+def test_the_other_flags_of_unsure_elements_are_kept(model: Model) -> None:
+    values, doubted = np.zeros((2, model.layout.size))
+    status, marked = values[model.layout.status], doubted[model.layout.status].astype(bool)
+    status[:5] = [OK, SLACK, INVALID, UNSURE | SLACK, SLACK]
+    marked[:4] = True
+    mark_unsure(model.core, values, NO_STDDEVS, UNSURE_SHARE, marked)
+    assert status[:5].tolist() == [UNSURE, SLACK | UNSURE, INVALID, UNSURE | SLACK, SLACK]
+    status[:] = 0.0
+    assert not values.any()
 
 
 def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Samples) -> None:
@@ -320,7 +324,7 @@ def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Sa
         live.take(motion.at(k))
     assert report_of(live).level == "ok", report_of(live).message
     assert "repeat their readings" in report_of(live).message
-    assert corrections_of(live).doubted is None
+    assert not corrections_of(live).doubted.any()
 
 
 def at_rest(model: Model, motion: Samples, pose: float) -> Samples:
