@@ -1,7 +1,5 @@
 """Tests of the command check_robot and of its suspicions."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -69,9 +67,7 @@ def written(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_robot_is_checked_and_written(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_robot_is_checked_and_written(name, tmp_path, capsys):
     out = tmp_path / "robot.json"
     assert check_robot.main([str(ROBOTS / f"{name}.yaml"), "--json", str(out), "--all"]) == 0
     printed = capsys.readouterr().out
@@ -87,9 +83,7 @@ def test_every_robot_is_checked_and_written(
         assert entry["text"] in printed
 
 
-def test_a_hand_is_shown_in_a_line_per_cable_the_worst_first(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_hand_is_shown_in_a_line_per_cable_the_worst_first(capsys):
     assert check_robot.main(["hand"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) < 60
@@ -106,7 +100,7 @@ def test_a_hand_is_shown_in_a_line_per_cable_the_worst_first(
     assert "--cable" in lines[-1]
 
 
-def test_one_cable_is_shown_in_detail(capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_cable_is_shown_in_detail(capsys):
     assert check_robot.main(["finger", "--cable", "superficial"]) == 0
     printed = capsys.readouterr().out
     for heading in ("length [mm]", "wrap [°]", "η at rest", "passes [mm]", "superficial: shares"):
@@ -127,7 +121,7 @@ def fingers(count: int) -> Robot:
     return parse_robot(yaml.safe_dump(empty | document))
 
 
-def test_another_finger_changes_nothing_that_is_found_about_the_first() -> None:
+def test_another_finger_changes_nothing_that_is_found_about_the_first():
     one, two = (prepare(fingers(count)) for count in (1, 2))
     alone, beside = (inspect_robot(model) for model in (one, two))
     for before, after in zip(alone.cables, beside.cables, strict=False):
@@ -144,7 +138,7 @@ def test_another_finger_changes_nothing_that_is_found_about_the_first() -> None:
         assert np.array_equal(shares[cause.what][:size], cause.share)
 
 
-def test_an_impossible_pose_is_told_by_the_joints_of_its_cable_alone() -> None:
+def test_an_impossible_pose_is_told_by_the_joints_of_its_cable_alone():
     text = HAND.read_text(encoding="utf-8").replace("[38, 0, 0]", "[4, 0, 0]")
     with pytest.raises(RobotFileError) as error:
         prepare(parse_robot(text))
@@ -155,16 +149,12 @@ def test_an_impossible_pose_is_told_by_the_joints_of_its_cable_alone() -> None:
     assert "..." not in message
 
 
-def test_figures_of_an_installed_robot_go_to_the_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_figures_of_an_installed_robot_go_to_the_terminal(capsys):
     assert check_robot.main(["finger", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["robot"] == "finger"
 
 
-def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(capsys, tmp_path):
     """An encoder of a plain cable: E A r / L newtons per radian, counts of 1 mrad."""
     text = PLAIN.replace("{name: m}", "{name: m, resolution: 0.001}")
     path = tmp_path / "plain.yaml"
@@ -183,16 +173,14 @@ def test_slips_of_an_encoder_that_no_reading_shows_are_named_with_their_size(
         (["hoist", "--json", "/no/such/folder/x"], ["--json", "/no/such/folder"]),
     ],
 )
-def test_a_wrong_command_line_is_one_line_and_exit_code_2(
-    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_command_line_is_one_line_and_exit_code_2(arguments, words, capsys):
     assert check_robot.main(arguments) == 2
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
     assert all(word in error for word in words), error
 
 
-def test_the_worst_tension_of_the_hoist_is_that_of_the_textbook() -> None:
+def test_the_worst_tension_of_the_hoist_is_that_of_the_textbook():
     hoist = (ROBOTS / "hoist.yaml").read_text("utf-8").replace("preload: 0", "preload: 125")
     (rope,) = inspect_robot(prepare(parse_robot(hoist))).cables
     assert (rope.followed.low, rope.followed.high) == pytest.approx((125.0, 125.0))
@@ -200,13 +188,13 @@ def test_the_worst_tension_of_the_hoist_is_that_of_the_textbook() -> None:
     assert rope.worst.high == pytest.approx(125.0 / eta**4)
 
 
-def test_a_preload_is_lost_after_the_motion_that_releases_its_elongation() -> None:
+def test_a_preload_is_lost_after_the_motion_that_releases_its_elongation():
     inspection = inspect_robot(prepare(parse_robot(PLAIN)))
     cable = inspection.cables[0]
     assert cable.slack_after[0] == pytest.approx(20.0 / (cable.stiffness * 0.02))
 
 
-def test_the_cable_that_passes_a_pulley_is_the_change_of_length_behind_it() -> None:
+def test_the_cable_that_passes_a_pulley_is_the_change_of_length_behind_it():
     inspection = inspect_robot(prepare(parse_robot(PLAIN)))
     assert inspection.cables[0].pulleys[0].passing == pytest.approx(0.02)
     assert inspection.motors[0].angle.width == pytest.approx(2.0)
@@ -251,7 +239,7 @@ ODD = [
 
 
 @pytest.mark.parametrize(("old", "new", "where", "words"), ODD, ids=[one[3] for one in ODD])
-def test_every_suspicious_value_is_reported(old: str, new: str, where: str, words: str) -> None:
+def test_every_suspicious_value_is_reported(old, new, where, words):
     assert old in PLAIN
     suspicions = found(PLAIN.replace(old, new, 1))
     matching = [one for one in suspicions if words in one.text]
@@ -269,9 +257,7 @@ def test_every_suspicious_value_is_reported(old: str, new: str, where: str, word
         ("scale: 0.02, effort_scale: 2.7", "torques of the cables"),
     ],
 )
-def test_what_exerts_published_efforts_follows_from_the_signs_of_a_motor(
-    signs: str, whose: str
-) -> None:
+def test_what_exerts_published_efforts_follows_from_the_signs_of_a_motor(signs, whose):
     text = PLAIN.replace("[{name: m}]", f"[{{name: m, {signs}}}]")
     (said,) = mapping(parse_robot(text))
     assert said.endswith(f"efforts are {whose} in the sense of the published position")
@@ -279,7 +265,7 @@ def test_what_exerts_published_efforts_follows_from_the_signs_of_a_motor(
     assert not [*mapping(parse_robot(PLAIN))], "nothing is converted"
 
 
-def test_windings_that_contradict_the_turns_are_reported() -> None:
+def test_windings_that_contradict_the_turns_are_reported():
     text = (ROBOTS / "prototype_positions.yaml").read_text("utf-8")
     assert not any("contradict" in entry.text for entry in found(text))
     wrong = text.replace("winding: -1", "winding: 1")
@@ -289,7 +275,7 @@ def test_windings_that_contradict_the_turns_are_reported() -> None:
     )
 
 
-def test_a_dead_point_of_all_cables_is_reported() -> None:
+def test_a_dead_point_of_all_cables_is_reported():
     dead = PLAIN
     for slope in ("-0.02", "0.02"):
         dead = dead.replace(
@@ -301,9 +287,7 @@ def test_a_dead_point_of_all_cables_is_reported() -> None:
     assert loose.grave
 
 
-def test_a_stiffening_cable_is_inspected_with_its_own_law(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stiffening_cable_is_inspected_with_its_own_law(tmp_path, capsys):
     key = "    preload: 20\n"
     text = PLAIN.replace(key, f"    bedding_strain: 0.002\n    bedding_tension: 10\n{key}")
     checks = inspect_robot(prepare(parse_robot(text))).cables
@@ -322,7 +306,7 @@ def test_a_stiffening_cable_is_inspected_with_its_own_law(
     assert "EA 7.854e+04 N, bedding 0.002 at 10 N" in capsys.readouterr().out
 
 
-def test_a_moving_end_does_not_matter_without_friction() -> None:
+def test_a_moving_end_does_not_matter_without_friction():
     wrap = "wrap_angle: {joint: q, offset: 1.5, slope: 0.5}}"
     for law in ("law: none", "rho: 0, bearing_friction: 0"):
         text = PLAIN.replace("mu_c: 0.1, rho: 0.2, bearing_friction: 0.005", f"mu_c: 0.1, {law}")
@@ -330,9 +314,7 @@ def test_a_moving_end_does_not_matter_without_friction() -> None:
                        for one in found(text.replace("wrap_angle: 1.5}", wrap)))  # fmt: skip
 
 
-def test_an_unknown_argument_is_escaped_on_the_terminal(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_unknown_argument_is_escaped_on_the_terminal(capsys):
     with pytest.raises(SystemExit, match="2"):
         check_robot.main(["hoist", "--red\x1b[31m"])
     assert "unrecognized arguments: --red\\x1b[31m" in capsys.readouterr().err
@@ -348,9 +330,7 @@ def report(tmp_path: Path, uncertainty: str | None) -> Any:
     return json.loads(out.read_text(encoding="utf-8"))["uncertainty"]
 
 
-def test_a_fresh_file_is_wide_and_names_three_numbers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fresh_file_is_wide_and_names_three_numbers(tmp_path, capsys):
     found = report(tmp_path, None)
     assert found["stddev"]["upper/8"] > 10.0
     assert found["causes"][0]["share"]["upper/8"] > 0.4
@@ -363,11 +343,11 @@ def test_a_fresh_file_is_wide_and_names_three_numbers(
     assert "~/tare" in found["causes"][0]["measure"]
 
 
-def test_an_exact_file_has_nothing_to_reduce(tmp_path: Path) -> None:
+def test_an_exact_file_has_nothing_to_reduce(tmp_path):
     assert report(tmp_path, "uncertainty: {others: exact}") is None
 
 
-def test_the_contribution_of_one_number_is_its_effect() -> None:
+def test_the_contribution_of_one_number_is_its_effect():
     """A preload known to 0.4 N changes every tension of a frictionless cable by as much."""
     model = load_model(ROBOT)
     document: Any = dict(model.robot.document)

@@ -1,7 +1,5 @@
 """``commission``: what its steps bring for robots that differ from their file."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path
@@ -82,9 +80,7 @@ def covered(model: Model, stamps: np.ndarray, motors: dict[str, np.ndarray],
     return float(np.mean(error <= 2.0 * found.stddev[late][:, : true.shape[1]]))
 
 
-def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path, capsys):
     robot, out = tmp_path / "robot.yaml", tmp_path / "commissioned.yaml"
     fresh = with_section(PROTOTYPE.read_text(encoding="utf-8"), "uncertainty", None)
     robot.write_text(fresh, encoding="utf-8")
@@ -125,7 +121,7 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(
     assert inside > 0.95
 
 
-def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() -> None:
+def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold():
     fresh = with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None)
     now = steps.drums_measured(steps.begin(fresh, ROBOT), {"winch": 0.0302})
     robot = now.model.robot
@@ -143,9 +139,7 @@ def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold() 
     assert cells < motion < 0.25 * before  # friction of the motor is no number of the file
 
 
-def test_a_scale_that_was_read_in_another_pose_is_suspected(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scale_that_was_read_in_another_pose_is_suspected(tmp_path, capsys):
     robot = tmp_path / "robot.yaml"
     robot.write_text(with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None), "utf-8")
     stamps, truth, readings = moved(1)
@@ -156,7 +150,7 @@ def test_a_scale_that_was_read_in_another_pose_is_suspected(
     assert "the spring scale's reading belong to the pose of the tare?" in capsys.readouterr().out
 
 
-def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
+def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds():
     """The truth is a solver of its own, with contact cells fixed to the bodies."""
     scene, off = scenes.scene("skew cylinders"), np.radians(1.2)
     read, truth = scene.joint - np.array([off, 0.0]), scenes.truth_of(scene)
@@ -197,9 +191,7 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds() -> None:
     assert found.values[k] == pytest.approx(off / default, abs=3.0 * found.stddev[k])
 
 
-def test_a_measurement_that_is_none_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_measurement_that_is_none_is_refused_in_one_line(tmp_path, capsys):
     robot = tmp_path / "robot.yaml"
     robot.write_text(with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None), "utf-8")
     stamps, _, readings = moved(1)
@@ -217,9 +209,7 @@ def test_a_measurement_that_is_none_is_refused_in_one_line(
         assert words in capsys.readouterr().err
 
 
-def test_a_log_without_ros_is_taken_as_a_bag_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_without_ros_is_taken_as_a_bag_is(tmp_path, capsys):
     rows = [f"{0.01 * k:.2f},0.5,-0.01" for k in range(300)]
     (tmp_path / "rest.csv").write_text("\n".join(["t,m,j", *rows]) + "\n", "utf-8")
     columns = tmp_path / "columns.yaml"
@@ -255,7 +245,7 @@ cables:
 """
 
 
-def test_a_robot_of_a_urdf_is_commissioned_without_changing_the_urdf(tmp_path: Path) -> None:
+def test_a_robot_of_a_urdf_is_commissioned_without_changing_the_urdf(tmp_path):
     (tmp_path / "lever.urdf").write_text(URDF, encoding="utf-8")
     robot, out = tmp_path / "lever.yaml", tmp_path / "out.yaml"
     robot.write_text(LEVER, encoding="utf-8")

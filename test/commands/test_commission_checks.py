@@ -1,9 +1,6 @@
 """``commission``: mistakes that are named, and files that are written once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,7 +47,7 @@ def pulled(first: float, second: float, sign: float = -1.0) -> Recorded:
     return Recorded("motion", {}, {}, efforts)
 
 
-def test_readings_of_two_cables_that_were_swapped_are_named() -> None:
+def test_readings_of_two_cables_that_were_swapped_are_named():
     """Truth: two flexors of 16 and 12 N over an extensor, with four contact cells per pulley."""
     document = dict(hand(finger("a", cables=3)).document)
     values = {"cables.a_0.preload": 16.0, "cables.a_1.preload": 12.0, "cables.a_2.preload": 14.0}
@@ -80,7 +77,7 @@ def test_readings_of_two_cables_that_were_swapped_are_named() -> None:
         assert swapped(now) == pair
 
 
-def test_efforts_of_the_wrong_sign_or_unit_are_refused_with_the_key_that_fits() -> None:
+def test_efforts_of_the_wrong_sign_or_unit_are_refused_with_the_key_that_fits():
     model = read_as(14.0, 17.0)
     refuse_efforts(model, pulled(14.0, 17.0))
     refuse_efforts(model, pulled(9.0, 30.0))
@@ -94,7 +91,7 @@ def test_efforts_of_the_wrong_sign_or_unit_are_refused_with_the_key_that_fits() 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.0, 1.2, 1.6, 2.0, 3.0])
 @pytest.mark.parametrize("rate", [47.0, 200.0, 1000.0])
-def test_a_recording_at_rest_is_a_pose_however_its_stamps_lie(seconds: float, rate: float) -> None:
+def test_a_recording_at_rest_is_a_pose_however_its_stamps_lie(seconds, rate):
     stamps = EPOCH_NS + np.round(np.arange(0.0, seconds, 1.0 / rate) * 1e9).astype(np.int64)
     stamps += np.random.default_rng(0).integers(0, 100_000, stamps.size)
     still = np.zeros((stamps.size, 2))
@@ -102,7 +99,7 @@ def test_a_recording_at_rest_is_a_pose_however_its_stamps_lie(seconds: float, ra
     np.testing.assert_array_equal(pose.joint_angle, [0.0, 0.0])
 
 
-def test_a_second_at_rest_before_a_motion_is_a_pose_and_less_is_named() -> None:
+def test_a_second_at_rest_before_a_motion_is_a_pose_and_less_is_named():
     robot = hand(finger("a"))
 
     def poses(rest: float) -> int:
@@ -116,9 +113,7 @@ def test_a_second_at_rest_before_a_motion_is_a_pose_and_less_is_named() -> None:
         poses(0.7)
 
 
-def test_a_refused_measurement_leaves_no_file_behind(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_refused_measurement_leaves_no_file_behind(tmp_path, capsys):
     robot, out = tmp_path / "finger.yaml", tmp_path / "out.yaml"
     robot.write_text(yaml.safe_dump(dict(hand(finger("a")).document)), encoding="utf-8")
     stamps, topics = EPOCH_NS + 5_000_000 * np.arange(240), Topics()
@@ -134,7 +129,7 @@ def test_a_refused_measurement_leaves_no_file_behind(
     assert out.exists()
 
 
-def test_a_drum_may_be_named_without_the_prefix_of_the_file() -> None:
+def test_a_drum_may_be_named_without_the_prefix_of_the_file():
     document = {**hand(finger("a")).document, "prefix": "lh_"}
     text = yaml.safe_dump(document)
     before = steps.begin(text, "finger")
@@ -145,9 +140,7 @@ def test_a_drum_may_be_named_without_the_prefix_of_the_file() -> None:
     assert short.model.robot.cables[0].nodes[0].radius == pytest.approx(0.00615)
 
 
-def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_first(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_first(capsys):
     few = Judged(0.5, {"upper": 0.1, "lower": 0.2}, ("upper/8",))
     many = Judged(0.5, {f"cable{k}": 0.01 * (k + 1) for k in range(15)})
     assert commission.words_of(few).endswith("upper 10.0%, lower 20.0%")
@@ -160,7 +153,7 @@ def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_fir
     assert len(lines) == 17
 
 
-def test_a_joint_without_encoder_needs_a_sensor_for_a_fit() -> None:
+def test_a_joint_without_encoder_needs_a_sensor_for_a_fit():
     document = dict(hand(finger("a")).document)
     document["joints"] = [{**one, "measured": one["name"] != "a_pip"} for one in document["joints"]]
     with pytest.raises(UsageError, match=r"record a_pip by a sensor .* measured: false out of"):

@@ -1,7 +1,5 @@
 """Fits of ``commission``: the fingers of a hand get what each of them gets alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -33,7 +31,7 @@ def two() -> Robot:
     return hand(finger("a"), finger("b"))
 
 
-def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure() -> None:
+def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure():
     alone = hand(finger("b"))
     right = recorded(alone)
     more = {name: replace(one, value=1.05 * one.value) for name, one in right.references.items()}
@@ -57,7 +55,7 @@ def fits(two: Robot) -> Fits:
     return {"alone": whole, "a": a, "b": b}
 
 
-def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(fits: Fits) -> None:
+def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(fits):
     whole, part = fits["alone"], fits["b"]
     np.testing.assert_array_equal(part.found.values, whole.found.values)
     np.testing.assert_array_equal(part.found.correlation, whole.found.correlation)
@@ -65,7 +63,7 @@ def test_an_unrelated_finger_changes_no_bit_of_what_another_gets(fits: Fits) -> 
     assert {path: part.values[path] for path in own} == own
 
 
-def test_the_file_of_a_hand_says_of_a_finger_what_its_own_would(two: Robot, fits: Fits) -> None:
+def test_the_file_of_a_hand_says_of_a_finger_what_its_own_would(two, fits):
     """Bit for bit, although nothing shows whether the drums of the other finger hold."""
     hold, open_ = (DrumFinding(word, "seen", "") for word in ("hold", "may_slip"))
     held = [replace(one, found=replace(one.found, drums=dict.fromkeys(("b_0", "b_1"), hold)))
@@ -95,21 +93,21 @@ def test_the_file_of_a_hand_says_of_a_finger_what_its_own_would(two: Robot, fits
     )
 
 
-def test_an_unrelated_finger_changes_no_bit_of_how_another_is_judged(two: Robot) -> None:
+def test_an_unrelated_finger_changes_no_bit_of_how_another_is_judged(two):
     one = hand(finger("b"))
     alone, whole = (judged(prepare(r), {axis.name: 0.01 for axis in r.motors}) for r in (one, two))
     assert alone.relative == {name: whole.relative[name] for name in alone.relative}
     assert [*whole.relative] == [cable.name for cable in two.cables]
 
 
-def test_a_file_is_judged_with_efforts_as_noisy_as_those_that_were_recorded(two: Robot) -> None:
+def test_a_file_is_judged_with_efforts_as_noisy_as_those_that_were_recorded(two):
     now, motion = steps.begin(text_of(two), "hand"), recorded(two)
     heard = replace(now, recordings=(motion,)).heard
     assert heard == pytest.approx({motor.name: 0.005 for motor in two.motors}, rel=0.25)
     assert replace(now, recordings=(replace(motion, references={}),)).heard == {}
 
 
-def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two: Robot) -> None:
+def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two):
     now = steps.fitted(steps.begin(text_of(two), "hand"), [recorded(two)])
     robot = now.model.robot
     friction = [cable.pulleys[0].friction.mu_c for cable in robot.cables]
@@ -121,7 +119,7 @@ def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two: Robot
     np.testing.assert_allclose(variance, variance[0, 0], err_msg="one cause")
 
 
-def test_a_part_without_references_keeps_what_its_file_says(two: Robot) -> None:
+def test_a_part_without_references_keeps_what_its_file_says(two):
     motion = recorded(two)
     only = {name: one for name, one in motion.references.items() if "/a_" in name}
     now = steps.fitted(steps.begin(text_of(two), "hand"), [replace(motion, references=only)])
@@ -134,7 +132,7 @@ def test_a_part_without_references_keeps_what_its_file_says(two: Robot) -> None:
         steps.fitted(steps.begin(text_of(two), "hand"), [replace(motion, references={})])
 
 
-def test_a_small_hand_on_a_wrist_is_fitted_as_one_and_a_large_one_by_fingers() -> None:
+def test_a_small_hand_on_a_wrist_is_fitted_as_one_and_a_large_one_by_fingers():
     small = parts_of(hand(finger("a", "palm"), finger("b", "palm"), **WRIST))
     assert [part.cables for part in small] == [(0, 1, 2, 3)]
     fingers = [finger(name, "palm", cables=4) for name in "abc"]
@@ -144,7 +142,7 @@ def test_a_small_hand_on_a_wrist_is_fitted_as_one_and_a_large_one_by_fingers() -
     assert all(shared <= part.elsewhere for part in large)
 
 
-def test_the_zero_of_a_wrist_is_fitted_with_the_cables_of_the_wrist() -> None:
+def test_the_zero_of_a_wrist_is_fitted_with_the_cables_of_the_wrist():
     own = {"motors": [{"name": "m"}], "cables": [cable("w", "m", "palm", 0)]}
     fingers = [finger(name, "palm", cables=4) for name in "abc"]
     wrist, *others = parts_of(hand({**WRIST, **own}, *fingers))
@@ -153,7 +151,7 @@ def test_the_zero_of_a_wrist_is_fitted_with_the_cables_of_the_wrist() -> None:
     assert all("joints.wrist.offset" in part.elsewhere for part in others)
 
 
-def test_more_numbers_than_a_fit_has_are_written_in_groups_and_read_again() -> None:
+def test_more_numbers_than_a_fit_has_are_written_in_groups_and_read_again():
     known = [
         StatedNumbers(tuple(f"cables.c{k}_{j}.preload" for j in range(2)), (0.5, 0.25),
                       np.array([[1.0, 0.125 * (k % 8)], [0.125 * (k % 8), 1.0]]))

@@ -1,7 +1,5 @@
 """``commission``: a spring scale that is read in several poses."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache
@@ -123,7 +121,7 @@ def covered(model: Model, recorded: Recorded, tension: np.ndarray) -> float:
     return float(np.mean(error <= 2.0 * found.stddev[late, : tension.shape[1]]))
 
 
-def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds() -> None:
+def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds():
     recorded, _ = rig(COURSE)
     tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
     one = steps.preloaded(tared, scale_readings()[:1])
@@ -141,7 +139,7 @@ def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds() ->
     assert covered(three.model, other, truth.tension) > 0.95
 
 
-def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable() -> None:
+def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable():
     recorded, _ = rig(COURSE)
     tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
     for tension, comment in ((None, "cable that slips makes"), (slipping(), "cable that holds")):
@@ -151,7 +149,7 @@ def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable
         assert set(fit.found.drums) == {"upper", "lower"}
 
 
-def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readings() -> None:
+def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readings():
     """Its friction differs from the file, and its residuals last, unlike errors of readings."""
     recorded, _ = rig(COURSE)
     tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
@@ -173,7 +171,7 @@ def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readi
     assert radii[1] < 1.1 * radii[0]
 
 
-def test_a_gain_that_is_common_to_all_readings_changes_preloads_alone() -> None:
+def test_a_gain_that_is_common_to_all_readings_changes_preloads_alone():
     recorded, _ = rig(COURSE)
     tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
     plain, more = (
@@ -185,7 +183,7 @@ def test_a_gain_that_is_common_to_all_readings_changes_preloads_alone() -> None:
     assert second.nodes[0].radius == pytest.approx(first.nodes[0].radius, abs=2e-5)
 
 
-def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothing() -> None:
+def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothing():
     """Two causes of error for the same two numbers, whose covariance adds up again."""
     now = steps.preloaded(steps.begin(FRESH, str(PROTOTYPE)), [{"upper": 30.0, "lower": 20.0}])
     robot = now.model.robot
@@ -207,7 +205,7 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
     assert entry["correlation"][i][j] == pytest.approx(common, abs=1e-3)
 
 
-def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion() -> None:
+def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion():
     model = prepare(parse_robot(FRESH, "fresh"))
 
     def poses(joint: np.ndarray) -> list[float]:
@@ -235,8 +233,8 @@ def words(readings: list[dict[str, float]]) -> list[str]:
 
 
 def test_the_dialogue_asks_for_every_pose_and_says_the_same_as_options(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, capsys, monkeypatch
+):
     robot = tmp_path / "robot.yaml"
     robot.write_text(FRESH, encoding="utf-8")
     given = words(scale_readings())
@@ -269,9 +267,7 @@ def test_the_dialogue_asks_for_every_pose_and_says_the_same_as_options(
     assert numbers["cables.upper.nodes.1.radius"] == "fit to spring scale"
 
 
-def test_readings_that_do_not_belong_to_the_poses_are_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_readings_that_do_not_belong_to_the_poses_are_refused_in_one_line(tmp_path, capsys):
     robot = tmp_path / "robot.yaml"
     robot.write_text(FRESH, encoding="utf-8")
     given = ["--robot", str(robot), "--out", str(tmp_path / "out.yaml"), "--force", "--yes"]

@@ -1,7 +1,5 @@
 """Tests of the command identify, run in this process on bags of the simulated rig."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -37,8 +35,8 @@ def other_motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_followed(
-    fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    fitted_bag, other_motion, tmp_path, capsys
+):
     """The truth has contact cells, unlike the model; the standard errors must cover this."""
     out = tmp_path / "identified.yaml"
     off = {
@@ -79,8 +77,8 @@ def test_five_numbers_twenty_percent_off_are_recovered_and_another_motion_is_fol
 
 
 def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_from(
-    fitted_bag: Path, tmp_path: Path
-) -> None:
+    fitted_bag, tmp_path
+):
     out = tmp_path / "identified.yaml"
     assert identify.main(
         [str(fitted_bag), "--robot", ROBOT, "--fit", "friction.rho,cables.*.preload",
@@ -109,8 +107,8 @@ def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_fro
 
 
 def test_bags_are_evaluated_with_fits_that_left_them_out(
-    fitted_bag: Path, other_motion: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    fitted_bag, other_motion, tmp_path, capsys
+):
     out = tmp_path / "identified.yaml"
     assert identify.main(
         [str(fitted_bag), str(other_motion), "--robot", ROBOT, "--fit", "friction.rho",
@@ -136,9 +134,7 @@ def test_bags_are_evaluated_with_fits_that_left_them_out(
         (["--fit", "friction.rho", "--cross-validate", "x*"], "must match some of the bags"),
     ],
 )
-def test_a_mistake_is_answered_in_one_line_with_its_remedy(
-    arguments: list[str], taught: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mistake_is_answered_in_one_line_with_its_remedy(arguments, taught, capsys):
     assert identify.main([str(SAMPLE), "--robot", ROBOT, "--quick", *arguments]) == 2
     lines = capsys.readouterr().err.strip().splitlines()
     # on a slow machine, progress is printed too
@@ -159,9 +155,7 @@ def test_a_mistake_is_answered_in_one_line_with_its_remedy(
         ("[1]", "must hold a mapping with settings of identify"),
     ],
 )
-def test_a_mistake_in_the_settings_is_answered_by_its_key(
-    settings: str, taught: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mistake_in_the_settings_is_answered_by_its_key(settings, taught, tmp_path, capsys):
     file = tmp_path / "settings.yaml"
     file.write_text(settings)
     words = [str(SAMPLE), "--robot", ROBOT, "--fit", "friction.rho", "--quick"]
@@ -169,7 +163,7 @@ def test_a_mistake_in_the_settings_is_answered_by_its_key(
     assert taught in capsys.readouterr().err
 
 
-def test_the_shipped_settings_are_the_defaults_and_name_every_key() -> None:
+def test_the_shipped_settings_are_the_defaults_and_name_every_key():
     shipped = load_settings(str(ROOT / "config" / "identify.yaml"))
     schema = load_schema("cdrj_ros.commands", "identify.schema.json")["properties"]
     assert list(shipped) == list(schema)
@@ -204,8 +198,8 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_an_output_that_would_destroy_something_is_refused_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
-) -> None:
+    tmp_path, capsys, options, words
+):
     places = {name: tmp_path / name for name in ("bag", "held", "robot")}
     for name in ("bag", "held"):
         places[name].mkdir()
@@ -222,8 +216,8 @@ def test_an_output_that_would_destroy_something_is_refused_before_the_work(
 
 
 def test_force_replaces_the_robot_file_itself_whole_or_not_at_all(
-    fitted_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    fitted_bag, tmp_path, monkeypatch
+):
     robot = tmp_path / "robot.yaml"
     robot.write_bytes(PROTOTYPE.read_bytes())
     command = [str(fitted_bag), "--robot", str(robot), "--fit", "friction.rho", "--quick",
@@ -249,8 +243,8 @@ def alone(folder: Path) -> Path:
 
 
 def test_the_scale_of_efforts_is_fitted_to_those_that_the_motors_publish(
-    fitted_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    fitted_bag, tmp_path, capsys
+):
     """A stack publishes currents with the angles, and nothing else: 0.37 N m/A before a gear."""
     recording = read_recording(fitted_bag)
     motor, effort = recording.motors["winch"], recording.references["effort/winch"]

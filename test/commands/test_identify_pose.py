@@ -1,7 +1,5 @@
 """``identify --from FILE``: a file for another pose from the file of one pose."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +59,8 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_only_what_the_pose_changed_is_fitted_and_the_range_follows_the_readings(
-    bags: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    bags, tmp_path, capsys
+):
     out = tmp_path / "posed.yaml"
     command = [*map(str, bags), "--from", str(ROBOT), "--quick", "--out", str(out)]
     assert identify.main(command) == 0
@@ -92,7 +90,7 @@ def test_only_what_the_pose_changed_is_fitted_and_the_range_follows_the_readings
     assert set(posed["joints"][0]["correction"]["value"]) == {0.0}
 
 
-def test_only_fitted_corrections_are_outdated_and_only_where_a_joint_has_left_its_range() -> None:
+def test_only_fitted_corrections_are_outdated_and_only_where_a_joint_has_left_its_range():
     document, source = load_document(ROBOT)
     known = document["uncertainty"]
     place = known["parameters"].index("joints.jaw.correction.value.3")
@@ -120,8 +118,6 @@ def test_only_fitted_corrections_are_outdated_and_only_where_a_joint_has_left_it
         (["--fit", "rho"], "--robot is missing"),
     ],
 )
-def test_options_that_contradict_each_other_are_refused(
-    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_that_contradict_each_other_are_refused(arguments, words, capsys):
     assert identify.main(["no_bag", *arguments]) == 2
     assert words in capsys.readouterr().err

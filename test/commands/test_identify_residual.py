@@ -3,8 +3,6 @@
 The simulated robot has friction that its file lacks: of a bearing, and of one pulley.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -66,9 +64,7 @@ def rms(channel: Channel) -> float:
     return float(np.sqrt(np.mean((channel.estimate - channel.reference) ** 2)))
 
 
-def test_what_the_model_lacks_is_learned_for_a_run_that_was_not_used(
-    bags: list[str], corrected: Path
-) -> None:
+def test_what_the_model_lacks_is_learned_for_a_run_that_was_not_used(bags, corrected):
     """Measured efforts and tensions come nearer, within bands that are not wider; others stay."""
     before, after = compared(PROTOTYPE, bags[-1]), compared(corrected, bags[-1])
     learned = {one.output for one in load_model(str(corrected)).robot.residuals}
@@ -82,9 +78,7 @@ def test_what_the_model_lacks_is_learned_for_a_run_that_was_not_used(
         np.testing.assert_array_equal(after[name].estimate, before[name].estimate)
 
 
-def test_two_bags_are_too_few_for_a_correction(
-    bags: list[str], settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_bags_are_too_few_for_a_correction(bags, settings, tmp_path, capsys):
     out = tmp_path / "robot.yaml"
     words = ["--robot", ROBOT, "--settings", settings, "--residual", "--out", str(out)]
     assert identify.main([*bags[:2], *words]) == 0
@@ -93,9 +87,9 @@ def test_two_bags_are_too_few_for_a_correction(
 
 
 def test_a_fit_of_numbers_drops_what_was_learned_with_others(
-    bags: list[str], settings: str, corrected: Path, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    bags, settings, corrected, tmp_path,
+    capsys
+):  # fmt: skip
     out = tmp_path / "robot.yaml"
     words = ["--robot", str(corrected), "--settings", settings, "--quick", "--out", str(out)]
     assert identify.main([bags[0], *words, "--fit", "motors.winch.bearing_torque"]) == 0
@@ -103,8 +97,6 @@ def test_a_fit_of_numbers_drops_what_was_learned_with_others(
     assert load_model(str(out)).robot.residuals == ()
 
 
-def test_options_that_belong_to_a_fit_are_refused_without_one(
-    bags: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_that_belong_to_a_fit_are_refused_without_one(bags, capsys):
     assert identify.main([bags[0], "--robot", ROBOT, "--residual", "--cross-validate"]) == 2
     assert "--cross-validate needs --fit" in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """The block ``uncertainty`` that ``identify`` writes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -47,7 +45,7 @@ def covariance(block: dict[str, Any]) -> dict[tuple[str, str], float]:
     }
 
 
-def test_what_the_fit_left_alone_is_written_with_its_covariance() -> None:
+def test_what_the_fit_left_alone_is_written_with_its_covariance():
     stated = {"parameters": ["cables.a.preload"], "stddev": [2.0]}
     block = written(nuisance_correlation(CAUSES, ABSORBED, STDDEV), stated)
     radii = ["cables.a.nodes.2.radius", "cables.a.nodes.3.radius"]
@@ -67,7 +65,7 @@ def test_what_the_fit_left_alone_is_written_with_its_covariance() -> None:
     assert np.array_equal(matrix, matrix.T)
 
 
-def test_numbers_that_deviate_together_are_taken_whole_or_not_at_all() -> None:
+def test_numbers_that_deviate_together_are_taken_whole_or_not_at_all():
     many = {f"cables.a.nodes.{k}.radius": 1e-4 for k in range(2, 2 + COVARIANCE_LIMIT - 3)}
     causes = (many, {"cables.a.preload": 2.0})
     others = nuisance_correlation(causes, np.array([[0.06, 0.05], [0.0, 0.0]]), STDDEV)
@@ -77,7 +75,7 @@ def test_numbers_that_deviate_together_are_taken_whole_or_not_at_all() -> None:
     assert written(others, {})["parameters"][3:] == ["cables.a.preload"]
 
 
-def test_without_inexact_others_only_the_fit_and_what_was_stated_is_written() -> None:
+def test_without_inexact_others_only_the_fit_and_what_was_stated_is_written():
     stated = {"parameters": ["friction.rho", "cables.a.preload"], "stddev": [0.3, 2.0]}
     for others in (None, nuisance_correlation((), np.empty((2, 0)), STDDEV)):
         block = written(others, {**stated, "others": "exact"})

@@ -1,7 +1,5 @@
 """Many bags: no bag lost to another, and no process left behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -13,7 +11,6 @@ from threading import Event
 from typing import Any
 
 import psutil
-import pytest
 from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.commands import validate
@@ -33,9 +30,7 @@ def figures(path: Path) -> dict[str, Any]:
     return found
 
 
-def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(tmp_path, capsys):
     shutil.copytree(SAMPLE, tmp_path / "good")
     (tmp_path / "none.mcap").write_bytes(b"nothing")
     (tmp_path / "other").mkdir()
@@ -57,7 +52,7 @@ def test_a_bag_that_breaks_off_or_is_none_is_named_and_the_others_are_compared(
     assert "all elements" in captured.out
 
 
-def test_ctrl_c_leaves_no_process_behind() -> None:
+def test_ctrl_c_leaves_no_process_behind():
     with subprocess.Popen(
         command(*[SAMPLE] * 60, "--jobs", 2),
         stdout=subprocess.DEVNULL,

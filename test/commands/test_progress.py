@@ -1,18 +1,12 @@
 """Progress display of long work, with the time left."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-
-import pytest
 
 from cdrj_ros.foundation import output as progress
 from cdrj_ros.foundation.output import ProgressBar
 
 
-def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_terminal_progress_is_an_occasional_line_with_the_time_left(monkeypatch, capsys):
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr(progress, "monotonic", lambda: clock.now)
     with ProgressBar("validating", 200.0) as report:

@@ -1,7 +1,5 @@
 """Tests of the command ``simulate``: effects of all options, and messages for invalid ones."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 
@@ -48,16 +46,14 @@ def _tensions(recording: Recording) -> np.ndarray:
     )
 
 
-def test_the_same_command_gives_the_same_bag_and_another_seed_another(
-    tmp_path: Path, plain: Recording
-) -> None:
+def test_the_same_command_gives_the_same_bag_and_another_seed_another(tmp_path, plain):
     again, other = run(tmp_path / "a"), run(tmp_path / "b", "--seed", "1")
     np.testing.assert_array_equal(_tensions(again), _tensions(plain))
     assert np.any(_tensions(other) != _tensions(plain))
     np.testing.assert_array_equal(again.motors["winch"].value, plain.motors["winch"].value)
 
 
-def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) -> None:
+def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path):
     """The motor of the sample bags needed no time to accelerate, see bags/README.md."""
     kept, rig = read_recording(SAMPLE), tmp_path / "rig.yaml"
     rig.write_text("drives: {max_acceleration: 1e6}", encoding="utf-8")
@@ -78,7 +74,7 @@ def test_the_command_reproduces_the_beginning_of_a_sample_bag(tmp_path: Path) ->
     [("sine", "balance"), ("ramps", "balance"), ("sine", "follow"), ("dwell", "follow"),
      ("sine", "forward"), ("random", "forward")],
 )  # fmt: skip
-def test_every_motion_and_every_mode_works(tmp_path: Path, motion: str, mode: str) -> None:
+def test_every_motion_and_every_mode_works(tmp_path, motion, mode):
     recording = run(tmp_path / "bag", "--motion", motion, "--mode", mode)
     angle = recording.joints["elbow"].value
     assert np.ptp(angle) > np.radians(2.0)
@@ -86,9 +82,7 @@ def test_every_motion_and_every_mode_works(tmp_path: Path, motion: str, mode: st
     assert np.isfinite(_tensions(recording)).all()
 
 
-def test_a_fault_acts_at_its_time_and_a_note_reports_the_slack(
-    tmp_path: Path, plain: Recording, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fault_acts_at_its_time_and_a_note_reports_the_slack(tmp_path, plain, capsys):
     fault = "faults: [{kind: slack, cable: lower, at: 2, amount_mm: 10}]"
     broken = run(tmp_path / "bag", *rig(tmp_path, fault))
     told = capsys.readouterr().out
@@ -99,9 +93,7 @@ def test_a_fault_acts_at_its_time_and_a_note_reports_the_slack(
     assert "note: lower is slack for " in told
 
 
-def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(tmp_path, capsys):
     heavy = rig(tmp_path, "load: {payload: 0.5}")
     weak = ("--preload", "10,3", *heavy)
     text = refused(capsys, tmp_path / "bag", *weak)
@@ -114,7 +106,7 @@ def test_a_slack_cable_is_refused_with_its_place_and_a_preload_that_helps(
     assert _tensions(slack).min() < 0.1
 
 
-def test_a_rig_file_acts_on_load_cells_latency_and_frozen_encoders(tmp_path: Path) -> None:
+def test_a_rig_file_acts_on_load_cells_latency_and_frozen_encoders(tmp_path):
     text = """
     load_cells: {elements: [lower/1], noise: 0.5}
     joints: {latency: 0.2}
@@ -145,7 +137,7 @@ def _delays_ns(bag: Path, topic: str) -> set[int]:
     }
 
 
-def test_a_rig_under_ros2_control_records_one_topic_of_its_broadcaster(tmp_path: Path) -> None:
+def test_a_rig_under_ros2_control_records_one_topic_of_its_broadcaster(tmp_path):
     text = "{ros2_control: {update_rate: 250}, motor_efforts: {}}"
     command = [str(tmp_path / "bag"), "--robot", ROBOT, *QUICK, *rig(tmp_path, text)]
     assert main(command) == 0
@@ -177,9 +169,7 @@ def test_a_rig_under_ros2_control_records_one_topic_of_its_broadcaster(tmp_path:
         ),
     ],
 )
-def test_a_mistake_is_explained_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], words: str
-) -> None:
+def test_a_mistake_is_explained_in_one_line(tmp_path, capsys, options, words):
     given = (rig(tmp_path, one)[1] if one.startswith("load:") else one for one in options)
     assert words in refused(capsys, tmp_path / "bag", *given)
 
@@ -188,9 +178,7 @@ NAMES = sorted(path.stem for path in Path(ROBOT).parent.glob("*.yaml"))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_robot_of_the_package_performs_the_default_motion(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_robot_of_the_package_performs_the_default_motion(name, tmp_path, capsys):
     """The run covers the first full stroke to either side and must not have a slack cable."""
     path = tmp_path / "bag"
     assert main([str(path), "--robot", name, "--duration", "14", "--cells", "1"]) == 0
@@ -211,9 +199,7 @@ def test_every_robot_of_the_package_performs_the_default_motion(
         assert np.degrees(np.abs(angle).max()) == pytest.approx(38.0, abs=0.2)
 
 
-def test_an_output_that_exists_is_refused_before_the_simulation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_output_that_exists_is_refused_before_the_simulation(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
         "cdrj_ros.commands.simulate._simulated", lambda *_: pytest.fail("simulated before")
     )
@@ -228,9 +214,7 @@ def test_an_output_that_exists_is_refused_before_the_simulation(
         assert words in line
 
 
-def test_positions_of_a_prismatic_joint_are_printed_in_metres(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_positions_of_a_prismatic_joint_are_printed_in_metres(tmp_path, capsys):
     command = [str(tmp_path / "bag"), "--robot", "hoist", "--duration", "12", "--cells", "1"]
     assert main([*command, "--amplitude", "20deg"]) == 2
     assert "--amplitude of a prismatic joint is in m" in capsys.readouterr().err
@@ -238,7 +222,7 @@ def test_positions_of_a_prismatic_joint_are_printed_in_metres(
     assert "load by 0.25 m about 0.5 m" in capsys.readouterr().out
 
 
-def test_a_joint_may_be_named_without_the_prefix_of_the_file(tmp_path: Path) -> None:
+def test_a_joint_may_be_named_without_the_prefix_of_the_file(tmp_path):
     robot = tmp_path / "robot.yaml"
     robot.write_text("prefix: left_\n" + PROTOTYPE.read_text(encoding="utf-8"), encoding="utf-8")
     for name in ("elbow", "left_elbow"):

@@ -1,7 +1,5 @@
 """Stamps of zero and of other clocks in recordings, as every command takes them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -36,8 +34,8 @@ def figures(bag: str, folder: Path) -> dict[str, Any]:
 
 
 def test_stamps_of_zero_are_replaced_by_log_times_which_is_said_once_per_topic(
-    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    bag, tmp_path, capsys
+):
     unstamped = restamped(bag, tmp_path / "zero", dict.fromkeys((MOTORS, JOINTS, *REFERENCES)))
     with_stamps, without = figures(bag, tmp_path), figures(unstamped, tmp_path)
     said = capsys.readouterr().out.replace("\n", " ")
@@ -50,14 +48,12 @@ def test_stamps_of_zero_are_replaced_by_log_times_which_is_said_once_per_topic(
     assert errors[1] < errors[0] + 0.01
 
 
-def test_one_topic_without_stamps_fits_one_with_stamps(bag: str, tmp_path: Path) -> None:
+def test_one_topic_without_stamps_fits_one_with_stamps(bag, tmp_path):
     found = figures(restamped(bag, tmp_path / "one", {JOINTS: None}), tmp_path)
     assert found["all"]["channels"]["tension/upper/8"]["mean_relative_error"] < 0.02
 
 
-def test_another_clock_is_named_with_axis_difference_and_remedy(
-    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_clock_is_named_with_axis_difference_and_remedy(bag, tmp_path, capsys):
     ahead = restamped(bag, tmp_path / "ahead", {JOINTS: THREE_HOURS})
     assert validate.main([ahead, "--robot", ROBOT]) == 2
     assert APART in capsys.readouterr().err
@@ -66,9 +62,7 @@ def test_another_clock_is_named_with_axis_difference_and_remedy(
     assert APART in capsys.readouterr().err
 
 
-def test_references_of_another_clock_are_an_error_not_an_empty_comparison(
-    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_references_of_another_clock_are_an_error_not_an_empty_comparison(bag, tmp_path, capsys):
     ahead = restamped(bag, tmp_path / "ahead", dict.fromkeys(REFERENCES, THREE_HOURS))
     assert validate.main([ahead, "--robot", ROBOT]) == 2
     error = capsys.readouterr().err

@@ -1,7 +1,5 @@
 """Tests of validate: its figures, its options, and defective recordings."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -80,9 +78,9 @@ def one_line(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> None:
     [(SAMPLE, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
 )
 def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
-    bag: Path, preload: list[str], last_element: float, all_elements: float, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    bag, preload, last_element, all_elements, tmp_path,
+    capsys
+):  # fmt: skip
     out = tmp_path / "figures.json"
     assert validate.main([str(bag), "--robot", ROBOT, "--json", str(out), *preload]) == 0
     figures = json.loads(out.read_text(), parse_constant=refuse)
@@ -101,9 +99,7 @@ def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
     assert channels["effort/winch"]["r2"] > 0.999
 
 
-def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
-    short: Path, tmp_path: Path
-) -> None:
+def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(short, tmp_path):
     looped = write(tmp_path / "looped", shifts_ns=(0, 5 * SECONDS, 10 * SECONDS))
     code, figures = run(tmp_path, looped, "--write-bag", tmp_path / "written")
     assert code == 0
@@ -117,9 +113,7 @@ def test_of_a_recording_whose_clock_goes_back_the_longest_part_is_compared(
 
 
 @pytest.mark.usefixtures("few_pictures")
-def test_limits_decide_the_exit_code_and_violations_are_listed(
-    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_limits_decide_the_exit_code_and_violations_are_listed(short, tmp_path, capsys):
     limits = tmp_path / "limits.yaml"
     limits.write_text("channels: {tension/*: {mean_relative_error: {max: 0.05}, r2: {max: 1.0}}}")
     code, figures = run(tmp_path, short, "--limits", limits)
@@ -149,9 +143,7 @@ def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("bags") / "second", until_s=1.0)
 
 
-def test_references_on_other_topics_are_found_by_their_type_and_named(
-    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_references_on_other_topics_are_found_by_their_type_and_named(second, tmp_path, capsys):
     default = run(tmp_path, second)[1]["all"]["channels"]
     capsys.readouterr()
     found = ("/truth/tensions", "/truth/states"), ("/cdrj/tensions", "/arm/states")
@@ -169,9 +161,7 @@ def test_references_on_other_topics_are_found_by_their_type_and_named(
     assert note in capsys.readouterr().out
 
 
-def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
-    tmp_path: Path,
-) -> None:
+def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(tmp_path):
     late = 1_000_000 * SECONDS + 5_000_000  # log times of another clock
     original = write(tmp_path / "original", shifts_ns=(late,))
     out = tmp_path / "out"
@@ -195,9 +185,7 @@ def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(
         np.testing.assert_array_equal(after.references[name].value, series.value)
 
 
-def test_a_written_bag_replaces_older_estimates_and_no_folder(
-    second: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_written_bag_replaces_older_estimates_and_no_folder(second, tmp_path, capsys):
     once, several = tmp_path / "once", tmp_path / "several"
     assert run(tmp_path, second, "--write-bag", once)[0] == 0
     assert run(tmp_path, second, once, "--write-bag", several)[0] == 0
@@ -210,9 +198,7 @@ def test_a_written_bag_replaces_older_estimates_and_no_folder(
     one_line(capsys, [f"{several} exists already"])
 
 
-def test_a_prefix_chooses_one_of_several_robots(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_prefix_chooses_one_of_several_robots(tmp_path, capsys):
     both = tmp_path / "both"
     with BagWriter(both) as bag:
         for side, until_s in (("left", 4.0), ("right", 2.0)):
@@ -246,17 +232,15 @@ def test_a_prefix_chooses_one_of_several_robots(
     ],
 )
 def test_invalid_arguments_are_refused_in_one_line(
-    second: Path, arguments: list[str], words: list[str], tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    second, arguments, words, tmp_path,
+    capsys
+):  # fmt: skip
     bags = [] if arguments[0].startswith("/") else [second]
     assert run(tmp_path, *bags, *arguments)[0] == 2
     one_line(capsys, words)
 
 
-def test_a_bag_whose_readings_are_all_refused_is_an_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_whose_readings_are_all_refused_is_an_error(tmp_path, capsys):
     with BagWriter(tmp_path / "bag") as bag:
         stamps = [1, 2, 3]
         nan = [[math.nan]] * 3
@@ -267,9 +251,7 @@ def test_a_bag_whose_readings_are_all_refused_is_an_error(
     one_line(capsys, ["not one sample"])
 
 
-def test_every_bag_may_have_its_own_preloads(
-    second: Path, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_bag_may_have_its_own_preloads(second, short, tmp_path, capsys):
     low = write(tmp_path / "low", LOW)
     code, one = run(tmp_path, short, low)
     assert code == 0
@@ -287,7 +269,7 @@ def test_every_bag_may_have_its_own_preloads(
     one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
 
 
-def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> None:
+def test_standard_deviations_give_coverage_and_change_no_error(short):
     found = [cdrj.validate(PROTOTYPE, short, uncertainty=known) for known in (False, True)]
     assert [one.bags[0].judged > 0 for one in found] == [False, True]
     assert 0 <= found[1].bags[0].ok <= found[1].bags[0].judged
@@ -299,8 +281,8 @@ def test_standard_deviations_give_coverage_and_change_no_error(short: Path) -> N
 
 
 def test_encoders_whose_counts_are_worth_much_are_named_where_the_file_states_no_resolution(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, capsys
+):
     text = PROTOTYPE.read_text()
     left_out = ("resolution", "tracking")
     lines = [one for one in text.splitlines() if not any(key in one for key in left_out)]

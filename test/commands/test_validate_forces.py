@@ -1,7 +1,5 @@
 """validate compares nodal forces as vectors where the reference has components."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -44,8 +42,8 @@ def turned_bag(folder: Path, robot: str, frame_id: str) -> Path:
     [("prototype", ""), ("prototype", "base"), ("prototype_positions", "base")],
 )
 def test_a_turned_force_is_seen_where_both_vectors_are_in_one_frame(
-    robot: str, frame_id: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    robot, frame_id, tmp_path, capsys
+):
     out, bag = tmp_path / "figures.json", turned_bag(tmp_path, robot, frame_id)
     assert validate.main([str(bag), "--robot", robot, "--json", str(out)]) == 0
     figures = json.loads(out.read_text())

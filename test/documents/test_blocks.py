@@ -4,8 +4,6 @@ Further tests of this folder run what is shown: of pages with commands those of 
 of identification, of validations, of the tutorial and of the README.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path
@@ -23,7 +21,7 @@ READ_ELSEWHERE = {"README.md", "docs/robot_file.md"}
 """Pages whose YAML test_readme.py and test_robot_file_document.py read, every block of it."""
 
 
-def test_bash_can_read_every_line_of_commands() -> None:
+def test_bash_can_read_every_line_of_commands():
     for page in PAGES:
         for language, text in fenced(page):
             if language == "bash":
@@ -33,13 +31,13 @@ def test_bash_can_read_every_line_of_commands() -> None:
                 assert read.returncode == 0, (page, read.stderr)
 
 
-def test_programs_in_python_stand_on_the_page_whose_programs_a_test_runs() -> None:
+def test_programs_in_python_stand_on_the_page_whose_programs_a_test_runs():
     """test_api.py and test_tables_page.py run them, test_parallel.py what recordings.md shows."""
     with_programs = {page.name for page in PAGES for kind, _ in fenced(page) if kind == "python"}
     assert with_programs == {"api.md", "recordings.md", "tables.md"}
 
 
-def test_settings_of_every_page_are_taken_by_their_reader(tmp_path: Path) -> None:
+def test_settings_of_every_page_are_taken_by_their_reader(tmp_path):
     read = {
         "docs/identification.md": lambda text: load_settings(_saved(tmp_path, text)),
         "docs/recordings.md": lambda text: parse_limits(text, "limits.yaml"),

@@ -38,7 +38,7 @@ def sources() -> list[Path]:
     return sorted({*PAGES, *(path for path in found if path.is_file())})
 
 
-def test_files_that_a_document_a_comment_or_a_docstring_names_exist() -> None:
+def test_files_that_a_document_a_comment_or_a_docstring_names_exist():
     folders_of_tests = tuple(path for path in (ROOT / "test").iterdir() if path.is_dir())
     missing, count = [], 0
     for path in sources():
@@ -54,13 +54,13 @@ def test_files_that_a_document_a_comment_or_a_docstring_names_exist() -> None:
     assert count > 50
 
 
-def test_selected_tests_exist() -> None:
+def test_selected_tests_exist():
     for page in (*PAGES, ROOT / "Makefile"):
         for name, word in re.findall(r"pytest .*?(test/\S+\.py)(?: -k (\w+))?", page.read_text()):
             assert word in "".join(re.findall(r"def (test_\w+)", (ROOT / name).read_text())), word
 
 
-def test_options_of_commands_on_a_page_exist() -> None:
+def test_options_of_commands_on_a_page_exist():
     for line in (line for page in PAGES for line in command_lines(page)):
         words = line.partition(" #")[0].removeprefix("ros2 run cdrj_ros ").split()
         if words and words[0] in PARSERS:
@@ -69,27 +69,27 @@ def test_options_of_commands_on_a_page_exist() -> None:
                 assert option.partition("=")[0] in known, f"{words[0]} has no {option}"
 
 
-def test_targets_of_make_on_a_page_exist() -> None:
+def test_targets_of_make_on_a_page_exist():
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
     for page in PAGES:
         named = re.findall(r"(?:`|^)make ([a-z]+)", page.read_text(), re.MULTILINE)
         assert {*named} <= {*targets}, page
 
 
-def test_functions_that_a_page_names_by_their_module_exist() -> None:
+def test_functions_that_a_page_names_by_their_module_exist():
     rooms = "|".join(path.parent.name for path in (ROOT / "cdrj_ros").glob("*/__init__.py"))
     for page in PAGES:
         for name in re.findall(rf"`((?:{rooms})\.[a-z_]+\.\w+(?:\.\w+)?)`", page.read_text()):
             pkgutil.resolve_name(f"cdrj_ros.{name}")
 
 
-def test_public_names_used_on_a_page_exist() -> None:
+def test_public_names_used_on_a_page_exist():
     for page in PAGES:
         named = re.findall(r"\bcdrj\.(?!launch|mcap)(\w+)", page.read_text())
         assert {*named} <= {*cdrj.__all__}, page
 
 
-def test_pictures_and_pages_that_a_page_links_to_exist() -> None:
+def test_pictures_and_pages_that_a_page_links_to_exist():
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text()):
             assert (page.parent / target).exists(), (page, target)

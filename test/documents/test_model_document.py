@@ -1,7 +1,5 @@
 """docs/model.md, examples/paper/derivation.md and the code refer to the same equations."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import pkgutil
@@ -75,7 +73,7 @@ def computed() -> dict[str, list[str]]:
     return table
 
 
-def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
+def test_every_equation_has_a_function_and_every_function_an_equation():
     table = computed()
     assert all(table.values())
     derived = "".join(page[: page.rindex(HEADING)] for page in PAGES)
@@ -85,12 +83,12 @@ def test_every_equation_has_a_function_and_every_function_an_equation() -> None:
     assert ours == list(range(1, len(ours) + 1))
 
 
-def test_a_function_of_an_equation_cites_it() -> None:
+def test_a_function_of_an_equation_cites_it():
     for number, names in computed().items():
         assert number in equations("\n".join(map(remarks_on, names))), number
 
 
-def test_every_equation_cited_in_the_code_is_in_the_document() -> None:
+def test_every_equation_cited_in_the_code_is_in_the_document():
     known = equations("".join(PAGES))
     for path in SOURCES:
         assert equations(remarks(path)) <= known, path

@@ -4,8 +4,6 @@ Those of README and tutorial have tests of their own; options of all others are 
 test_cross_references.py, names on lines of `ros2` in test_ros_commands.py.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex
@@ -31,7 +29,7 @@ def lines(page: str, command: str) -> list[str]:
 
 
 @pytest.mark.parametrize("line", lines("simulation.md", "simulate"))
-def test_simulations_of_the_page_on_the_rig_run(line: str, tmp_path: Path) -> None:
+def test_simulations_of_the_page_on_the_rig_run(line, tmp_path):
     words = shlex.split(re.sub(r"@\d+:", "@2:", line), comments=True)[1:]
     assert words[0] == "OUT"
     bag = tmp_path / "OUT"
@@ -40,9 +38,7 @@ def test_simulations_of_the_page_on_the_rig_run(line: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("line", lines("estimation.md", "check_robot"))
-def test_checks_of_the_page_on_uncertainty_run(
-    line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_checks_of_the_page_on_uncertainty_run(line, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     assert check_robot(shlex.split(line, comments=True)[1:]) == 0
     assert "16 elements" in capsys.readouterr().out
@@ -78,9 +74,7 @@ def arguments_of(line: str, lab: Path) -> list[str]:
 
 @pytest.mark.usefixtures("short_fits", "few_members")
 @pytest.mark.parametrize("line", lines("identification.md", "identify"))
-def test_fits_of_the_page_on_identification_run(
-    line: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fits_of_the_page_on_identification_run(line, lab, monkeypatch, capsys):
     monkeypatch.chdir(lab)
     assert identify([*arguments_of(line, lab), "--quick"]) == 0
     wanted = {"--from": "reference_angle", "--residual": "fewer than 3 bags"}
@@ -89,9 +83,7 @@ def test_fits_of_the_page_on_identification_run(
 
 @pytest.mark.usefixtures("few_pictures", "few_members")
 @pytest.mark.parametrize("line", lines("recordings.md", "validate"))
-def test_validations_of_the_pages_run(
-    line: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_validations_of_the_pages_run(line, lab, monkeypatch, capsys):
     monkeypatch.chdir(lab)
     words = arguments_of(line, lab)
     code = validate(words)
@@ -109,9 +101,7 @@ def test_validations_of_the_pages_run(
     assert ("outside the limits" if "--limits" in words else "Tension") in said.out + said.err
 
 
-def test_a_joint_without_encoder_is_made_as_the_page_shows(
-    lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_joint_without_encoder_is_made_as_the_page_shows(lab, monkeypatch, capsys):
     monkeypatch.chdir(lab)
     text = (ROOT / "docs" / "validation.md").read_text()
     made = next(one for one in re.findall(r"^sed .*", text, re.MULTILINE) if "alone.yaml" in one)

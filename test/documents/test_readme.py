@@ -3,7 +3,6 @@
 import os
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
 from support.places import ROOT
@@ -17,7 +16,7 @@ from cdrj_ros.robot.reader import parse_robot
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_robot_file_of_the_readme_is_valid() -> None:
+def test_the_robot_file_of_the_readme_is_valid():
     (text,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
     model = prepare(parse_robot(text, "README.md"))
     assert model.layout.elements == ("flexor/1", "flexor/2")
@@ -36,7 +35,7 @@ RUN = [line for line in COMMANDS if not line.startswith(("make ", "colcon ", "ro
 """No wheel provides `ros2` and colcon; test_ros_commands.py checks the names on their lines."""
 
 
-def test_every_other_command_runs_as_pasted(tmp_path: Path) -> None:
+def test_every_other_command_runs_as_pasted(tmp_path):
     """Run in a folder with the README's robot file."""
     pytest.importorskip("rclpy")
     assert {line.split()[0] for line in RUN} == {
@@ -62,7 +61,7 @@ def test_every_other_command_runs_as_pasted(tmp_path: Path) -> None:
     assert min(one.r2 for one in figures.pooled.values()) > 0.98
 
 
-def test_the_folders_that_colcon_builds_are_packages() -> None:
+def test_the_folders_that_colcon_builds_are_packages():
     (build,) = (line.partition(" && ")[0] for line in COMMANDS if line.startswith("colcon"))
     for folder in build.partition("--base-paths ")[2].split():
         assert (ROOT / folder / "package.xml").exists()

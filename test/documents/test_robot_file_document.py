@@ -1,7 +1,5 @@
 """docs/robot_file.md: valid example, correct error messages, complete list of keys."""
 
-from __future__ import annotations
-
 import re
 from textwrap import indent
 
@@ -21,12 +19,12 @@ BLOCKS = blocks("docs/robot_file.md", "yaml")
 FIRST, SPANS, ENDS, COUPLED, SPACE, PARTS, PASSIVE, UNMEASURED = BLOCKS
 
 
-def test_the_key_reference_is_that_of_the_schema() -> None:
+def test_the_key_reference_is_that_of_the_schema():
     generator = loaded_tool(ROOT / "tools" / "robot_file_keys.py")
     assert generator.updated(TEXT) == TEXT, "run python tools/robot_file_keys.py"
 
 
-def test_the_first_example_is_a_robot_without_suspicious_values() -> None:
+def test_the_first_example_is_a_robot_without_suspicious_values():
     model = prepare(parse_robot(FIRST, "one_joint.yaml"))
     assert model.layout.elements == ("flexor/1", "flexor/2", "extensor/1", "extensor/2")
     inspection = inspect_robot(model)
@@ -37,7 +35,7 @@ def test_the_first_example_is_a_robot_without_suspicious_values() -> None:
     assert extensor.moment_arm[0].high == pytest.approx(-0.040)
 
 
-def test_the_examples_of_spans_and_wraps_that_follow_a_joint_are_read() -> None:
+def test_the_examples_of_spans_and_wraps_that_follow_a_joint_are_read():
     head = (
         "name: arm\nmotors: [{name: m}]\n"
         "joints: [{name: elbow, range_deg: [-30, 30]}, {name: wrist, range_deg: [-30, 30]}]\n"
@@ -49,7 +47,7 @@ def test_the_examples_of_spans_and_wraps_that_follow_a_joint_are_read() -> None:
     assert len(robot.cables[0].pulleys) == 2
 
 
-def test_the_example_of_a_joint_without_encoder_is_read() -> None:
+def test_the_example_of_a_joint_without_encoder_is_read():
     jaw = (ROOT / "config" / "robots" / "davinci_jaw.yaml").read_text()
     document = {**yaml.safe_load(jaw), **yaml.safe_load(UNMEASURED)}
     robot = parse_robot(yaml.safe_dump(document))
@@ -58,7 +56,7 @@ def test_the_example_of_a_joint_without_encoder_is_read() -> None:
     assert robot.joints[0].load_drift == 0.01
 
 
-def test_the_example_of_coupled_joints_is_read_as_the_page_says() -> None:
+def test_the_example_of_coupled_joints_is_read_as_the_page_says():
     head, _, rest = FIRST.partition("joints:\n")
     moved = rest.replace("joint: shoulder", "joint: dip").partition("\n")[2]
     robot = parse_robot(f"{head}{COUPLED}{moved}")
@@ -68,21 +66,21 @@ def test_the_example_of_coupled_joints_is_read_as_the_page_says() -> None:
     assert arm.offset == pytest.approx(np.radians(5.0))
 
 
-def test_the_example_of_a_passive_cable_is_read() -> None:
+def test_the_example_of_a_passive_cable_is_read():
     text = FIRST.replace("cables:\n", f"cables:\n{indent(PASSIVE, '  ')}", 1)
     (spring, *_) = prepare(parse_robot(text), check_range=False).robot.cables
     assert spring.rest_length == 0.06
     assert spring.axial_stiffness == pytest.approx(350.0 * spring.rest_length)
 
 
-def test_the_example_in_space_is_a_valid_robot() -> None:
+def test_the_example_in_space_is_a_valid_robot():
     head = FIRST.partition("frames:")[0] + "friction: {mu_c: 0.1}\n"
     model = prepare(parse_robot(head + SPACE))
     assert not model.robot.planar
     assert [pulley.kind for pulley in model.robot.cables[0].pulleys] == ["sphere", "eyelet"]
 
 
-def test_the_example_of_parts_is_a_robot_with_the_cables_that_the_page_names() -> None:
+def test_the_example_of_parts_is_a_robot_with_the_cables_that_the_page_names():
     model = prepare(parse_robot(f"name: hand\n{PARTS}"))
     assert [cable.name for cable in model.robot.cables] == ["index_flexor", "thumb_flexor"]
     assert "index_finger" in [frame.name for frame in model.robot.frames]
@@ -104,9 +102,7 @@ MISTAKES = re.findall(
 
 
 @pytest.mark.parametrize(("given", "changed", "answer"), MISTAKES, ids=lambda text: text[:30])
-def test_the_error_for_a_mistake_names_key_value_and_remedy(
-    given: str, changed: str, answer: str
-) -> None:
+def test_the_error_for_a_mistake_names_key_value_and_remedy(given, changed, answer):
     assert given in FIRST
     with pytest.raises(RobotFileError) as error:
         prepare(parse_robot(FIRST.replace(given, changed, 1), "one_joint.yaml"))

@@ -1,7 +1,5 @@
 """docs/ros2_control.md: its numbers, its robot file, its messages and its C++ program."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -14,7 +12,7 @@ from support.places import ROOT
 TEXT = (ROOT / "docs" / "ros2_control.md").read_text("utf-8")
 
 
-def test_the_program_in_c_plus_plus_compiles(tmp_path: Path) -> None:
+def test_the_program_in_c_plus_plus_compiles(tmp_path):
     prefixes = [Path(one) for one in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if one]
     includes = [one / "include" for one in prefixes if (one / "include").is_dir()]
     compiler = shutil.which("c++") or shutil.which("g++")

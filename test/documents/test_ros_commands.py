@@ -4,8 +4,6 @@
 nodes themselves say; options of the other commands are checked in test_cross_references.py.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess
@@ -62,7 +60,7 @@ def is_known(words: list[str]) -> bool:
     return known
 
 
-def test_names_on_the_lines_of_ros2_exist() -> None:
+def test_names_on_the_lines_of_ros2_exist():
     for words in LINES:
         assert is_known(words[1:]), words
         for robot in (word.partition(":=")[2] for word in words if word.startswith("robot:=")):
@@ -70,7 +68,7 @@ def test_names_on_the_lines_of_ros2_exist() -> None:
             assert robot in ROBOTS or (ROOT / robot).exists() or made_by_reader, words
 
 
-def test_the_page_is_what_every_node_of_the_package_says() -> None:
+def test_the_page_is_what_every_node_of_the_package_says():
     pytest.importorskip("rclpy")
     pytest.importorskip("viser", reason="viser, which the node view needs, is not installed")
     done = subprocess.run([sys.executable, TOOL], capture_output=True, text=True, check=False)

@@ -1,20 +1,14 @@
 """docs/tables.md: its programs and its command run, and print what the page shows."""
 
-from __future__ import annotations
-
 import shlex
-from pathlib import Path
 
 import numpy as np
-import pytest
 from support.page_lines import blocks
 
 from cdrj_ros.commands import validate
 
 
-def test_the_programs_and_the_command_of_the_page_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_programs_and_the_command_of_the_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = "docs/tables.md"
     scope: dict[str, object] = {}

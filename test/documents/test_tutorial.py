@@ -1,11 +1,8 @@
 """Commands of docs/tutorial.md and robot_file.md work, and its table is what a reader gets."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import sys
-from pathlib import Path
 
 import pytest
 from support.page_lines import ROOT, command_lines, loaded_tool, shown_files, write_files
@@ -33,9 +30,7 @@ def run_line(words: list[str]) -> None:
         assert command.main(words[1:]) == 0
 
 
-def test_the_commands_of_the_page_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
     pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
     write_files(FILES, tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -49,9 +44,7 @@ def test_the_commands_of_the_page_run(
         assert (tmp_path / name).stat().st_size > 10_000
 
 
-def test_the_commands_that_import_and_compare_models_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_that_import_and_compare_models_run(tmp_path, monkeypatch, capsys):
     pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
     (tmp_path / "FOLDER").mkdir()
     for name in ("hand.xml", "FOLDER/hand.xml"):
@@ -68,9 +61,7 @@ def test_the_commands_that_import_and_compare_models_run(
     assert "hand.xml | 1 | 1 | " in capsys.readouterr().out
 
 
-def test_the_command_of_the_page_on_robot_files_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_of_the_page_on_robot_files_runs(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs" / "robot_file.md").read_text(encoding="utf-8")
     (tmp_path / "one_joint.yaml").write_text(re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)[0])
     monkeypatch.chdir(tmp_path)
@@ -95,7 +86,7 @@ def largest_at_rest(estimator: cdrj.Estimator, begin_s: int) -> float:
     return max(estimate.tension_stddevs.values())
 
 
-def test_the_table_of_the_tutorial_shows_what_the_estimator_gives(tmp_path: Path) -> None:
+def test_the_table_of_the_tutorial_shows_what_the_estimator_gives(tmp_path):
     write_files(FILES, tmp_path)
     estimator = cdrj.Estimator(cdrj.load(tmp_path / "gripper.yaml"))
     found = {"the start": largest_at_rest(estimator, 100)}

@@ -1,7 +1,5 @@
 """The prototype's model, which most tests of estimation use."""
 
-from __future__ import annotations
-
 import pytest
 
 from cdrj_ros.model.prepared import Model, load_model

@@ -1,9 +1,5 @@
 """Clean recordings have status 0, whatever the motion and the rate of the readings."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.campaign import SECOND, Faults, course_of, judge, recorded, run, sine
@@ -12,7 +8,7 @@ from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros.commands.simulate import parser
 from cdrj_ros.commands.simulate_motion import make_plan
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.rig_file import load_rig
 from cdrj_ros.simulation.truth import simulate
@@ -24,7 +20,7 @@ KNOWN = 2 * SECOND
 
 
 @pytest.mark.parametrize("hertz", ["0.1", "0.3", "3"])
-def test_what_simulate_writes_by_default_has_status_0(hertz: str, model: Model) -> None:
+def test_what_simulate_writes_by_default_has_status_0(hertz, model):
     """With a motor that balances a load, whose speed and acceleration are limited."""
     given = ["bag", "--robot", str(PROTOTYPE), "--frequency", hertz, "--duration", "12"]
     plan = make_plan(model, parser().parse_args(given), load_rig(""))
@@ -41,7 +37,7 @@ def test_what_simulate_writes_by_default_has_status_0(hertz: str, model: Model) 
 
 @pytest.mark.parametrize("hertz", [0.1, 1.0, 3.0])
 @pytest.mark.parametrize("name", ["finger", "wrist", "parallel"])
-def test_joints_that_move_together_have_status_0(name: str, hertz: float, tmp_path: Path) -> None:
+def test_joints_that_move_together_have_status_0(name, hertz, tmp_path):
     """The robot is the file's, whose numbers are exact; no axis exceeds its ``max_speed``."""
     file = tmp_path / f"{name}.yaml"
     exact = "\nuncertainty: {others: exact}\n"
@@ -63,7 +59,7 @@ def test_joints_that_move_together_have_status_0(name: str, hertz: float, tmp_pa
         assert verdict.beyond(5.0) <= LAW
 
 
-def test_members_of_the_ensemble_see_every_reversal_of_a_fast_motion(model: Model) -> None:
+def test_members_of_the_ensemble_see_every_reversal_of_a_fast_motion(model):
     """Each is updated every 64 ms, within which the joint may turn and come back."""
     course = course_of(model, 5.0, sine(3.0))
     verdict = judge(course, run(model, course, Faults()), KNOWN)
@@ -71,7 +67,7 @@ def test_members_of_the_ensemble_see_every_reversal_of_a_fast_motion(model: Mode
     assert verdict.beyond(5.0) <= LAW
 
 
-def test_tensions_between_the_readings_of_a_gap_say_nothing_of_lags(model: Model) -> None:
+def test_tensions_between_the_readings_of_a_gap_say_nothing_of_lags(model):
     course = course_of(model, 8.0, sine(0.8))
     gap = [("elbow", 4 * SECOND, 4 * SECOND + SECOND // 5)]
     outputs = run(model, course, Faults(gaps=gap))

@@ -1,7 +1,5 @@
 """Beliefs about unknowns and sensors: laws of the filter and of the hypotheses."""
 
-from __future__ import annotations
-
 import json
 from typing import Any, Final
 
@@ -45,7 +43,7 @@ def _read(
     known.core.take(k, stamp, value, NOISE, h, np.array(slopes), 0.0, np.array([h]))
 
 
-def test_a_right_sensor_gives_the_weighted_least_squares_solution() -> None:
+def test_a_right_sensor_gives_the_weighted_least_squares_solution():
     """In information form; what signatures do not say is a part of the noise."""
     generator = np.random.default_rng(0)
     true, slopes = np.array([0.7, -0.4, 0.2]), generator.normal(size=(40, 3))
@@ -63,7 +61,7 @@ def test_a_right_sensor_gives_the_weighted_least_squares_solution() -> None:
     assert np.allclose(known.core.covariance[0, :3, :3], np.linalg.inv(information))
 
 
-def test_no_sensor_that_a_hypothesis_holds_wrong_touches_it() -> None:
+def test_no_sensor_that_a_hypothesis_holds_wrong_touches_it():
     known = Beliefs(_unknowns(2))
     _hear(known, "a", "b")
     without = [list(row) for row in known.core.right].index([False, True])
@@ -75,7 +73,7 @@ def test_no_sensor_that_a_hypothesis_holds_wrong_touches_it() -> None:
 
 
 @pytest.mark.parametrize("wrong", [0, 1, 2])
-def test_of_three_sensors_of_one_quantity_the_one_that_differs_is_wrong(wrong: int) -> None:
+def test_of_three_sensors_of_one_quantity_the_one_that_differs_is_wrong(wrong):
     generator = np.random.default_rng(wrong)
     known = Beliefs(_unknowns(1))
     _hear(known, *"abc")
@@ -92,7 +90,7 @@ def test_of_three_sensors_of_one_quantity_the_one_that_differs_is_wrong(wrong: i
     assert stddev[0] < 1.0
 
 
-def test_what_a_single_sensor_has_corrected_stays_open_to_a_tenth() -> None:
+def test_what_a_single_sensor_has_corrected_stays_open_to_a_tenth():
     """It may be wrong, whatever it reads; a verified one hardly."""
     left = {}
     for verified in (False, True):
@@ -105,7 +103,7 @@ def test_what_a_single_sensor_has_corrected_stays_open_to_a_tenth() -> None:
     assert left[True] < 0.15 * left[False]
 
 
-def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not() -> None:
+def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not():
     generator = np.random.default_rng(4)
 
     def after(jump: float, readings: int) -> float:
@@ -121,7 +119,7 @@ def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not() -> None:
     assert abs(after(200.0, 1)) < 0.1
 
 
-def test_readings_that_repeat_while_the_estimate_moves_are_no_readings() -> None:
+def test_readings_that_repeat_while_the_estimate_moves_are_no_readings():
     generator = np.random.default_rng(5)
     known = Beliefs(_unknowns(1))
     _hear(known, "frozen", "good")
@@ -134,7 +132,7 @@ def test_readings_that_repeat_while_the_estimate_moves_are_no_readings() -> None
     assert known.probability_right(1) > 0.9
 
 
-def test_a_reading_beyond_all_bounds_is_no_reading() -> None:
+def test_a_reading_beyond_all_bounds_is_no_reading():
     known = Beliefs(_unknowns(1, jump=3.0) + _unknowns(1))
     _hear(known, "broken", "good")
     for k in range(30):
@@ -146,7 +144,7 @@ def test_a_reading_beyond_all_bounds_is_no_reading() -> None:
     assert known.probability_right(1) > 0.9
 
 
-def test_the_present_follows_a_reading_as_gaussian_variables_do() -> None:
+def test_the_present_follows_a_reading_as_gaussian_variables_do():
     """Conditional mean and variance of jointly normal quantities, given a noisy one of them."""
     generator = np.random.default_rng(6)
     known = Beliefs(_unknowns(1))
@@ -168,7 +166,7 @@ def test_the_present_follows_a_reading_as_gaussian_variables_do() -> None:
     assert np.allclose(left, 0.8**2 * spread)
 
 
-def test_what_is_known_outlasts_a_restart_and_damage_is_refused() -> None:
+def test_what_is_known_outlasts_a_restart_and_damage_is_refused():
     def fresh(*names: str) -> Beliefs:
         known = Beliefs(_unknowns(2))
         _hear(known, *names)

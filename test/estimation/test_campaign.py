@@ -4,10 +4,7 @@ Required: 99.9 % within five standard deviations and 92 % within two.  ``tools/c
 all kinds of faults at random (``make soak``) and writes the table of docs/reliability.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,9 +60,7 @@ def all_courses(model: Model) -> list[Course]:
         ("0.1 to 1 % of readings wrong", 1),
     ],
 )
-def test_status_0_holds_whatever_happens_to_the_inputs(
-    kind: str, seed: int, model: Model, tmp_path: Path
-) -> None:
+def test_status_0_holds_whatever_happens_to_the_inputs(kind, seed, model, tmp_path):
     """A few runs of the campaign, from slow motions to fast ones."""
     motion = random_course(model, 2 * seed)
     outputs = run(model, motion, single(kind, seed), scratch=tmp_path)
@@ -83,9 +78,7 @@ BEGIN = 8 * SECOND
 @pytest.mark.parametrize(
     ("axes", "seconds"), [(("elbow",), 0.9), (("winch",), 0.45), (("winch", "elbow"), 0.9)]
 )
-def test_possible_motion_in_a_gap_is_part_of_the_standard_deviation(
-    axes: tuple[str, ...], seconds: float, model: Model, course: Course
-) -> None:
+def test_possible_motion_in_a_gap_is_part_of_the_standard_deviation(axes, seconds, model, course):
     end = BEGIN + int(seconds * SECOND)
     outputs = run(model, course, Faults(gaps=[(axis, BEGIN, end) for axis in axes]))
     inside, after = judge(course, outputs, BEGIN, end), judge(course, outputs, end, end + SECOND)
@@ -100,8 +93,8 @@ def test_possible_motion_in_a_gap_is_part_of_the_standard_deviation(
 
 @pytest.mark.parametrize("hertz", [0.7, 1.0, 1.5, 2.0, 3.0])
 def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviation(
-    hertz: float, model: Model, all_courses: list[Course]
-) -> None:
+    hertz, model, all_courses
+):
     """Reversals shortly before a reading, and the first intervals, whose motion is not known."""
     period = round(SECOND / hertz)
     verdicts = [
@@ -119,9 +112,7 @@ def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviatio
 
 
 @pytest.mark.parametrize("axis", ["winch", "elbow"])
-def test_an_axis_that_is_read_once_in_a_period_is_not_taken_for_slow(
-    axis: str, model: Model
-) -> None:
+def test_an_axis_that_is_read_once_in_a_period_is_not_taken_for_slow(axis, model):
     """Its readings show a slow motion, or none, while the other axis moves to and fro."""
     fast = course_of(model, 6.0, sine(3.0))
     faults = Faults(period_ns={"winch": MS, "elbow": 2 * MS, axis: 330 * MS})
@@ -130,7 +121,7 @@ def test_an_axis_that_is_read_once_in_a_period_is_not_taken_for_slow(
     assert verdict.beyond(5.0) <= BEYOND_FIVE
 
 
-def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course) -> None:
+def test_readings_at_full_rate_leave_nothing_unseen(model, course):
     """With readings at full rate the unseen deviation is empty and has no effect."""
 
     def unseen(live: LiveEstimator) -> None:
@@ -146,7 +137,7 @@ def test_readings_at_full_rate_leave_nothing_unseen(model: Model, course: Course
 
 
 @pytest.mark.parametrize("hertz", [20, 200])
-def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course: Course) -> None:
+def test_a_slipped_encoder_is_found_at_any_rate(hertz, model, course):
     period = SECOND // hertz
     slip = 0.5 if hertz >= 50 else 1.0
     faults = Faults(period_ns={"winch": period, "elbow": period}, slips=[("winch", BEGIN, slip)])
@@ -166,8 +157,8 @@ def test_a_slipped_encoder_is_found_at_any_rate(hertz: int, model: Model, course
      ("winch", 0.02, True), ("winch", 0.05, False)],
 )  # fmt: skip
 def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth(
-    axis: str, slip: float, in_stddev: bool, model: Model, course: Course
-) -> None:
+    axis, slip, in_stddev, model, course
+):
     found: list[dict[str, float]] = []
     outputs = run(
         model, course, Faults(slips=[(axis, BEGIN, slip)]),
@@ -182,8 +173,8 @@ def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth
 
 @pytest.mark.parametrize(("axis", "apart"), [("winch", 0.015), ("elbow", 0.1)])
 def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
-    axis: str, apart: float, model: Model, course: Course
-) -> None:
+    axis, apart, model, course
+):
     """Whether the axis may move as far between two readings, or not."""
     named: list[list[str]] = []
     outputs = run(
@@ -201,8 +192,8 @@ def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
      ((0, -3e-4), "elbow", 3.0, 300.0), ((0, 1e-3), "winch", 10.0, 1000.0)],
 )  # fmt: skip
 def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_size(
-    clock: tuple[int, float], axis: str, lag_ms: float, ppm: float, model: Model, course: Course
-) -> None:
+    clock, axis, lag_ms, ppm, model, course
+):
     """To within an interval of the other axis's readings, and what a clock creeps in a second."""
     found: dict[str, tuple[int, float]] = {}
     outputs = run(
@@ -218,7 +209,7 @@ def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_s
     assert growth * 1e6 == pytest.approx(ppm, abs=1.0 if axis == "elbow" else 250.0)
 
 
-def test_clocks_that_differ_by_a_whole_interval_are_not_taken_for_one(model: Model) -> None:
+def test_clocks_that_differ_by_a_whole_interval_are_not_taken_for_one(model):
     """Half of the motor's readings have the stamp of one of the joint's, of another time."""
     fast = course_of(model, 5.0, sine(1.9))
     outputs = run(model, fast, Faults(clocks={"elbow": (2 * MS, 0.0)}))
@@ -231,8 +222,8 @@ def test_clocks_that_differ_by_a_whole_interval_are_not_taken_for_one(model: Mod
     ("axis", "late"), [("winch", 5 * MS), ("elbow", 100 * MS), ("winch", SECOND)]
 )
 def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_late(
-    axis: str, late: int, model: Model, course: Course
-) -> None:
+    axis, late, model, course
+):
     outputs = run(model, course, Faults(late_ns={axis: late}))
     verdict = judge(course, outputs, SECOND)
     assert verdict.beyond(5.0) <= BEYOND_FIVE
@@ -240,7 +231,7 @@ def test_tensions_that_do_not_swing_with_the_speed_show_that_a_topic_is_only_lat
 
 
 @pytest.mark.parametrize("hertz", [20, 200])
-def test_a_missing_period_is_found_at_any_rate(hertz: int, model: Model, course: Course) -> None:
+def test_a_missing_period_is_found_at_any_rate(hertz, model, course):
     period = SECOND // hertz
     faults = Faults(period_ns={"winch": period, "elbow": period}, wrap=True)
     verdict = judge(course, run(model, course, faults))
@@ -259,8 +250,8 @@ HOUR = 3600 * SECOND
     ],
 )
 def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
-    after: Faults, model: Model, course: Course, tmp_path: Path
-) -> None:
+    after, model, course, tmp_path
+):
     slipped = replace(after, slips=[("winch", BEGIN, 0.8)])
     found: list[float] = []
     outputs = run(
@@ -278,8 +269,8 @@ def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
     [("elbow", -0.005, 2 * SECOND), ("winch", 0.13, SECOND)],
 )
 def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
-    axis: str, size: float, stop_ns: int, model: Model, course: Course, tmp_path: Path
-) -> None:
+    axis, size, stop_ns, model, course, tmp_path
+):
     """The difference of the poses counts by what it is worth in tension; a reset confirms it."""
     slip = [(axis, BEGIN + stop_ns // 2, size)]
     faults = Faults(slips=slip, restart_ns=BEGIN, stop_ns=stop_ns)
@@ -305,9 +296,7 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
         (EFFORT, Lie("is stuck", 0, 0.0)),
     ],
 )
-def test_a_sensor_that_is_stuck_from_the_start_makes_no_status_wrong(
-    name: str, lie: Lie, model: Model, course: Course
-) -> None:
+def test_a_sensor_that_is_stuck_from_the_start_makes_no_status_wrong(name, lie, model, course):
     faults = Faults(quarter_rate(), sensors=(name,), lies={name: lie})
     outputs = run(model, course, faults)
     verdict = judge(course, outputs, SECOND)
@@ -318,8 +307,8 @@ def test_a_sensor_that_is_stuck_from_the_start_makes_no_status_wrong(
 
 @pytest.mark.parametrize("size", [-20.0, 20.0])
 def test_a_sensor_that_becomes_wrong_is_named_and_leaves_the_estimate_to_the_others(
-    size: float, model: Model, course: Course
-) -> None:
+    size, model, course
+):
     lies = {CELL: Lie("is off", 3 * SECOND, size)}
     right: dict[str, float] = {}
 
@@ -336,9 +325,7 @@ def test_a_sensor_that_becomes_wrong_is_named_and_leaves_the_estimate_to_the_oth
     assert abs(outputs[-1].tension - course.tension[-1]).max() < 0.2 * abs(size)
 
 
-def test_a_long_gap_beside_a_stuck_sensor_leaves_no_standard_deviation_too_small(
-    model: Model, course: Course
-) -> None:
+def test_a_long_gap_beside_a_stuck_sensor_leaves_no_standard_deviation_too_small(model, course):
     """In an hour the preloads drift by more than the ensemble's initial spread."""
 
     def consistent(live: LiveEstimator) -> None:

@@ -1,7 +1,5 @@
 """Whole recordings are conditioned as their messages are, bit for bit."""
 
-from __future__ import annotations
-
 import gc
 import tracemalloc
 from collections import Counter
@@ -24,7 +22,7 @@ from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
 from cdrj_ros.robot.document import schema
 
 
-def test_a_message_of_one_topic_is_not_read_as_one_of_another() -> None:
+def test_a_message_of_one_topic_is_not_read_as_one_of_another():
     with pytest.raises(TypeError):
         _core.Conditioner([], 0, False, HORIZON_NS).feed(0, 1, ["a"], [0.0])  # type: ignore[arg-type]
 
@@ -57,8 +55,8 @@ def nonzero(sample: Sample) -> list[bytes]:
 
 
 def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_any_size(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     seen: Counter[str] = Counter()
     for seed in range(40):
         random = Random(seed)
@@ -103,9 +101,7 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
 
 
 @pytest.mark.parametrize("refused", [0, 1])
-def test_little_more_memory_is_used_than_readings_and_samples_take(
-    monkeypatch: pytest.MonkeyPatch, refused: int
-) -> None:
+def test_little_more_memory_is_used_than_readings_and_samples_take(monkeypatch, refused):
     monkeypatch.setattr(conditioning, "PIECE", 512)
     n = 20_000
     stamps = START + MS * np.arange(n)
@@ -129,7 +125,7 @@ def test_little_more_memory_is_used_than_readings_and_samples_take(
     assert peak < HELD_AT_MOST * (given + kept)
 
 
-def test_the_greatest_leaps_of_the_least_period_have_an_angle() -> None:
+def test_the_greatest_leaps_of_the_least_period_have_an_angle():
     (winch,) = ROBOT.motors
     document = schema()["$defs"]["motor"]["properties"]
     sensor = replace(winch.sensor, period=document["period"]["minimum"], scale=-LARGEST_NUMBER)

@@ -1,7 +1,5 @@
 """The ensemble is what docs/estimation.md describes, with robots stepped one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -64,9 +62,7 @@ def _differences(
 
 
 @pytest.mark.parametrize("name", ["prototype_positions", "finger", "davinci_jaw"])
-def test_deviations_are_those_of_robots_that_take_turns_and_stddev_their_root_mean_square(
-    name: str,
-) -> None:
+def test_deviations_are_those_of_robots_that_take_turns_and_stddev_their_root_mean_square(name):
     model = load_model(name)
     ensemble = Ensemble(model, MEMBERS, seed=3)
     samples = _motion(model)

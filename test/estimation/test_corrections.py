@@ -3,8 +3,6 @@
 The truth is a simulated rig with contact cells fixed to its pulleys' surfaces.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -94,7 +92,7 @@ def _run(
     return Run(tension - truth.tension[at], stddev, status, live)
 
 
-def test_a_finger_with_a_fresh_file_is_known_by_the_torques_of_its_motors() -> None:
+def test_a_finger_with_a_fresh_file_is_known_by_the_torques_of_its_motors():
     """Zeros off by a degree, friction by 15 %, preloads by 8 %; gain 3 % and friction 5 % off."""
     generator = np.random.default_rng(0)
     model = _document("finger", {"effort_noise": 0.003})
@@ -118,7 +116,7 @@ def test_a_finger_with_a_fresh_file_is_known_by_the_torques_of_its_motors() -> N
     assert np.mean(np.abs(verified.error[good]) > 2.0 * verified.stddev[good]) < 0.05
 
 
-def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known() -> None:
+def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known():
     """A millimetre is some tens of newtons in its stiff cables."""
     generator = np.random.default_rng(1)
     model = _document("cdpr")
@@ -148,9 +146,7 @@ def renewed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
-def test_sensors_that_read_at_different_times_cost_no_more_than_together(
-    renewed: list[int],
-) -> None:
+def test_sensors_that_read_at_different_times_cost_no_more_than_together(renewed):
     """The present is conditioned on all readings once in 20 ms, whenever they come."""
     model = _document("finger", {"effort_noise": 0.003})
     truth, motors = _truth(model, {}, 1.0), model.layout.motors
@@ -166,7 +162,7 @@ def test_sensors_that_read_at_different_times_cost_no_more_than_together(
     assert len(renewed) == pytest.approx(50, abs=1)
 
 
-def test_no_sample_of_a_hand_waits_for_more_than_one_of_its_groups(renewed: list[int]) -> None:
+def test_no_sample_of_a_hand_waits_for_more_than_one_of_its_groups(renewed):
     """Seven groups, each renewed once in ten samples; at the start, all are."""
     model = load_model("hand")
     live, motors, joints = LiveEstimator(model), model.layout.motors, model.layout.joints
@@ -183,7 +179,7 @@ def test_no_sample_of_a_hand_waits_for_more_than_one_of_its_groups(renewed: list
     assert len(later) == pytest.approx(10 * groups, abs=groups)
 
 
-def test_a_joint_torque_sensor_corrects_what_no_motor_shows() -> None:
+def test_a_joint_torque_sensor_corrects_what_no_motor_shows():
     given, source = load_document(ROBOT)
     document: Any = dict(given)
     document["joints"] = [{**document["joints"][0], "effort_noise": 0.02}]
@@ -215,9 +211,7 @@ def _hear_cell(model: Model, course: Course, gain: float, **options: Any) -> Liv
 
 
 @pytest.mark.parametrize(("scale", "confirms"), [(1.0, True), (0.7, False)])
-def test_a_spring_scale_that_says_the_same_confirms_a_sensor(
-    scale: float, confirms: bool, model: Model, course: Course
-) -> None:
+def test_a_spring_scale_that_says_the_same_confirms_a_sensor(scale, confirms, model, course):
     live = _hear_cell(model, course, 1.0)
     upper = model.robot.cables[0].preload
     live.set_preload({"upper": scale * upper})
@@ -225,7 +219,7 @@ def test_a_spring_scale_that_says_the_same_confirms_a_sensor(
     assert live.corrections.sensors[CELL].verified == confirms
 
 
-def test_what_sensors_correct_adds_up(model: Model, course: Course) -> None:
+def test_what_sensors_correct_adds_up(model, course):
     """Friction is the difference of the tensions, and no tension is negative."""
     live = _hear_cell(model, course, 0.6)
     sample = live.sample

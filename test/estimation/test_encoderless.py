@@ -1,7 +1,5 @@
 """Joints without encoder, from the angles and efforts of the motors."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 from time import process_time
@@ -45,9 +43,7 @@ def prototype() -> Model:
     ("name", "joints", "most"),
     [("prototype", ("elbow",), 3e-3), ("finger", ("pip",), 0.02), ("finger", ("mcp", "pip"), 0.02)],
 )
-def test_efforts_give_the_angle_of_a_joint_without_encoder(
-    name: str, joints: tuple[str, ...], most: float
-) -> None:
+def test_efforts_give_the_angle_of_a_joint_without_encoder(name, joints, most):
     model = without_encoder(name, *joints)
     samples = motion(model)
     truth, efforts = truth_of(model, samples)
@@ -65,9 +61,7 @@ def test_efforts_give_the_angle_of_a_joint_without_encoder(
     assert np.sqrt((effort[settled] ** 2).mean()) < 5.0 * NOISE
 
 
-def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
-    prototype: Model,
-) -> None:
+def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(prototype):
     samples = motion(prototype, 60)
     _, efforts = truth_of(prototype, samples)
     efforts[20:40] = np.nan
@@ -82,9 +76,7 @@ def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(
     assert found.values[40:].tobytes() == again.values.tobytes()
 
 
-def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_encoders(
-    prototype: Model,
-) -> None:
+def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_encoders(prototype):
     samples = motion(prototype, 3)
     live = LiveEstimator(prototype)
     for k in range(3):
@@ -102,7 +94,7 @@ def test_the_live_estimator_says_that_it_hears_no_effort_and_refuses_what_needs_
         live.tare()
 
 
-def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
+def test_efforts_are_interpolated_and_unknown_far_from_any_reading():
     stamps = START + 10 * MS * np.arange(3)
     series = Series(stamps, stamps, np.array([0.0, 1.0, 4.0]))
     at = START + np.array(
@@ -119,7 +111,7 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading() -> None:
     assert np.allclose(one_by_one, np.column_stack([found[:, 0], found[:, 1]]), equal_nan=True)
 
 
-def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
+def test_a_joint_that_no_winch_feels_is_not_determined():
     one = determined_joints(without_encoder("prototype", "elbow"))
     assert 0.0 < one["elbow"] < 1e-3
     both = determined_joints(without_encoder("finger", "mcp", "pip"))
@@ -133,7 +125,7 @@ def test_a_joint_that_no_winch_feels_is_not_determined() -> None:
     assert determined_joints(load_model(ROBOT)) == {}
 
 
-def test_members_follow_the_estimate_and_search_nothing() -> None:
+def test_members_follow_the_estimate_and_search_nothing():
     """32 members of uncertain numbers, one in turn at every sample, cost a few estimates."""
     robot = load_model("finger").robot
     joints = tuple(replace(one, measured=one.name != "pip") for one in robot.joints)
@@ -153,7 +145,7 @@ def test_members_follow_the_estimate_and_search_nothing() -> None:
     assert taken[1] < 20.0 * taken[0]
 
 
-def test_bad_arguments_are_refused(prototype: Model) -> None:
+def test_bad_arguments_are_refused(prototype):
     with pytest.raises(ValueError, match="has an encoder"):
         EncoderlessEstimator(load_model(ROBOT))
     with pytest.raises(ValueError, match="even"):

@@ -4,8 +4,6 @@ Both sums are written out here and minimised without derivatives, from the outpu
 before: its state, the angle and, without an ensemble, the angle's variance P.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -105,7 +103,7 @@ class Sample:
 
 
 @pytest.mark.parametrize("load_drift", [0.0, 0.01])
-def test_the_angle_of_every_sample_minimises_both_sums(load_drift: float) -> None:
+def test_the_angle_of_every_sample_minimises_both_sums(load_drift):
     model = without_encoder("prototype", "elbow", load_drift=load_drift)
     samples = motion(model, SAMPLES)
     _, efforts = truth_of(model, samples)

@@ -1,7 +1,5 @@
 """The standard deviations match the actual errors of the estimate."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
@@ -75,7 +73,7 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     return np.array(hits)
 
 
-def test_two_standard_deviations_cover_the_expected_share() -> None:
+def test_two_standard_deviations_cover_the_expected_share():
     # 200 robots have parameters drawn from the robot file's covariance.  Each estimate starts in
     # the middle of a motion, from encoder readings, without knowledge of the friction history.
     hits = np.concatenate(
@@ -103,9 +101,7 @@ def path(model: Model) -> Samples:
 
 
 @pytest.mark.parametrize("seen", [True, False])
-def test_in_one_call_estimate_and_spread_are_the_same(
-    model: Model, path: Samples, seen: bool
-) -> None:
+def test_in_one_call_estimate_and_spread_are_the_same(model, path, seen):
     one, state_one = Ensemble(model), initial_state(model)
     two, state_two = Ensemble(model), initial_state(model)
     unseen = ALL_SEEN if seen else np.full((2, 2), 1e-3)
@@ -146,9 +142,7 @@ uncertainty: {{others: exact, parameters: [cables.c.preload, cables.c.axial_stif
         (2.0, 10.0, 0.5, 2.0),
     ],
 )
-def test_linear_dependence_gives_the_exact_spread(
-    preload: float, ea: float, rho: float, expected: float
-) -> None:
+def test_linear_dependence_gives_the_exact_spread(preload, ea, rho, expected):
     text = ONE_STRAND.format(noise=0.0, preload=preload, ea=ea, rho=rho)
     model = prepare(parse_robot(text))
     ensemble = Ensemble(model)
@@ -159,7 +153,7 @@ def test_linear_dependence_gives_the_exact_spread(
     assert stddev[1] == pytest.approx(0.01 * expected, abs=1e-9)  # the motor's effort
 
 
-def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
+def test_noise_of_an_encoder_becomes_noise_of_the_tension():
     model = prepare(parse_robot(ONE_STRAND.format(noise=1e-3, preload=0.0, ea=0.0, rho=0.0)))
     ensemble = Ensemble(model)
     state = initial_state(model)
@@ -173,7 +167,7 @@ def test_noise_of_an_encoder_becomes_noise_of_the_tension() -> None:
     assert np.mean(spreads) == pytest.approx(expected, rel=0.1)
 
 
-def test_an_impossible_draw_is_replaced_and_not_reduced() -> None:
+def test_an_impossible_draw_is_replaced_and_not_reduced():
     """The idlers of the wrist are closer together than the default accuracy of their positions."""
     model = load_model(str(ROBOTS / "wrist.yaml"))
     known = model.robot.uncertainty

@@ -1,7 +1,5 @@
 """Properties of the estimator for every friction law; test/model/test_laws.py has physical laws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -79,7 +77,7 @@ MODELS = {law: law_of(law) for law in Law.__members__} | {"routed": ROUTED_MODEL
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
+def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name):
     model = MODELS[name]
     samples = motion(model, 800)
     state = initial_state(model)
@@ -100,7 +98,7 @@ def test_a_run_in_any_pieces_gives_the_bits_of_step_by_step(name: str) -> None:
         assert resumed.stamp_ns == state.stamp_ns
 
 
-def test_states_and_samples_are_never_changed_in_place() -> None:
+def test_states_and_samples_are_never_changed_in_place():
     samples = motion(ROUTED_MODEL, 300)
     copies = [column.copy() for column in vars(samples).values()]
     state, _ = run(ROUTED_MODEL, initial_state(ROUTED_MODEL), samples.part(slice(0, 100)))
@@ -134,7 +132,7 @@ def assert_refused(state: State) -> None:
     np.testing.assert_array_equal(now, kept)
 
 
-def test_an_impossible_path_leaves_its_cables_history_unchanged() -> None:
+def test_an_impossible_path_leaves_its_cables_history_unchanged():
     start = initial_state(ROUTED_MODEL)
     assert_refused(start)
     state, _ = run(ROUTED_MODEL, start, motion(ROUTED_MODEL, 300))
@@ -156,9 +154,7 @@ def test_an_impossible_path_leaves_its_cables_history_unchanged() -> None:
         max_size=12,
     ),
 )
-def test_no_motion_within_the_ranges_ever_gives_a_nan(
-    name: str, moves: list[tuple[int, float, float, float, float]]
-) -> None:
+def test_no_motion_within_the_ranges_ever_gives_a_nan(name, moves):
     model = MODELS[name]
     joints = model.robot.joints
     state = initial_state(model)

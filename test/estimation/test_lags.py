@@ -1,7 +1,5 @@
 """Values that are older than their stamp: seen where motion shows them, uncertain elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from math import hypot
 
@@ -36,15 +34,15 @@ def _run(model: Model, course: Course, older_ms: int) -> tuple[Verdict, Vector]:
 
 @pytest.mark.parametrize("older_ms", [-10, 5, 20, 30])
 def test_no_wrong_tension_has_status_0_where_values_are_older_than_their_stamp(
-    model: Model, course: Course, older_ms: int
-) -> None:
+    model, course, older_ms
+):
     verdict, (mean, stddev) = _run(model, course, older_ms)
     assert verdict.beyond(5.0) <= 0.001
     assert abs(abs(mean) - 1e-3 * abs(older_ms)) < 5e-3
     assert 0.0 < stddev < 5e-3
 
 
-def test_what_motion_excludes_takes_no_status_0(model: Model, course: Course) -> None:
+def test_what_motion_excludes_takes_no_status_0(model, course):
     verdict, (mean, stddev) = _run(model, course, 0)
     assert abs(mean) < 4e-3
     assert stddev < 5e-3
@@ -80,13 +78,13 @@ def _pair(angles: Iterable[tuple[float, float]]) -> tuple[LiveEstimator, Estimat
     return live, found[-1]
 
 
-def test_at_rest_an_axis_lags_the_first_one_as_far_as_both_clocks_allow() -> None:
+def test_at_rest_an_axis_lags_the_first_one_as_far_as_both_clocks_allow():
     live, _ = _pair((0.0, 0.0) for _ in range(20))
     assert live.ensemble is not None
     assert live.ensemble.core.lag[1, 1] == pytest.approx(hypot(5.09e-3, 12.27e-3), rel=2e-3)
 
 
-def test_a_lag_is_worth_half_of_what_the_mean_tension_has_swung_at_most() -> None:
+def test_a_lag_is_worth_half_of_what_the_mean_tension_has_swung_at_most():
     """The motor winds in 5 mrad after a motion of both at 1 rad/s, in which a lag is worth more."""
     moved = [(-0.01 * k, -0.01 * k) for k in range(100)]
     loaded = [(-0.99 - 2e-4 * k, -0.99) for k in range(1, 26)]

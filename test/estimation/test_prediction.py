@@ -1,7 +1,5 @@
 """What ``conditioning: predict`` gives in advance leaves no trace in what follows."""
 
-from __future__ import annotations
-
 import pytest
 from support.campaign import (
     CELL,
@@ -51,9 +49,7 @@ def _everything(live: LiveEstimator) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("period_ns", "late_ns"), [(SLOW, 0), (SLOW, 30 * MS), ({"winch": MS, "elbow": 2 * MS}, 3 * MS)]
 )
-def test_prediction_leaves_the_memory_as_it_is_without(
-    period_ns: dict[str, int], late_ns: int, model: Model, fast: Course
-) -> None:
+def test_prediction_leaves_the_memory_as_it_is_without(period_ns, late_ns, model, fast):
     found: dict[Mode, dict[str, object]] = {}
     outputs: dict[Mode, list[Estimate]] = {}
     course = fast.until(4001 * MS)
@@ -70,9 +66,7 @@ def test_prediction_leaves_the_memory_as_it_is_without(
     assert stamps[-1] >= outputs["wait"][-1].stamp_ns
 
 
-def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(
-    model: Model, fast: Course
-) -> None:
+def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(model, fast):
     """A cell does not correct the error of a predicted angle, which the next reading removes."""
     faults = Faults(SLOW, sensors=(CELL, EFFORT), mode="predict")
     right: dict[str, float] = {}
@@ -97,9 +91,7 @@ def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(
     ],
     ids=["lost", "late"],
 )
-def test_fast_motions_that_are_predicted_keep_to_the_law(
-    moves: motions.Motion, faults: Faults, model: Model
-) -> None:
+def test_fast_motions_that_are_predicted_keep_to_the_law(moves, faults, model):
     """At 150 degrees per second an angle of 20 ms ago is 3 degrees behind."""
     course = course_of(model, 8.0, moves, seed=1)
     verdict = judge(course, run(model, course, faults))
@@ -107,7 +99,7 @@ def test_fast_motions_that_are_predicted_keep_to_the_law(
     assert verdict.beyond(5.0) <= 0.001
 
 
-def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders() -> None:
+def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders():
     model = without_encoder("finger", "pip")
     samples = motion(model, 300)
     _, efforts = truth_of(model, samples)

@@ -1,11 +1,8 @@
 """The live estimator: other sensors, changes at run time, rest, and restarts."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,9 +34,7 @@ def _sample(readings: Samples, k: int) -> Sample:
     )
 
 
-def test_late_load_cell_readings_are_compared_with_the_estimate_of_their_time(
-    model: Model, readings: Samples
-) -> None:
+def test_late_load_cell_readings_are_compared_with_the_estimate_of_their_time(model, readings):
     late, true = 5, load_model(ROBOT, "35,26.26")  # by 5 %: the file does not contradict the cell
     tension = run(true, initial_state(true), readings)[1].tension[:, 7]
     live = LiveEstimator(model)
@@ -56,7 +51,7 @@ def test_late_load_cell_readings_are_compared_with_the_estimate_of_their_time(
     assert live.corrections.right[CELL] > 0.99
 
 
-def test_a_sensor_that_is_ignored_changes_nothing(model: Model, readings: Samples) -> None:
+def test_a_sensor_that_is_ignored_changes_nothing(model, readings):
     live = LiveEstimator(model, Options(ignored_sensors=("winch",)))
     live.feed_efforts(int(readings.stamp_ns[0]), ["winch"], [1e6])
     output = live.take(_sample(readings, 0))
@@ -67,9 +62,7 @@ def test_a_sensor_that_is_ignored_changes_nothing(model: Model, readings: Sample
 
 
 @pytest.mark.parametrize(("turn", "ok"), [(0.0, True), (0.1, True), (20.0, False)])
-def test_a_tension_that_no_such_cable_carries_is_not_ok_without_a_max_tension(
-    turn: float, ok: bool
-) -> None:
+def test_a_tension_that_no_such_cable_carries_is_not_ok_without_a_max_tension(turn, ok):
     """A cable of EA 8000 N on a drum of 10 mm; 20 rad of it, a gear left out, make 4000 N."""
     anchor = "{type: anchor, position: [0.4, 0.0]}"
     winch = "{type: winch, motor: m, winding: 1, radius_mm: 10, position: [0, 0], turn: cw}"
@@ -94,7 +87,7 @@ def test_a_tension_that_no_such_cable_carries_is_not_ok_without_a_max_tension(
     assert (recorded.values[-1, model.layout.status] == 0).all() == ok
 
 
-def test_an_effort_counts_by_the_noise_of_its_motor_in_the_robot_file(model: Model) -> None:
+def test_an_effort_counts_by_the_noise_of_its_motor_in_the_robot_file(model):
     (motor,) = model.robot.motors
     robot = replace(model.robot, motors=(replace(motor, effort_noise=0.5),))
     live, stamp = LiveEstimator(prepare(robot)), 10**9
@@ -102,14 +95,14 @@ def test_an_effort_counts_by_the_noise_of_its_motor_in_the_robot_file(model: Mod
     assert list(live.readings.due(stamp)) == [Reading(stamp, "winch", 0.3, 0.5)]
 
 
-def test_without_standard_deviations_no_sensor_is_used(model: Model, readings: Samples) -> None:
+def test_without_standard_deviations_no_sensor_is_used(model, readings):
     live = LiveEstimator(model, Options(uncertainty=False))
     live.feed_tensions(int(readings.stamp_ns[0]), [CELL], [10.0], [0.05])
     live.take(_sample(readings, 0))
     assert live.corrections is None
 
 
-def test_efforts_that_are_no_numbers_are_not_heard(model: Model, readings: Samples) -> None:
+def test_efforts_that_are_no_numbers_are_not_heard(model, readings):
     live = LiveEstimator(model)
     live.feed_efforts(int(readings.stamp_ns[0]), ["winch"], [float("nan")])
     live.take(_sample(readings, 0))
@@ -117,7 +110,7 @@ def test_efforts_that_are_no_numbers_are_not_heard(model: Model, readings: Sampl
     assert live.readings.refused == 1
 
 
-def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: Samples) -> None:
+def test_bad_load_cells_are_counted_and_change_nothing(model, readings):
     live, plain = LiveEstimator(model), LiveEstimator(model)
     for k in range(50):
         stamp = int(readings.stamp_ns[k])
@@ -139,9 +132,7 @@ def test_bad_load_cells_are_counted_and_change_nothing(model: Model, readings: S
 
 
 @pytest.mark.usefixtures("few_members")
-def test_whatever_load_cells_say_every_tension_that_is_solved_is_a_number(
-    model: Model, readings: Samples
-) -> None:
+def test_whatever_load_cells_say_every_tension_that_is_solved_is_a_number(model, readings):
     live, generator = LiveEstimator(model), np.random.default_rng(2)
     said = np.array([30.0, np.nan, np.inf, 1e308, -1e308, 5e-324, 0.0, -5.0])
     noises = np.array([0.5, np.nan, 1e-300, 1e300, -1.0, 0.0])
@@ -157,8 +148,8 @@ def test_whatever_load_cells_say_every_tension_that_is_solved_is_a_number(
 
 
 def test_a_restart_with_a_state_file_continues_without_a_difference(
-    model: Model, readings: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    model, readings, tmp_path, monkeypatch
+):
     path = tmp_path / "state"
     live = LiveEstimator(model)
     for k in range(1500):
@@ -181,9 +172,7 @@ def test_a_restart_with_a_state_file_continues_without_a_difference(
     assert [p.name for p in tmp_path.iterdir()] == ["state"]  # no temporary file is left
 
 
-def test_a_state_file_of_another_robot_is_refused_in_a_line(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
+def test_a_state_file_of_another_robot_is_refused_in_a_line(model, readings, tmp_path):
     path = tmp_path / "state"
     live = LiveEstimator(model)
     for k in range(10):
@@ -197,9 +186,7 @@ def test_a_state_file_of_another_robot_is_refused_in_a_line(
     assert np.array_equal(other.take(_sample(readings, 10)).values, fresh)
 
 
-def test_a_pipe_is_neither_read_nor_written_as_a_state_file(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
+def test_a_pipe_is_neither_read_nor_written_as_a_state_file(model, readings, tmp_path):
     """Both would wait for ever."""
     os.mkfifo(tmp_path / "state")
     live = LiveEstimator(model)
@@ -209,12 +196,12 @@ def test_a_pipe_is_neither_read_nor_written_as_a_state_file(
             use(live, tmp_path / "state")
 
 
-def test_without_a_state_file_nothing_is_restored(model: Model, tmp_path: Path) -> None:
+def test_without_a_state_file_nothing_is_restored(model, tmp_path):
     assert read_state(LiveEstimator(model), tmp_path / "none") == ""
     assert not write_state(LiveEstimator(model), tmp_path / "none")
 
 
-def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: Samples) -> None:
+def test_set_preload_restarts_from_the_measured_angles(model, readings):
     live = LiveEstimator(model)
     for k in range(500):
         live.take(_sample(readings, k))
@@ -227,9 +214,7 @@ def test_set_preload_restarts_from_the_measured_angles(model: Model, readings: S
         assert np.array_equal(one.values, other.values)
 
 
-def test_a_reading_that_alternates_between_three_counts_is_at_rest(
-    model: Model,
-) -> None:
+def test_a_reading_that_alternates_between_three_counts_is_at_rest(model):
     robot = model.robot
     count = robot.motors[0].sensor.resolution * abs(robot.motors[0].sensor.scale)
     assert count > 0.0

@@ -1,7 +1,5 @@
 """Readings that are too sparse for the motion are named with the rate that is enough."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -26,7 +24,7 @@ def read_at(model: Model, rate_hz: float, motion_hz: float) -> Conditioned:
     )
 
 
-def test_five_readings_a_second_are_named_with_a_rate_that_is_enough() -> None:
+def test_five_readings_a_second_are_named_with_a_rate_that_is_enough():
     model = load_model(ROBOT)
     assert doubts_of(model, read_at(model, 200.0, 0.5)) == []
     (note,) = doubts_of(model, read_at(model, 5.0, 0.5))

@@ -1,7 +1,5 @@
 """A cable depends on the axes and the numbers on its path, and on nothing else: so do costs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +54,7 @@ def feed(model: Model, rate: float, rows: Table) -> tuple[list[int], LiveEstimat
 
 @pytest.mark.parametrize("rate", [1000.0, 500.0, 100.0, 50.0])
 @pytest.mark.parametrize("frequency", [0.2, 1.0, 3.0])
-def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequency: float) -> None:
+def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate, frequency):
     time = np.arange(0.0, 0.6 if rate > 100.0 else 1.5, 1.0 / rate)
     angle = 0.5 + 0.4 * np.sin(2.0 * np.pi * frequency * time)
     alone = []
@@ -71,7 +69,7 @@ def test_a_hand_takes_the_steps_that_its_fingers_take_alone(rate: float, frequen
         assert max(taken) <= 4 * cables, "only the member in turn, and where axes have turned"
 
 
-def test_a_cable_that_slips_on_moves_no_member_between_two_readings() -> None:
+def test_a_cable_that_slips_on_moves_no_member_between_two_readings():
     """Friction follows a path without a reversal to its ends, however exact the numbers are."""
     known = {"uncertainty": {"others": "exact", "drums": "hold"}}
     model = prepare(build_robot({**hand(finger("a")).document, **known}, "hand"))
@@ -83,12 +81,12 @@ def test_a_cable_that_slips_on_moves_no_member_between_two_readings() -> None:
     assert not walked[~turning].any()
 
 
-def test_what_loads_may_stretch_the_cables_of_a_finger_is_its_own() -> None:
+def test_what_loads_may_stretch_the_cables_of_a_finger_is_its_own():
     one, three = (load_share(fingers(count)) for count in (1, 3))
     assert set(three.ravel()) == set(one.ravel())
 
 
-def test_twenty_fingers_take_twenty_times_the_steps_of_one() -> None:
+def test_twenty_fingers_take_twenty_times_the_steps_of_one():
     angle = 0.5 + 0.4 * np.sin(2.0 * np.pi * np.arange(0.0, 0.6, 0.01))
     one, twenty = (
         feed(model, 100.0, angles(model, angle))[0] for model in (fingers(1), fingers(20))
@@ -119,7 +117,7 @@ def followed(model: Model, unseen: dict[int, float]) -> tuple[Vector, Ensemble, 
     return stddev, ensemble, ensemble.core.cable_steps - before
 
 
-def test_small_deviations_move_no_member_and_enter_the_variance_through_their_gain() -> None:
+def test_small_deviations_move_no_member_and_enter_the_variance_through_their_gain():
     model = fingers(2)
     plain, _, steps = followed(model, {})
     motor, joint = 2, len(model.robot.motors) + 2
@@ -132,7 +130,7 @@ def test_small_deviations_move_no_member_and_enter_the_variance_through_their_ga
     np.testing.assert_allclose(widened**2 - plain**2, expected, rtol=1e-6, atol=1e-12)
 
 
-def test_large_deviations_are_walked_by_the_cables_on_whose_path_the_axis_lies_alone() -> None:
+def test_large_deviations_are_walked_by_the_cables_on_whose_path_the_axis_lies_alone():
     model = prepare(hand(finger("a", "palm"), finger("b", "palm"), **WRIST))
     plain, _, _ = followed(model, {})
     joints = {name: len(model.robot.motors) + k for k, name in enumerate(model.layout.joints)}
@@ -147,7 +145,7 @@ def test_large_deviations_are_walked_by_the_cables_on_whose_path_the_axis_lies_a
         assert (ensemble.core.stamps == START_NS + 29 * 10**7).all(axis=0).sum() == cables
 
 
-def test_efforts_of_walked_cables_follow_from_their_tensions() -> None:
+def test_efforts_of_walked_cables_follow_from_their_tensions():
     """The rest is that the drums of the members differ in their radii."""
     model = fingers(1)
     joint = len(model.robot.motors)
@@ -164,9 +162,7 @@ def test_efforts_of_walked_cables_follow_from_their_tensions() -> None:
 
 @pytest.mark.parametrize("drums", [{}, {"b_0": "hold", "b_1": "hold"}])
 @pytest.mark.parametrize("rate", [500.0, 20.0])
-def test_an_unrelated_finger_changes_no_bit_of_the_others(
-    rate: float, drums: dict[str, str]
-) -> None:
+def test_an_unrelated_finger_changes_no_bit_of_the_others(rate, drums):
     """Whether it moves fast, has no path, drums that may slip, or is not there at all."""
     time = np.arange(0.0, 0.3 + 10.0 / rate, 1.0 / rate)
     slow, fast = 0.5 + 0.3 * np.sin(3.0 * time), 0.5 + 0.45 * np.sin(60.0 * time)
@@ -216,7 +212,7 @@ def without_encoder(*names: str) -> Model:
     return prepare(replace(robot, joints=tuple(joints)))
 
 
-def test_an_unrelated_finger_changes_no_bit_of_joints_without_encoder() -> None:
+def test_an_unrelated_finger_changes_no_bit_of_joints_without_encoder():
     alone, both = without_encoder("b"), without_encoder("a", "b")
     time = 0.002 * np.arange(60)
     slow, fast = 0.5 + 0.3 * np.sin(3.0 * time), 0.5 + 0.4 * np.sin(20.0 * time)

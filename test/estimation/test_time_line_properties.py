@@ -1,7 +1,5 @@
 """Laws of the gates and the time line that hold for any messages in any order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from random import Random
 
@@ -11,7 +9,7 @@ from support.reading_streams import Message, random_robot, random_stream
 from support.wound import robot_of
 
 from cdrj_ros._core import CONFIRMATIONS, RANGE_MARGIN, WAITING
-from cdrj_ros.estimation.conditioner import MODES, Conditioner, Mode, axes_of
+from cdrj_ros.estimation.conditioner import MODES, Conditioner, axes_of
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.refusals import WHOLE
 from cdrj_ros.robot.description import Robot
@@ -41,7 +39,7 @@ def bits(samples: Sequence[Sample]) -> list[tuple[bytes, ...]]:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_samples_are_finite_within_limits_and_later_than_the_one_before(mode: Mode) -> None:
+def test_samples_are_finite_within_limits_and_later_than_the_one_before(mode):
     for robot, stream in any_streams():
         conditioner, limits = Conditioner(robot, mode), axes_of(robot)
         offsets = {limit.clock_offset_ns for limit in limits}
@@ -70,7 +68,7 @@ def test_samples_are_finite_within_limits_and_later_than_the_one_before(mode: Mo
         assert given_out <= conditioner.accepted
 
 
-def test_apart_from_predicted_samples_prediction_changes_nothing() -> None:
+def test_apart_from_predicted_samples_prediction_changes_nothing():
     """At most one is predicted by a message, and it comes last."""
     for robot, stream in any_streams():
         waiting, predicting = Conditioner(robot), Conditioner(robot, "predict")
@@ -85,7 +83,7 @@ def test_apart_from_predicted_samples_prediction_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_every_reading_is_accepted_refused_elsewhere_or_held_and_nothing_else(mode: Mode) -> None:
+def test_every_reading_is_accepted_refused_elsewhere_or_held_and_nothing_else(mode):
     for k, (robot, stream) in enumerate(any_streams()):
         conditioner = Conditioner(robot, mode)
         whole = readings = 0
@@ -105,7 +103,7 @@ def test_every_reading_is_accepted_refused_elsewhere_or_held_and_nothing_else(mo
             assert max(conditioner.waiting.values()) <= 2 * max(conditioner.accepted, 1)
 
 
-def test_a_refused_message_leaves_no_trace() -> None:
+def test_a_refused_message_leaves_no_trace():
     """If it leaves no held reading either, the same samples follow with and without it."""
     for robot, stream in any_streams():
         with_it, without = Conditioner(robot), Conditioner(robot)
@@ -126,7 +124,7 @@ def _traces(conditioner: Conditioner) -> tuple[object, ...]:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(mode: Mode) -> None:
+def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(mode):
     conditioner = Conditioner(ROBOT, mode)
     begin, lost = BEGIN, 900
     first, last = WAITING + lost, 2 * WAITING

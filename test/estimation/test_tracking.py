@@ -1,7 +1,5 @@
 """The angle between counts: accurate in smooth motion, never outside the band of a reading."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -44,7 +42,7 @@ def tracked(
 
 
 @pytest.mark.parametrize("frequency", [0.1, 0.2, 0.3])
-def test_tracking_halves_the_quantisation_error_of_a_smooth_motion(frequency: float) -> None:
+def test_tracking_halves_the_quantisation_error_of_a_smooth_motion(frequency):
     time = np.arange(0.0, 20.0, 2e-3)
     truth = 0.66 * np.sin(2 * np.pi * frequency * time)
     stamps = SECOND + np.round(time * 1e9).astype(np.int64)
@@ -65,20 +63,20 @@ STEP = st.sampled_from((1, 1000, 1_000_000, 2_000_000, 999_999_999))
     st.booleans(),
 )
 def test_the_tracked_angle_stays_within_the_band_of_every_reading(
-    readings: list[tuple[int, float]], bandwidth: float, band: float, adaptive: bool
-) -> None:
+    readings, bandwidth, band, adaptive
+):
     filtered = TrackingFilter()
     for step, reading in readings:
         angle = filtered.track(step, reading, bandwidth, band, adaptive)
         assert reading - band <= angle <= reading + band
 
 
-def test_the_band_is_half_a_count_and_three_deviations_in_angle() -> None:
+def test_the_band_is_half_a_count_and_three_deviations_in_angle():
     assert half_width(Sensor(scale=-2.0, resolution=0.01, noise=0.001)) == pytest.approx(0.016)
     assert half_width(Sensor()) == 0.0
 
 
-def test_the_bandwidth_that_adapts_is_the_fixed_one_at_rest_and_in_slow_motion() -> None:
+def test_the_bandwidth_that_adapts_is_the_fixed_one_at_rest_and_in_slow_motion():
     time = np.arange(0.0, 20.0, 2e-3)
     stamps = SECOND + np.round(time * 1e9).astype(np.int64)
     for truth in (
@@ -103,16 +101,14 @@ def error_of(
 
 
 @pytest.mark.parametrize(("frequency", "amplitude"), [(0.5, 0.66), (1.0, 0.35), (2.0, 0.17)])
-def test_the_bandwidth_that_adapts_is_within_a_tenth_of_the_best_fixed_one(
-    frequency: float, amplitude: float
-) -> None:
+def test_the_bandwidth_that_adapts_is_within_a_tenth_of_the_best_fixed_one(frequency, amplitude):
     time = np.arange(0.0, 8.0, 2e-3)
     truth = amplitude * np.sin(2 * np.pi * frequency * time)
     best = min(error_of(truth, time, f) for f in (12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0))
     assert error_of(truth, time, 12.0, adaptive=True) < 1.1 * best
 
 
-def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:
+def test_a_bandwidth_that_the_node_is_given_is_fixed():
     robot = robot_of(ROBOT.replace("12}", "12, tracking: adaptive}"), "winch")
     assert [one.adaptive for one in axes_of(robot)] == [False, True]
     assert [one.adaptive for one in axes_of(robot, 20.0)] == [False, False]
@@ -120,6 +116,6 @@ def test_a_bandwidth_that_the_node_is_given_is_fixed() -> None:
         robot_of(ROBOT.replace("tracking_bandwidth: 12", "tracking: adaptive"), "winch")
 
 
-def test_a_filter_without_an_error_to_stay_within_is_refused() -> None:
+def test_a_filter_without_an_error_to_stay_within_is_refused():
     with pytest.raises(RobotFileError, match=r"tracking_bandwidth needs resolution or noise"):
         robot_of(ROBOT.replace("resolution: 4e-4, ", ""), "winch")

@@ -1,7 +1,5 @@
 """A single mistake in the readings is named where all motors then follow the joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -55,7 +53,7 @@ def said(model: Model, motor: np.ndarray, joint: np.ndarray) -> str:
     return travel_suspicion(model, motor, joint)
 
 
-def test_motors_that_follow_or_work_against_their_cables_are_not_suspected(model: Model) -> None:
+def test_motors_that_follow_or_work_against_their_cables_are_not_suspected(model):
     assert said(model, MOTOR, JOINT) == ""
     assert said(model, MOTOR + 0.1 * np.cos(TIME[:, None]), JOINT) == ""
     tense = 0.3 * np.cos(TIME)[:, None] * [1.0, 0.0]
@@ -63,7 +61,7 @@ def test_motors_that_follow_or_work_against_their_cables_are_not_suspected(model
     assert said(model, 0.0 * MOTOR, JOINT) == "", "no motor moves"
 
 
-def test_degrees_are_named_where_the_whole_motion_fits_the_range(model: Model) -> None:
+def test_degrees_are_named_where_the_whole_motion_fits_the_range(model):
     small, motor = 0.02 * JOINT, 0.02 * MOTOR
     words = "seem to be in degrees{}: give scale as scale_deg, 1 where the file has none"
     assert said(model, motor, np.degrees(small)) == f"the joints {words.format('')}"
@@ -71,7 +69,7 @@ def test_degrees_are_named_where_the_whole_motion_fits_the_range(model: Model) -
     assert said(model, np.degrees(motor), small) == f"the motors {words}"
 
 
-def test_swapped_axes_are_named_as_a_swap_through_their_scales(model: Model) -> None:
+def test_swapped_axes_are_named_as_a_swap_through_their_scales(model):
     published = MOTOR / [1.0, 0.5]
     swapped = published[:, ::-1] * [1.0, 0.5]
     words = "the readings of {} and {} seem to be swapped: exchange their names"
@@ -79,7 +77,7 @@ def test_swapped_axes_are_named_as_a_swap_through_their_scales(model: Model) -> 
     assert said(model, MOTOR, JOINT[:, ::-1]) == words.format("near", "far")
 
 
-def test_a_recording_gets_a_note_of_what_does_not_fit(model: Model) -> None:
+def test_a_recording_gets_a_note_of_what_does_not_fit(model):
     assert doubts_of(model, motion(MOTOR, JOINT)) == []
     (note,) = doubts_of(model, motion(MOTOR, JOINT[:, ::-1]))
     assert note == (
@@ -88,14 +86,14 @@ def test_a_recording_gets_a_note_of_what_does_not_fit(model: Model) -> None:
     )
 
 
-def test_one_wrong_gear_is_still_a_scale(model: Model) -> None:
+def test_one_wrong_gear_is_still_a_scale(model):
     assert said(model, MOTOR * [1.0, -20.0], JOINT) == (
         "two turns 20 times as far as its cables allow, the other way: gear ratio, unit or sign? "
         "scale: -0.025 would fit"
     )
 
 
-def test_a_wrong_drum_and_a_wrong_winding_are_named_with_both_keys_that_fit(model: Model) -> None:
+def test_a_wrong_drum_and_a_wrong_winding_are_named_with_both_keys_that_fit(model):
     assert said(model, MOTOR * [1.5, 1.0], JOINT) == (
         "one turns 1.5 times as far as its cables allow: "
         "scale: 0.6667 or a drum of radius_mm: 6.67 would fit"
@@ -106,7 +104,7 @@ def test_a_wrong_drum_and_a_wrong_winding_are_named_with_both_keys_that_fit(mode
     )
 
 
-def test_what_a_tension_can_stretch_is_no_mistake(model: Model) -> None:
+def test_what_a_tension_can_stretch_is_no_mistake(model):
     largest = 4.0 * 20.0 * 0.3 / 6000.0 / 0.01  # four preloads on a cable of 0.3 m and 6000 N
     moved = JOINT * [0.05, 0.0]
     followed = MOTOR[:, [0]] * 0.05
@@ -116,7 +114,7 @@ def test_what_a_tension_can_stretch_is_no_mistake(model: Model) -> None:
     assert said(model, both * [1.0 + 1.2 * by, 1.0], moved).startswith("one turns")
 
 
-def test_nothing_is_said_of_few_poses(model: Model) -> None:
+def test_nothing_is_said_of_few_poses(model):
     travel = MotorTravel(model)
     for k in range(3):
         travel.add(MOTOR[k, ::-1], JOINT[k])

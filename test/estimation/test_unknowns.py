@@ -1,7 +1,5 @@
 """Unknowns of a robot: they stand for the numbers of its file, and share robots that show them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -76,7 +74,7 @@ def _columns(model: Model) -> Vector:
 
 
 @pytest.mark.parametrize("name", ["finger", "finger3d", "cdpr"])
-def test_a_signature_is_what_the_robot_with_this_number_alone_does(name: str) -> None:
+def test_a_signature_is_what_the_robot_with_this_number_alone_does(name):
     """Whatever other unknowns its robots show, half the difference of one unit to either side."""
     model = _free(name)
     known = model.robot.uncertainty
@@ -107,9 +105,7 @@ def test_a_signature_is_what_the_robot_with_this_number_alone_does(name: str) ->
 
 
 @pytest.mark.parametrize("name", ["finger", "finger3d"])
-def test_drag_and_slip_show_what_pulleys_that_turn_harder_and_drums_that_forget_do(
-    name: str,
-) -> None:
+def test_drag_and_slip_show_what_pulleys_that_turn_harder_and_drums_that_forget_do(name):
     """Beside the robot without them, by the two units that they may be."""
     model = _free(name)
     robot, samples = model.robot, _course(model, 40)
@@ -140,7 +136,7 @@ def test_drag_and_slip_show_what_pulleys_that_turn_harder_and_drums_that_forget_
         assert np.allclose(both, changed - plain, rtol=1e-6, atol=1e-6)
 
 
-def test_few_modes_stand_for_all_numbers_of_a_file() -> None:
+def test_few_modes_stand_for_all_numbers_of_a_file():
     """They give the tensions the variances that all independent causes of error give."""
     model = _free("finger")
     known = model.robot.uncertainty
@@ -164,7 +160,7 @@ def test_few_modes_stand_for_all_numbers_of_a_file() -> None:
     assert np.allclose(np.sqrt(variance(modes)), np.sqrt(variance(causes)), rtol=0.05)
 
 
-def test_a_hand_needs_few_robots_for_its_unknowns() -> None:
+def test_a_hand_needs_few_robots_for_its_unknowns():
     """Unknowns of different cables share them, so that most serve as many as there are cables."""
     model = load_model(str(ROBOTS / "hand.yaml"))
     thumb = [c for c, name in enumerate(model.layout.cables) if name.startswith("thumb_")]

@@ -1,7 +1,5 @@
 """Motions without readings: gaps, turns, steps of a sensor, unsolved cables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from io import BytesIO
@@ -73,9 +71,7 @@ def all_unsure(output: Estimate) -> bool:
 # -- gaps --------------------------------------------------------------------------------------
 
 
-def test_there_are_no_estimates_for_the_silence_of_one_topic(
-    model: Model, readings: Samples
-) -> None:
+def test_there_are_no_estimates_for_the_silence_of_one_topic(model, readings):
     """The joint moves out and back while only the motor has readings."""
     live = LiveEstimator(model)
     before = [output for k in range(1000) for output in send(live, readings, k)]
@@ -106,7 +102,7 @@ def test_there_are_no_estimates_for_the_silence_of_one_topic(
     assert (after >= offline.stddev[1000:]).all(), "the node doubts what has changed unseen"
 
 
-def test_a_gap_without_motion_keeps_the_history(model: Model, readings: Samples) -> None:
+def test_a_gap_without_motion_keeps_the_history(model, readings):
     live = LiveEstimator(model)
     outputs = [output for k in range(1000) for output in send(live, readings, k)]
     known = outputs[-1].stddev
@@ -144,9 +140,7 @@ ACTIONS: Mapping[str, Callable[[LiveEstimator], object]] = {
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_turns_are_still_counted_after_every_change(
-    action: str, model: Model, turning: Model, readings: Samples
-) -> None:
+def test_turns_are_still_counted_after_every_change(action, model, turning, readings):
     """The result equals that of a sensor without wrap, more than a turn from the reference."""
     far = 7.0
     here = {"motors": lambda d: d["motors"][0].update(reference_angle=far)}["motors"]
@@ -173,9 +167,7 @@ def stepping(model: Model) -> Model:
     return variant(model, lambda document: document["motors"][0].update(max_speed=20.0))
 
 
-def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
-    model: Model, readings: Samples
-) -> None:
+def test_a_step_that_stays_is_followed_and_makes_everything_unsure(model, readings):
     """The sensor loses counts of half a radian, 25 ms of motion at the motor's maximum speed."""
     live = LiveEstimator(stepping(model))
     readings = paused(readings, 2200)
@@ -200,7 +192,7 @@ def test_a_step_that_stays_is_followed_and_makes_everything_unsure(
 # -- unsolved cables ---------------------------------------------------------------------------
 
 
-def test_an_unsolved_cable_does_not_affect_the_others(model: Model) -> None:
+def test_an_unsolved_cable_does_not_affect_the_others(model):
     """The robot's two cables, each on its own motor, one of them wound in entirely."""
 
     def change(document: dict[str, Any]) -> None:
@@ -249,9 +241,7 @@ def _winding_in(model: Model) -> float:
 # -- changes persist across processes ----------------------------------------------------------
 
 
-def test_reference_and_preloads_that_were_set_are_in_the_state_file(
-    turning: Model, readings: Samples, tmp_path: Path
-) -> None:
+def test_reference_and_preloads_that_were_set_are_in_the_state_file(turning, readings, tmp_path):
     """As is the turn of an encoder that wraps, in which the robot rests."""
     path, model = tmp_path / "state", turning
     live = LiveEstimator(model, UNFILTERED)
@@ -279,7 +269,7 @@ def test_reference_and_preloads_that_were_set_are_in_the_state_file(
     assert read_state(LiveEstimator(model, UNFILTERED), path)  # and the restart after that one
 
 
-def test_the_state_file_takes_every_name_of_a_motor(tmp_path: Path) -> None:
+def test_the_state_file_takes_every_name_of_a_motor(tmp_path):
     """Names in messages may contain a slash, a dot and spaces."""
     path, text = tmp_path / "state", Path(ROBOT).read_text(encoding="utf-8")
     name = "left/winch no.1"
@@ -298,8 +288,8 @@ def test_the_state_file_takes_every_name_of_a_motor(tmp_path: Path) -> None:
 
 
 def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_state(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
+    model, readings, tmp_path
+):
     path = tmp_path / "state"
     live = LiveEstimator(model)
     for k in range(200):
@@ -339,9 +329,7 @@ def rewrite(path: Path, arrays: dict[str, Any]) -> None:
         b"[" * 100_000 + b"]" * 100_000,
     ],
 )  # fmt: skip
-def test_changes_that_no_service_makes_are_refused(
-    model: Model, readings: Samples, tmp_path: Path, changes: bytes
-) -> None:
+def test_changes_that_no_service_makes_are_refused(model, readings, tmp_path, changes):
     path = tmp_path / "state"
     live = LiveEstimator(model)
     for k in range(10):
@@ -356,8 +344,8 @@ def test_changes_that_no_service_makes_are_refused(
 
 @pytest.mark.usefixtures("few_members")
 def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estimate_defined(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
+    model, readings, tmp_path
+):
     path = tmp_path / "state"
     live = LiveEstimator(model)
     for k in range(50):
@@ -390,9 +378,7 @@ def test_a_state_file_with_other_arrays_is_refused_in_a_line_or_leaves_the_estim
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3, -0.3])
-def test_a_motors_efforts_are_moved_by_its_clock_offset(
-    model: Model, readings: Samples, offset: float
-) -> None:
+def test_a_motors_efforts_are_moved_by_its_clock_offset(model, readings, offset):
     late = variant(model, lambda document: document["motors"][0].update(clock_offset=offset))
     live = LiveEstimator(late)
     for k in range(300):
@@ -410,9 +396,7 @@ def test_a_motors_efforts_are_moved_by_its_clock_offset(
 # -- a tare is for a robot at rest -------------------------------------------------------------
 
 
-def test_a_tare_is_refused_until_the_axes_have_rested_long_enough(
-    model: Model, readings: Samples
-) -> None:
+def test_a_tare_is_refused_until_the_axes_have_rested_long_enough(model, readings):
     live = LiveEstimator(model)
     count = model.robot.motors[0].sensor.resolution
     for k in range(301):
@@ -438,9 +422,7 @@ def begun(model: Model, readings: Samples) -> LiveEstimator:
 
 
 @pytest.mark.usefixtures("few_members")
-def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
+def test_a_state_file_with_any_bit_flipped_is_refused_by_name(model, readings, tmp_path):
     path, live = tmp_path / "state", begun(model, readings)
     write_state(live, path)
     content = path.read_bytes()
@@ -461,9 +443,7 @@ def test_a_state_file_with_any_bit_flipped_is_refused_by_name(
 
 
 @pytest.mark.usefixtures("few_members")
-def test_a_file_that_is_no_state_file_is_not_replaced(
-    model: Model, readings: Samples, tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_state_file_is_not_replaced(model, readings, tmp_path):
     """As the robot file, given by mistake; an empty file and one of an earlier version are."""
     path, live = tmp_path / "state", begun(model, readings)
     path.write_text("name: arm\n")

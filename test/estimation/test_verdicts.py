@@ -1,7 +1,5 @@
 """Verdicts: what has changed on the robot, by how much, from which sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -119,9 +117,7 @@ def found(live: LiveEstimator) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("sensors", [("effort",), ("cells",), BOTH])
-def test_a_robot_that_is_as_its_file_says_raises_no_alarm(
-    model: Model, motion: Samples, sensors: Sensors
-) -> None:
+def test_a_robot_that_is_as_its_file_says_raises_no_alarm(model, motion, sensors):
     live = LiveEstimator(model)
     readings = true_readings(model, same, motion)
     for begin in range(0, motion.stamp_ns.size, 25):
@@ -141,21 +137,14 @@ def test_a_robot_that_is_as_its_file_says_raises_no_alarm(
         (rougher, "friction of all cables", 100.0, 20.0),
     ],
 )
-def test_a_change_is_named_and_quantified(
-    model: Model,
-    motion: Samples,
-    changed: Callable[[Robot], Robot],
-    what: str,
-    amount: float,
-    within: float,
-) -> None:
+def test_a_change_is_named_and_quantified(model, motion, changed, what, amount, within):
     live = heard(model, motion, true_readings(model, changed, motion))
     assert found(live) == {what: pytest.approx(amount, abs=within)}
     assert report_of(live).level == "warn"
     assert report_of(live).message.startswith(what)
 
 
-def test_a_wrong_zero_is_found_by_the_effort_alone(model: Model, motion: Samples) -> None:
+def test_a_wrong_zero_is_found_by_the_effort_alone(model, motion):
     readings = true_readings(model, same, motion)
     off = np.radians(1.0)
     wrong = Samples(motion.stamp_ns, motion.motor_angle, motion.joint_angle + off)
@@ -168,9 +157,7 @@ def test_a_wrong_zero_is_found_by_the_effort_alone(model: Model, motion: Samples
     assert float(said[4]) < 2.0 * EFFORT_NOISE
 
 
-def test_friction_of_the_motor_is_told_from_that_of_the_cables_by_load_cells(
-    model: Model, motion: Samples
-) -> None:
+def test_friction_of_the_motor_is_told_from_that_of_the_cables_by_load_cells(model, motion):
     readings = true_readings(model, same, motion)
     speed = np.gradient(motion.motor_angle[:, 0])
     readings[:, 0] -= 0.06 * np.sign(np.where(np.abs(speed) > 1e-6, speed, 0.0))
@@ -181,9 +168,7 @@ def test_friction_of_the_motor_is_told_from_that_of_the_cables_by_load_cells(
     assert any("of all cables" in other for one in alone.found for other in one.others)
 
 
-def test_a_broken_cable_is_an_error_and_its_elements_are_unsure_at_once(
-    model: Model, motion: Samples
-) -> None:
+def test_a_broken_cable_is_an_error_and_its_elements_are_unsure_at_once(model, motion):
     whole = true_readings(model, same, motion)
     gone = true_readings(model, without_upper, motion)
     at = whole.shape[0] // 2
@@ -203,7 +188,7 @@ def test_a_broken_cable_is_an_error_and_its_elements_are_unsure_at_once(
     assert all(int(one) & UNSURE for one in status[UPPER]), "a silent sensor takes nothing back"
 
 
-def test_a_load_cell_that_reads_nothing_may_be_dead_itself(model: Model, motion: Samples) -> None:
+def test_a_load_cell_that_reads_nothing_may_be_dead_itself(model, motion):
     readings = true_readings(model, same, motion)
     readings[:, 1] = 0.0
     live = heard(model, motion, readings, ("cells",))
@@ -214,9 +199,7 @@ def test_a_load_cell_that_reads_nothing_may_be_dead_itself(model: Model, motion:
     assert both.message.startswith("scale of load cell upper/8 is")
 
 
-def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
-    model: Model, motion: Samples
-) -> None:
+def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(model, motion):
     motor = replace(model.robot.motors[0], effort_scale=0.5)
     scaled = replace(model, robot=replace(model.robot, motors=(motor,)))
     readings = true_readings(model, same, motion)
@@ -233,7 +216,7 @@ def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(
     )
 
 
-def test_efforts_of_the_other_sign_are_answered_with_the_key_and_not_with_lost_preload() -> None:
+def test_efforts_of_the_other_sign_are_answered_with_the_key_and_not_with_lost_preload():
     text = (ROBOTS / "finger.yaml").read_text()
     model = prepare(parse_robot(f"prefix: arm/\n{text}"))
     seconds = np.arange(0.0, 8.0, 0.04)
@@ -256,9 +239,7 @@ def test_efforts_of_the_other_sign_are_answered_with_the_key_and_not_with_lost_p
     ]
 
 
-def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(
-    model: Model, motion: Samples
-) -> None:
+def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(model, motion):
     readings = true_readings(model, same, motion)
     wrong = readings.copy()
     wrong[:, 0] = 3.0 * np.cos(7.0 * motion.joint_angle[:, 0])
@@ -275,7 +256,7 @@ def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(
     assert not corrections_of(live).doubted.any()
 
 
-def test_a_lone_wrong_reading_is_no_evidence(model: Model, motion: Samples) -> None:
+def test_a_lone_wrong_reading_is_no_evidence(model, motion):
     readings = true_readings(model, same, motion)
     readings[100::150, 0] = 100.0
     live = LiveEstimator(model)
@@ -285,7 +266,7 @@ def test_a_lone_wrong_reading_is_no_evidence(model: Model, motion: Samples) -> N
         assert report_of(live).level == "ok", report_of(live).message
 
 
-def test_the_clock_may_be_set_back_and_readings_may_pause(model: Model, motion: Samples) -> None:
+def test_the_clock_may_be_set_back_and_readings_may_pause(model, motion):
     readings = true_readings(model, same, motion)
     live = heard(model, motion, readings)
     live.reset()
@@ -296,9 +277,7 @@ def test_the_clock_may_be_set_back_and_readings_may_pause(model: Model, motion: 
     assert not corrections_of(live).doubted.any()
 
 
-def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(
-    model: Model, motion: Samples
-) -> None:
+def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(model, motion):
     document = {k: v for k, v in model.robot.document.items() if k != "uncertainty"}
     fresh = prepare(build_robot(document, "fresh"))  # preloads are known to 10 %
     readings = true_readings(model, with_preload(0.9, "upper"), motion)
@@ -306,7 +285,7 @@ def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(
     assert report_of(heard(model, motion, readings)).level == "warn"
 
 
-def test_the_other_flags_of_unsure_elements_are_kept(model: Model) -> None:
+def test_the_other_flags_of_unsure_elements_are_kept(model):
     values, doubted = np.zeros((2, model.layout.size))
     status, marked = values[model.layout.status], doubted[model.layout.status].astype(bool)
     status[:5] = [OK, SLACK, INVALID, UNSURE | SLACK, SLACK]
@@ -317,7 +296,7 @@ def test_the_other_flags_of_unsure_elements_are_kept(model: Model) -> None:
     assert not values.any()
 
 
-def test_an_effort_that_is_not_measured_is_not_compared(model: Model, motion: Samples) -> None:
+def test_an_effort_that_is_not_measured_is_not_compared(model, motion):
     live = LiveEstimator(model)
     for k, stamp in enumerate(motion.stamp_ns.tolist()):
         live.feed_efforts(stamp, ["winch"], [0.0])
@@ -343,9 +322,7 @@ def at_rest(model: Model, motion: Samples, pose: float) -> Samples:
 
 
 @pytest.mark.parametrize("sensors", [("effort",), BOTH])
-def test_a_tare_takes_the_zero_that_sensors_have_shown(
-    model: Model, motion: Samples, sensors: Sensors
-) -> None:
+def test_a_tare_takes_the_zero_that_sensors_have_shown(model, motion, sensors):
     """Whoever sets the pose by eye knows it no better."""
     off = np.radians(1.0)
     rest = at_rest(model, motion, 0.01)
@@ -356,9 +333,7 @@ def test_a_tare_takes_the_zero_that_sensors_have_shown(
 
 
 @pytest.mark.parametrize("sensors", [("effort",), ("cells",)])
-def test_a_tare_in_a_loaded_pose_is_refused(
-    model: Model, motion: Samples, sensors: Sensors
-) -> None:
+def test_a_tare_in_a_loaded_pose_is_refused(model, motion, sensors):
     rest = at_rest(model, motion, 0.0)
     loaded = rest.joint_angle.copy()
     loaded[-50:] += np.minimum(np.arange(1, 51) / 25.0, 1.0)[:, None] * 0.04
@@ -369,9 +344,7 @@ def test_a_tare_in_a_loaded_pose_is_refused(
     assert live.changes == {}
 
 
-def test_a_tare_far_from_the_pose_that_sensors_show_is_refused(
-    model: Model, motion: Samples
-) -> None:
+def test_a_tare_far_from_the_pose_that_sensors_show_is_refused(model, motion):
     rest = at_rest(model, motion, 0.2)
     wrong = replace(rest, joint_angle=rest.joint_angle + np.radians(1.0))
     live = heard(model, wrong, true_readings(model, same, rest))
@@ -379,7 +352,7 @@ def test_a_tare_far_from_the_pose_that_sensors_show_is_refused(
         live.tare()
 
 
-def test_a_tare_takes_the_preload_that_a_load_cell_has_shown(model: Model, motion: Samples) -> None:
+def test_a_tare_takes_the_preload_that_a_load_cell_has_shown(model, motion):
     rest = at_rest(model, motion, 0.0)
     readings = true_readings(model, with_preload(0.8, "upper"), rest)
     live = heard(model, rest, readings)

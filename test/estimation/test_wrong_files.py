@@ -1,7 +1,5 @@
 """What a robot file does not state is in the standard deviation, or the status is not OK."""
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 
@@ -35,9 +33,7 @@ def motion(tool: ModuleType) -> Samples:
 
 
 @pytest.mark.parametrize("k", [1, 3, 4, 5, 8])
-def test_a_wrong_number_is_covered_or_the_status_is_not_ok(
-    tool: ModuleType, motion: Samples, k: int
-) -> None:
+def test_a_wrong_number_is_covered_or_the_status_is_not_ok(tool, motion, k):
     found = tool.row(tool.ROWS[k], motion)
     assert found[0].all > 0.03, "the row would be no test of anything"
     for one in found[:3]:
@@ -46,7 +42,7 @@ def test_a_wrong_number_is_covered_or_the_status_is_not_ok(
     assert found[3].covered < 0.6, "an exact file does not know better"
 
 
-def test_a_drum_that_forgets_is_among_the_members(tool: ModuleType) -> None:
+def test_a_drum_that_forgets_is_among_the_members(tool):
     motion = tool.true_motion(load_model(tool.ROBOT), 30.0)
     wrong = next(one for one in tool.ROWS if one.forgets)
     _, _, narrow, exact = tool.row(wrong, motion)
@@ -63,9 +59,7 @@ DRUM, CREPT, DRAG, RADII, LOST = 2, 3, 5, 7, 10
      (DRAG, ("effort", "cells"), 30.0), (RADII, ("effort", "cells"), 30.0),
      (LOST, ("effort",), 8.0)],
 )  # fmt: skip
-def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(
-    tool: ModuleType, k: int, sensors: tuple[str, ...], seconds: float
-) -> None:
+def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(tool, k, sensors, seconds):
     """Whether they follow it, or cannot tell it from something else."""
     model, wrong = load_model(tool.ROBOT), tool.HEARD[k]
     motion = tool.true_motion(model, seconds)
@@ -75,7 +69,7 @@ def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(
 
 
 @pytest.mark.parametrize("pause", ["suspended", "gap"])
-def test_what_a_slip_has_taken_stays_in_doubt_over_a_break(tool: ModuleType, pause: str) -> None:
+def test_what_a_slip_has_taken_stays_in_doubt_over_a_break(tool, pause):
     """No load cell shows it afterwards."""
     model, motion = load_model(tool.ROBOT), tool.true_motion(load_model(tool.ROBOT), 45.0)
     true = tool.true_readings(tool.fresh_model(model), tool.ROWS[DRUM], motion).tension
@@ -115,7 +109,7 @@ uncertainty: {others: exact}
 """
 
 
-def test_a_slack_cable_has_a_spread() -> None:
+def test_a_slack_cable_has_a_spread():
     model = prepare(parse_robot(SLACK))
     ensemble = Ensemble(model)
     sample = Sample(1, np.array([-1.0]), np.zeros(0))  # paid out by 10 mm
@@ -127,14 +121,14 @@ def test_a_slack_cable_has_a_spread() -> None:
     assert stddev[3] == pytest.approx(0.2 * 0.01)
 
 
-def test_an_error_of_efforts_reaches_tensions_through_the_radii() -> None:
+def test_an_error_of_efforts_reaches_tensions_through_the_radii():
     text = SLACK.replace("others: exact", "others: exact, model_error: {effort/m: 0.003}")
     table = unmodelled(prepare(parse_robot(text)))
     expected = [0.3, 0.3, 0.3 * np.sqrt(2.0), 0.003]
     assert np.sqrt(table[0]).tolist() == pytest.approx(expected)
 
 
-def test_the_models_error_is_in_the_standard_deviation() -> None:
+def test_the_models_error_is_in_the_standard_deviation():
     taut = SLACK.replace("preload: 0", "preload: 20")
     text = taut.replace("others: exact", "others: exact, model_error: {tension/c/2: 0.7}")
     sample = Sample(1, np.zeros(1), np.zeros(0))
@@ -147,7 +141,7 @@ def test_the_models_error_is_in_the_standard_deviation() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in ROBOTS.glob("*.yaml")))
-def test_every_shipped_robot_is_estimated_with_its_spread(name: str) -> None:
+def test_every_shipped_robot_is_estimated_with_its_spread(name):
     model = load_model(name)
     live = LiveEstimator(model)
     motors, joints = (
@@ -167,7 +161,7 @@ def fresh(tool: ModuleType) -> Model:
     return model
 
 
-def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
+def test_a_tare_narrows_a_fresh_file(tool):
     live = LiveEstimator(fresh(tool))
     widths, preloads = [], []
     for then in (live.tare, lambda: live.set_preload({"upper": 36.85}), lambda: ""):
@@ -184,9 +178,7 @@ def test_a_tare_narrows_a_fresh_file(tool: ModuleType) -> None:
     assert preloads == pytest.approx([0.1, 0.1, 0.045], rel=1e-3)
 
 
-def test_a_delay_is_covered_also_where_a_smaller_one_is_stated(
-    tool: ModuleType, motion: Samples
-) -> None:
+def test_a_delay_is_covered_also_where_a_smaller_one_is_stated(tool, motion):
     """The joint's readings have passed a low-pass filter of 20 ms, which no stamp shows."""
     model = load_model(tool.ROBOT)
     true = tool.true_readings(model, tool.ROWS[0], motion).tension

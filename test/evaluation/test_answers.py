@@ -1,8 +1,5 @@
 """Prediction of the estimates and counting of the answers.  Does not depend on ROS."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +8,7 @@ from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.conditioner import Conditioned, Mode
 from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, Sample, Samples, initial_state, run, step
+from cdrj_ros.estimation.estimator import Estimate, Sample, initial_state, run, step
 from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
@@ -72,7 +69,7 @@ def bench(model: Model) -> Bench:
     return Bench(model)
 
 
-def test_an_estimate_is_expected_once_motors_and_joints_have_been_sent(bench: Bench) -> None:
+def test_an_estimate_is_expected_once_motors_and_joints_have_been_sent(bench):
     bench.send(0, 1, 2, joints=False)
     assert bench.run.tally() == Tally(sent=3)
     bench.send(0, 1, motors=False)
@@ -80,7 +77,7 @@ def test_an_estimate_is_expected_once_motors_and_joints_have_been_sent(bench: Be
     assert bench.run.under_way == 2
 
 
-def test_an_answer_missing_for_too_long_is_lost_unless_it_comes_later(bench: Bench) -> None:
+def test_an_answer_missing_for_too_long_is_lost_unless_it_comes_later(bench):
     bench.send(0, 1)
     now = bench.run.received_s + 1e9
     assert bench.run.give_up_stalled(0.0) == 0
@@ -90,20 +87,20 @@ def test_an_answer_missing_for_too_long_is_lost_unless_it_comes_later(bench: Ben
     assert bench.run.tally() == Tally(sent=4, expected=2, received=1, lost=1)
 
 
-def test_an_answer_without_an_input_is_counted_as_strange(bench: Bench) -> None:
+def test_an_answer_without_an_input_is_counted_as_strange(bench):
     bench.send(0, 1)
     bench.answer(77)
     assert bench.run.tally().strange == 3
     assert bench.run.tally().received == 0
 
 
-def test_a_refused_reading_is_not_waited_for(bench: Bench) -> None:
+def test_a_refused_reading_is_not_waited_for(bench):
     bench.send(0, 1, 1, 2)
     assert bench.run.tally().expected == 3
     assert bench.run.finish().conditioned.refused["repeated"] == 2
 
 
-def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
+def test_an_estimator_of_another_robot_is_noticed(bench):
     layout = bench.model.layout
     names = tuple(name.replace("upper", "left") for name in layout.elements)
     encoder = EstimateEncoder(replace(layout, elements=names))
@@ -114,7 +111,7 @@ def test_an_estimator_of_another_robot_is_noticed(bench: Bench) -> None:
     assert "expected upper/1" in str(bench.run.trouble)
 
 
-def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
+def test_values_come_back_as_they_were_sent(bench):
     count, said = 50, stddev_columns(bench.model.layout).size
     bench._estimate = replace(bench._estimate, stddev=1.0 + np.arange(said))
     bench._encoder = EstimateEncoder(bench.model.layout, uncertain=True)
@@ -139,7 +136,7 @@ def test_values_come_back_as_they_were_sent(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("off", [0.0, 0.25])
-def test_passes_are_counted_and_their_difference_is_noted(model: Model, off: float) -> None:
+def test_passes_are_counted_and_their_difference_is_noted(model, off):
     outcome = Outcome(model)
     for difference in (0.0, off):
         bench = Bench(model)
@@ -156,7 +153,7 @@ def test_passes_are_counted_and_their_difference_is_noted(model: Model, off: flo
     assert ["should be identical" in note for note in outcome.notes()] == [True] * (off > 0.0)
 
 
-def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
+def test_an_estimate_that_was_predicted_is_expected_once(model):
     """The joint is read at every fifth stamp; what was predicted between is computed again."""
     bench = Bench(model, "predict")
     for number in range(1, 31):
@@ -165,9 +162,7 @@ def test_an_estimate_that_was_predicted_is_expected_once(model: Model) -> None:
     assert bench.run.tally() == Tally(36, 26, 26, 0, 0)
 
 
-def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
-    model: Model, recorded: Callable[[Model, int], Samples]
-) -> None:
+def test_what_is_known_of_standard_deviations_counts_for_the_coverage(model, recorded):
     """As from a node that runs without them."""
     samples, layout = recorded(model, 100), model.layout
     estimates = run(model, initial_state(model), samples)[1]
@@ -191,7 +186,7 @@ def test_what_is_known_of_standard_deviations_counts_for_the_coverage(
     assert errors["effort/elbow"].coverage is None
 
 
-def test_preloads_that_differ_are_named_with_both_values_and_the_remedies() -> None:
+def test_preloads_that_differ_are_named_with_both_values_and_the_remedies():
     model = load_model("prototype", [23.0, 6.0])
     words = preload_difference(model, NodeSettings(preload=(36.85, 6.0)))
     assert "upper 36.85 N in the estimator, 23 N here, lower 6 N in the estimator" in words
@@ -200,13 +195,13 @@ def test_preloads_that_differ_are_named_with_both_values_and_the_remedies() -> N
     assert "of another robot" in words
 
 
-def test_a_node_that_leaves_out_estimates_is_refused() -> None:
+def test_a_node_that_leaves_out_estimates_is_refused():
     require_every_sample(NodeSettings())
     with pytest.raises(UsageError, match="publishes only some of its estimates"):
         require_every_sample(NodeSettings(max_rate_hz=100.0))
 
 
-def test_the_last_answer_repeated_while_paused_is_not_counted(bench: Bench) -> None:
+def test_the_last_answer_repeated_while_paused_is_not_counted(bench):
     bench.send(0, 1)
     bench.answer(0, 0, 0)
     assert bench.run.tally() == Tally(sent=4, expected=2, received=1)

@@ -1,7 +1,5 @@
 """Estimates are interpolated at the reference's stamps; the reference is unchanged."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.compared import compare, series_of
@@ -20,7 +18,7 @@ def one(
     return channel
 
 
-def test_coinciding_stamps_leave_every_bit_of_the_estimate() -> None:
+def test_coinciding_stamps_leave_every_bit_of_the_estimate():
     random = np.random.default_rng(1)
     stamps = EPOCH_NS + np.arange(1000, dtype=np.int64) * 333_333
     values = random.normal(size=1000) * 10.0 ** random.integers(-300, 300, 1000)
@@ -34,21 +32,21 @@ def test_coinciding_stamps_leave_every_bit_of_the_estimate() -> None:
     assert channel.estimate[at].tobytes() == values[chosen].tobytes()
 
 
-def test_nothing_is_compared_outside_the_estimates_or_across_a_gap() -> None:
+def test_nothing_is_compared_outside_the_estimates_or_across_a_gap():
     channel = one([0, 10, 100, 110], [1.0] * 4, ([-1, 0, 5, 10, 50, 100, 105, 111], [2.0] * 8), 10)
     assert channel.stamp_ns.tolist() == [0, 5, 10, 100, 105]
     assert channel.dropped["outside_estimates"] == 2
     assert channel.dropped["between_distant_estimates"] == 1
 
 
-def test_references_are_sorted_and_of_equal_stamps_the_first_counts() -> None:
+def test_references_are_sorted_and_of_equal_stamps_the_first_counts():
     channel = one([0, 10], [0.0, 10.0], ([7, 3, 7, 0], [70.0, 30.0, 71.0, 0.0]))
     assert channel.stamp_ns.tolist() == [0, 3, 7]
     assert channel.reference.tolist() == [0.0, 30.0, 70.0]
     assert channel.dropped["reference_repeated"] == 1
 
 
-def test_values_that_are_not_finite_are_left_out_and_counted() -> None:
+def test_values_that_are_not_finite_are_left_out_and_counted():
     channel = one(
         [0, 10, 20, 30],
         [0.0, 1.0, np.nan, np.inf],
@@ -64,7 +62,7 @@ def test_values_that_are_not_finite_are_left_out_and_counted() -> None:
     assert (len(nothing.stamp_ns), nothing.dropped["outside_estimates"]) == (0, 2)
 
 
-def test_every_reference_sample_is_compared_or_counted() -> None:
+def test_every_reference_sample_is_compared_or_counted():
     random = np.random.default_rng(3)
     values = random.normal(size=300)
     values[::17] = np.nan
@@ -78,7 +76,7 @@ def test_every_reference_sample_is_compared_or_counted() -> None:
     assert np.isfinite(channel.reference).all()
 
 
-def test_the_angle_is_added_where_it_is_known() -> None:
+def test_the_angle_is_added_where_it_is_known():
     stamps = np.array([0, 10, 20, 30, 100])
     rolling = Angle("rolling", np.array([10, 20, 90]), np.array([1.0, 2.0, 9.0]))
     reference = {NAME: (stamps, np.zeros(5)), "effort/spindle": (stamps, np.zeros(5))}
@@ -94,7 +92,7 @@ def test_the_angle_is_added_where_it_is_known() -> None:
 
 
 @pytest.mark.parametrize("sizes", [[1] * 100, [37, 0, 1, 50, 12], [99, 1]])
-def test_the_pieces_in_which_estimates_come_change_no_bit(sizes: list[int]) -> None:
+def test_the_pieces_in_which_estimates_come_change_no_bit(sizes):
     random = np.random.default_rng(7)
     stamps = EPOCH_NS + np.cumsum(random.integers(1, 300, 100))
     reference = np.sort(random.integers(int(stamps[0]) - 500, int(stamps[-1]) + 500, 400))
@@ -126,7 +124,7 @@ def test_the_pieces_in_which_estimates_come_change_no_bit(sizes: list[int]) -> N
         np.testing.assert_array_equal(one.stddev, other.stddev)
 
 
-def test_names_need_a_known_prefix() -> None:
+def test_names_need_a_known_prefix():
     assert {unit_of(f"{prefix}/a/1") for prefix in QUANTITIES} == {"N", "N·m", "rad"}
     for name in ("tension", "tension/", "torque/a", ""):
         with pytest.raises(ValueError, match="channel name must be one of tension/"):

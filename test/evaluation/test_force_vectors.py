@@ -1,7 +1,5 @@
 """Vectors are compared by the length of their difference and by the angle between them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +35,7 @@ def turned(vectors: Floats, degrees: float) -> Floats:
 
 
 @pytest.mark.parametrize("degrees", [1e-5, 0.3, 8.0, 90.0, 173.0, 180.0])
-def test_a_turned_force_has_that_angle_and_the_length_of_its_chord(degrees: float) -> None:
+def test_a_turned_force_has_that_angle_and_the_length_of_its_chord(degrees):
     error = channel_error(turned(FORCE, degrees), FORCE)
     chord = 2.0 * np.sin(np.radians(degrees) / 2.0)
     assert error.mean_direction_error_deg == pytest.approx(degrees, rel=1e-7)
@@ -50,7 +48,7 @@ def test_a_turned_force_has_that_angle_and_the_length_of_its_chord(degrees: floa
     assert larger.max_direction_error_deg == pytest.approx(0.0, abs=1e-9)
 
 
-def test_figures_agree_with_those_computed_by_hand() -> None:
+def test_figures_agree_with_those_computed_by_hand():
     # differences (3, 4, 0) and 0; deviations of the reference from its mean are ±(5, 0, 0)
     error = channel_error(
         np.array([[3.0, 4.0, 0.0], [10.0, 0.0, 0.0]]), np.array([[0.0] * 3, [10.0, 0.0, 0.0]])
@@ -62,7 +60,7 @@ def test_figures_agree_with_those_computed_by_hand() -> None:
     assert error.mean_direction_error_deg == 0.0
 
 
-def test_forces_too_small_for_a_direction_have_none() -> None:
+def test_forces_too_small_for_a_direction_have_none():
     reference = np.array([[100.0, 0.0, 0.0]] * 4)
     estimate = turned(reference, 10.0)
     small = 100.0 * DIRECTION_SHARE * 0.99
@@ -84,7 +82,7 @@ def _bag(estimate: Floats, reference: Floats) -> BagComparison:
     return BagComparison("bag", 1.0, (channel,))
 
 
-def test_recordings_are_pooled_and_channels_summed_up() -> None:
+def test_recordings_are_pooled_and_channels_summed_up():
     pooled = pooled_errors([_bag(turned(FORCE, 2.0), FORCE), _bag(turned(FORCE, 6.0), FORCE)])
     assert pooled[NAME].n == 800
     assert pooled[NAME].mean_direction_error_deg == pytest.approx(4.0)

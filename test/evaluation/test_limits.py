@@ -1,9 +1,5 @@
 """Parsing of limits files, and comparison with limits."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -32,7 +28,7 @@ def judged(text: str, *bags: BagComparison) -> list[tuple[str, str, str, float |
     return [(o.where, o.channel, o.figure, o.value, o.bound) for o in limit_check.outside]
 
 
-def test_figures_within_their_limits_are_only_counted() -> None:
+def test_figures_within_their_limits_are_only_counted():
     limit_check = check_limits(
         parse_limits("channels: {tension/*: {rmse: {max: 0.5}, r2: {min: 0.5, max: 1}}}", "f"),
         errors_of([bag()]),
@@ -41,34 +37,34 @@ def test_figures_within_their_limits_are_only_counted() -> None:
     assert limit_check.outside == ()
 
 
-def test_a_figure_outside_is_named_with_its_bound_and_excess() -> None:
+def test_a_figure_outside_is_named_with_its_bound_and_excess():
     limits = parse_limits("channels: {tension/upper/?: {rmse: {max: 0.15}}}", "f")
     (outside,) = check_limits(limits, errors_of([bag()])).outside
     assert (outside.channel, outside.figure, outside.least) == ("tension/upper/2", "rmse", False)
     assert outside.by == pytest.approx(0.05)
 
 
-def test_a_quantity_alone_stands_for_the_mean_over_its_channels() -> None:
+def test_a_quantity_alone_stands_for_the_mean_over_its_channels():
     assert judged("channels: {tension: {rmse: {max: 0.151}}}") == []
     ((_, channel, _, value, _),) = judged("channels: {tension: {rmse: {max: 0.149}}}")
     assert channel == "tension"
     assert value == pytest.approx(0.15)
 
 
-def test_a_pattern_that_no_channel_matches_is_outside() -> None:
+def test_a_pattern_that_no_channel_matches_is_outside():
     text = "channels: {tension/lower/1: {n: {min: 1}}}"
     assert judged(text) == [("a", "tension/lower/1", "n", None, 1)]
     assert check_limits(parse_limits(text, "f"), errors_of([bag()])).checked == 1
 
 
-def test_a_figure_that_is_not_known_is_outside() -> None:
+def test_a_figure_that_is_not_known_is_outside():
     text = "channels: {tension/upper/1: {coverage: {min: 0.9}}}"
     assert judged(text) == [("a", "tension/upper/1", "coverage", None, 0.9)]
     assert judged(text, bag(stddev=0.06)) == []
     assert judged(text, bag(stddev=0.04))[0][3] == 0.0
 
 
-def test_recordings_are_judged_together_and_on_request_each_by_itself() -> None:
+def test_recordings_are_judged_together_and_on_request_each_by_itself():
     bags = bag("good", 0.01), bag("bad", 0.5)
     text = "channels: {tension/upper/1: {mean_abs_error: {max: 0.3}}}"
     assert judged(text, *bags) == []
@@ -93,9 +89,7 @@ def test_recordings_are_judged_together_and_on_request_each_by_itself() -> None:
         ("", ["must hold a mapping with channels and judge"]),
     ],
 )
-def test_invalid_limits_are_refused_with_the_path_of_the_key(
-    text: str, words: list[str], tmp_path: Path
-) -> None:
+def test_invalid_limits_are_refused_with_the_path_of_the_key(text, words, tmp_path):
     path = tmp_path / "limits.yaml"
     path.write_text(text)
     with pytest.raises(RobotFileError) as caught:

@@ -1,7 +1,5 @@
 """The figures of one channel, of many, and of several recordings; reversals of motion."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -34,7 +32,7 @@ def channel(name: str, estimate: np.ndarray, reference: np.ndarray) -> Channel:
     )
 
 
-def test_figures_agree_with_those_computed_by_hand() -> None:
+def test_figures_agree_with_those_computed_by_hand():
     # errors 1, -1, 2, 0; squares 6; reference mean 5, deviations -3 -1 0 4 of square sum 26
     error = channel_error([3.0, 3.0, 7.0, 9.0], [2.0, 4.0, 5.0, 9.0])
     assert error.n == 4
@@ -45,7 +43,7 @@ def test_figures_agree_with_those_computed_by_hand() -> None:
     assert error.r2 == pytest.approx(1 - 6 / 26)
 
 
-def test_digits_do_not_depend_on_the_number_of_processors() -> None:
+def test_digits_do_not_depend_on_the_number_of_processors():
     code = (
         "import numpy as np; from cdrj_ros.evaluation.metrics import channel_error; "
         "random = np.random.default_rng(7); "
@@ -61,13 +59,13 @@ def test_digits_do_not_depend_on_the_number_of_processors() -> None:
     assert figures("1") == figures("2") != b""
 
 
-def test_relative_error_leaves_out_references_close_to_zero() -> None:
+def test_relative_error_leaves_out_references_close_to_zero():
     reference = np.array([100.0, 100.0 * MINIMUM_SHARE, 0.9 * 100.0 * MINIMUM_SHARE, 0.0])
     error = channel_error(reference + np.array([1.0, 0.5, 50.0, 50.0]), reference)
     assert error.mean_relative_error == pytest.approx((0.01 + 0.5) / 2)
 
 
-def test_undefined_figures_are_none() -> None:
+def test_undefined_figures_are_none():
     assert channel_error([], []) == NO_SAMPLES
     assert channel_error([1.0], [2.0]).r2 is None
     assert channel_error([1.0, 2.0], [0.0, 0.0]).mean_relative_error is None
@@ -75,7 +73,7 @@ def test_undefined_figures_are_none() -> None:
     assert channel_error(np.zeros(10), np.full(10, 0.1)).r2 is None
 
 
-def test_pooled_figures_are_those_of_the_joined_samples() -> None:
+def test_pooled_figures_are_those_of_the_joined_samples():
     random = np.random.default_rng(6)
     parts = [(random.normal(size=n), random.normal(loc=n, size=n)) for n in (10, 300)]
     bags = [
@@ -89,7 +87,7 @@ def test_pooled_figures_are_those_of_the_joined_samples() -> None:
     assert joined.mean_abs_error != pytest.approx(np.mean([e.mean_abs_error or 0 for e in single]))
 
 
-def test_pooling_keeps_what_one_recording_has_but_no_figure_that_another_lacks() -> None:
+def test_pooling_keeps_what_one_recording_has_but_no_figure_that_another_lacks():
     plain = channel("tension/a/1", np.ones(3), np.ones(3))
     told = replace(plain, stddev=np.ones(3), reversal=np.ones(3, np.bool_))
     other = channel("effort/spindle", np.ones(3), np.ones(3))
@@ -101,7 +99,7 @@ def test_pooling_keeps_what_one_recording_has_but_no_figure_that_another_lacks()
     assert pooled_errors(bags[1:])["tension/a/1"].coverage == 1.0
 
 
-def test_channels_have_equal_weight_in_the_mean_and_the_maximum_is_kept() -> None:
+def test_channels_have_equal_weight_in_the_mean_and_the_maximum_is_kept():
     overall = mean_over_channels(
         [
             ChannelError(1000, 1.0, 0.1, 2.0, 5.0, 0.9),
@@ -115,7 +113,7 @@ def test_channels_have_equal_weight_in_the_mean_and_the_maximum_is_kept() -> Non
     assert mean_over_channels([]) == NO_SAMPLES
 
 
-def test_errors_at_reversals_are_separate_from_the_others() -> None:
+def test_errors_at_reversals_are_separate_from_the_others():
     reversal = np.array([True, False, False, True])
     error = channel_error([2.0, 3.0, 3.0, 5.0], [1.0, 3.0, 4.0, 2.0], reversal=reversal)
     assert error.reversal_error == pytest.approx(2.0)
@@ -126,7 +124,7 @@ def test_errors_at_reversals_are_separate_from_the_others() -> None:
     assert channel_error([2.0], [1.0]).smooth_error is None
 
 
-def test_coverage_of_a_normal_estimate_with_correct_deviations_is_that_of_two_sigmas() -> None:
+def test_coverage_of_a_normal_estimate_with_correct_deviations_is_that_of_two_sigmas():
     random = np.random.default_rng(8)
     stddev = random.uniform(0.1, 3.0, 200_000)
     reference = random.normal(20.0, 5.0, 200_000)
@@ -137,7 +135,7 @@ def test_coverage_of_a_normal_estimate_with_correct_deviations_is_that_of_two_si
     assert too_small == pytest.approx(0.6827, abs=0.004)
 
 
-def test_coverage_counts_only_samples_whose_deviation_is_known() -> None:
+def test_coverage_counts_only_samples_whose_deviation_is_known():
     stddev = np.array([1.0, np.nan, 0.1, np.nan])
     assert channel_error([1.0, 9.0, 1.0, 9.0], np.zeros(4), stddev=stddev).coverage == 0.5
     assert channel_error([1.0], [0.0], stddev=[np.nan]).coverage is None
@@ -153,7 +151,7 @@ def swing(periods: float, frequency: float = 0.5) -> tuple[np.ndarray, np.ndarra
     return stamps, np.sin(2 * np.pi * frequency * time)
 
 
-def test_a_zone_lasts_for_a_fixed_share_of_the_stroke() -> None:
+def test_a_zone_lasts_for_a_fixed_share_of_the_stroke():
     stamps, angle = swing(3.0)
     zones = reversal_zones(stamps, [angle])
     assert zones.shape == (6, 2)
@@ -165,7 +163,7 @@ def test_a_zone_lasts_for_a_fixed_share_of_the_stroke() -> None:
         assert end == pytest.approx(turn + taken_up, abs=2 * STEP_NS)
 
 
-def test_overlapping_zones_of_motors_and_joints_are_merged() -> None:
+def test_overlapping_zones_of_motors_and_joints_are_merged():
     stamps, angle = swing(3.0)
     late = np.roll(angle, 150)
     both = reversal_zones(stamps, [angle, late])
@@ -178,7 +176,7 @@ def test_overlapping_zones_of_motors_and_joints_are_merged() -> None:
 
 
 @pytest.mark.parametrize("angle", [np.zeros(500), np.linspace(0.0, 1.0, 500), np.zeros(1)])
-def test_a_motion_without_reversal_has_no_zone(angle: np.ndarray) -> None:
+def test_a_motion_without_reversal_has_no_zone(angle):
     stamps = np.arange(len(angle), dtype=np.int64) * STEP_NS
     zones = reversal_zones(stamps, [angle])
     assert zones.shape == (0, 2)

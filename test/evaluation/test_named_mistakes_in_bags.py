@@ -1,7 +1,5 @@
 """A recording of a finger, compared by files with a mistake in names or efforts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("one", "other"), [("mcp", "pip"), ("deep_motor", "extensor_motor")])
-def test_the_first_note_names_the_swap(bag: Path, tmp_path: Path, one: str, other: str) -> None:
+def test_the_first_note_names_the_swap(bag, tmp_path, one, other):
     text = (ROBOTS / "finger.yaml").read_text("utf-8")
     swapped = tmp_path / "swapped.yaml"
     swapped.write_text(text.replace(one, "?").replace(other, one).replace("?", other), "utf-8")
@@ -34,7 +32,7 @@ def test_the_first_note_names_the_swap(bag: Path, tmp_path: Path, one: str, othe
     assert not any(note.startswith("Readings do not fit") for note in right.notes)
 
 
-def test_an_effort_of_the_other_sign_is_answered_with_the_key(bag: Path, tmp_path: Path) -> None:
+def test_an_effort_of_the_other_sign_is_answered_with_the_key(bag, tmp_path):
     text = (ROBOTS / "finger.yaml").read_text("utf-8")
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(text.replace("deep_motor, max", "deep_motor, effort_sign: -1, max"), "utf-8")
@@ -44,7 +42,7 @@ def test_an_effort_of_the_other_sign_is_answered_with_the_key(bag: Path, tmp_pat
     assert note.endswith("times, effort_sign: +1 fits.")
 
 
-def test_a_wrong_prefix_is_answered_with_the_one_that_fits(tmp_path: Path) -> None:
+def test_a_wrong_prefix_is_answered_with_the_one_that_fits(tmp_path):
     log = {"t": [0.0, 0.01], **{f"left_{k}": [0.0, 0.0] for k in range(5)}}
     motors = {f"left_{name}_motor": f"left_{k}" for k, name in enumerate(FLEXORS)}
     joints = {"left_mcp": "left_3", "left_pip": "left_4"}

@@ -1,7 +1,5 @@
 """Many tasks: the same results in this process and in others, and none lost to another."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator
@@ -43,7 +41,7 @@ def killed_when_noted(note: Path) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("jobs", [2, 5])
-def test_results_are_in_the_order_of_the_tasks_and_a_failure_costs_only_its_own(jobs: int) -> None:
+def test_results_are_in_the_order_of_the_tasks_and_a_failure_costs_only_its_own(jobs):
     """Also one that kills its process."""
     done: list[float] = []
     tasks = [3.0, -1.0, 99.0, 13.0, 0.3]
@@ -62,7 +60,7 @@ def test_results_are_in_the_order_of_the_tasks_and_a_failure_costs_only_its_own(
     assert done[-2:] == [2, 3]
 
 
-def test_the_task_of_a_process_killed_from_outside_is_done_by_another(tmp_path: Path) -> None:
+def test_the_task_of_a_process_killed_from_outside_is_done_by_another(tmp_path):
     notes = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
     notes[0].write_text("no first attempt\n")
     notes[2].write_text("no first attempt\n")
@@ -74,7 +72,7 @@ def test_the_task_of_a_process_killed_from_outside_is_done_by_another(tmp_path: 
     assert first != second
 
 
-def test_joblib_says_where_tasks_run() -> None:
+def test_joblib_says_where_tasks_run():
     """Also a backend that returns all results at the end, as Ray's does."""
     tasks = [3.0, -1.0, 13.0, 0.3]
     work = Work(square, tasks, [f"bag {task:g}" for task in tasks], [1, 1, 1, 1])
@@ -84,9 +82,7 @@ def test_joblib_says_where_tasks_run() -> None:
             assert results_of(work, 2, lambda _: None) == here
 
 
-def test_a_dask_cluster_gives_the_same_results_when_a_worker_dies(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dask_cluster_gives_the_same_results_when_a_worker_dies(tmp_path, monkeypatch):
     distributed = pytest.importorskip("dask.distributed")
     monkeypatch.setenv("PYTHONPATH", str(Path(support.many_tasks.__file__).parents[1]))
     tasks = [str(tmp_path / "first"), str(tmp_path / "second"), str(tmp_path / "third")]
@@ -117,13 +113,13 @@ def test_a_dask_cluster_gives_the_same_results_when_a_worker_dies(
     assert compared.pooled == here_alone.pooled
 
 
-def test_processes_are_used_by_default_only_where_they_pay_off() -> None:
+def test_processes_are_used_by_default_only_where_they_pay_off():
     assert default_jobs([1000] * 100) == 1
     assert default_jobs([WORTH_PROCESSES]) == 1
     assert default_jobs([WORTH_PROCESSES] * 1000) == processors()
 
 
-def test_large_tasks_begin_first(tmp_path: Path) -> None:
+def test_large_tasks_begin_first(tmp_path):
     note = str(tmp_path / "note")
     tasks = [(note, name) for name in ("small", "large", "middle")]
     names = [name for _, name in tasks]

@@ -1,7 +1,5 @@
 """The verdict over a recording: the node's, from the sensors that a bag has."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +14,7 @@ from cdrj_ros.estimation.group import TICK_NS
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.evaluation.recorded_verdict import RecordedVerdict
-from cdrj_ros.evaluation.validation import BagTask, Health, compare_bag
+from cdrj_ros.evaluation.validation import BagTask, compare_bag
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
 
@@ -51,9 +49,7 @@ def unheard(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.usefixtures("few_pictures")
-def test_a_lost_preload_is_named_with_its_time_in_every_output(
-    loose: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_lost_preload_is_named_with_its_time_in_every_output(loose, tmp_path, capsys):
     figures, page = tmp_path / "figures.json", tmp_path / "report.html"
     assert main([loose, "--robot", ROBOT, "--json", str(figures), "--html", str(page)]) == 0
     health = json.loads(figures.read_text(encoding="utf-8"))["bags"][0]["health"]
@@ -69,7 +65,7 @@ def test_a_lost_preload_is_named_with_its_time_in_every_output(
 
 
 @pytest.mark.parametrize(("health", "runs"), [("auto", False), ("references", True)])
-def test_references_are_compared_on_request_only(unheard: str, health: Health, runs: bool) -> None:
+def test_references_are_compared_on_request_only(unheard, health, runs):
     found = compare_bag(BagTask(unheard, Topics(), ROBOT, health=health))
     assert (found.health is not None) is runs
     if found.health is not None:
@@ -77,7 +73,7 @@ def test_references_are_compared_on_request_only(unheard: str, health: Health, r
         assert any("preload of" in one.message for one in found.health.alarms)
 
 
-def test_the_verdict_does_not_depend_on_whether_coverage_is_asked_for(loose: str) -> None:
+def test_the_verdict_does_not_depend_on_whether_coverage_is_asked_for(loose):
     """As for a file whose numbers are exact: readings have errors that are part of the verdict."""
     found = [
         compare_bag(BagTask(loose, Topics(), ROBOT, uncertainty=asked, health="auto")).health
@@ -87,7 +83,7 @@ def test_the_verdict_does_not_depend_on_whether_coverage_is_asked_for(loose: str
     assert found[0] == found[1]
 
 
-def test_the_verdict_is_that_of_an_estimator_which_hears_all(loose: str) -> None:
+def test_the_verdict_is_that_of_an_estimator_which_hears_all(loose):
     model = load_model(ROBOT)
     recording = read_inputs(loose, Topics(), model, motor_efforts=True)
     (samples,) = condition_recording(model, recording).segments

@@ -1,12 +1,9 @@
 """Validation of a recording in pieces."""
 
-from __future__ import annotations
-
 import tracemalloc
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +24,7 @@ from cdrj_ros.recordings.recording import Topics, read_recording
 BAG = str(SAMPLE)
 
 
-def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memory() -> None:
+def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memory():
     model = load_model(ROBOT)
     recording = read_inputs(BAG, Topics(), model)
     conditioned = condition_recording(model, recording)
@@ -53,9 +50,7 @@ def test_a_recording_in_pieces_compares_as_all_its_estimates_and_takes_less_memo
         assert one.estimate.tobytes() == other.estimate.tobytes()
 
 
-def test_a_bag_of_estimates_is_written_piece_by_piece(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bag_of_estimates_is_written_piece_by_piece(tmp_path, monkeypatch):
     """A piece is forgotten once it has been written."""
     monkeypatch.setattr(estimating, "AT_ONCE", 512)
     model = load_model(ROBOT)
@@ -88,7 +83,7 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(
     assert all(np.array_equal(one.stamp_ns, stamps) for one in found.references.values())
 
 
-def test_what_was_not_compared_is_counted_and_named() -> None:
+def test_what_was_not_compared_is_counted_and_named():
     model = load_model(ROBOT)
     read = read_inputs(BAG, Topics(), model)
     conditioned = condition_recording(model, read)
@@ -110,7 +105,7 @@ def test_what_was_not_compared_is_counted_and_named() -> None:
     )
 
 
-def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
+def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference():
     model = without_encoder("prototype", "elbow")
     compared = compare_bag(BagTask(BAG, Topics(), window=(1.0, 20.0)), model=model)
     channels = {channel.name: channel for channel in compared.channels}
@@ -123,13 +118,13 @@ def test_efforts_are_inputs_and_the_recorded_angle_is_a_reference() -> None:
     assert angle.stddev is not None
 
 
-def test_a_bag_without_efforts_is_refused() -> None:
+def test_a_bag_without_efforts_is_refused():
     robot = without_encoder("prototype", "elbow").robot
     with pytest.raises(BagError, match="no efforts of winch, from which elbow"):
         read_encoderless(BAG, Topics(references=()), robot)
 
 
-def test_shares_are_of_the_larger_tension() -> None:
+def test_shares_are_of_the_larger_tension():
     layout = load_model(ROBOT).layout
     n, elements = 200, len(layout.elements)
     tension = np.full((n, elements), 10.0)

@@ -1,10 +1,7 @@
 """Files are written atomically, and outputs never overwrite inputs."""
 
-from __future__ import annotations
-
 import os
 import stat
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +9,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, replacing, write_text
 
 
-def test_a_file_is_replaced_and_keeps_its_permissions(tmp_path: Path) -> None:
+def test_a_file_is_replaced_and_keeps_its_permissions(tmp_path):
     target = tmp_path / "a.yaml"
     target.write_text("old")
     target.chmod(0o640)
@@ -25,7 +22,7 @@ def test_a_file_is_replaced_and_keeps_its_permissions(tmp_path: Path) -> None:
     assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
 
 
-def test_a_link_is_kept_and_its_target_is_written(tmp_path: Path) -> None:
+def test_a_link_is_kept_and_its_target_is_written(tmp_path):
     (tmp_path / "real").write_text("old")
     (tmp_path / "link").symlink_to("real")
     write_text(tmp_path / "link", "new")
@@ -33,7 +30,7 @@ def test_a_link_is_kept_and_its_target_is_written(tmp_path: Path) -> None:
     assert (tmp_path / "real").read_text() == "new"
 
 
-def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path):
     target = tmp_path / "a"
     target.write_text("old")
 
@@ -60,9 +57,7 @@ def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path: Path) -
         ({"--out": "missing/a"}, "--out missing/a: there is no folder missing"),
     ],
 )
-def test_impossible_outputs_are_refused_before_any_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outputs: dict[str, str], words: str
-) -> None:
+def test_impossible_outputs_are_refused_before_any_work(tmp_path, monkeypatch, outputs, words):
     monkeypatch.chdir(tmp_path)
     for folder in ("sub", "bag"):
         (tmp_path / folder).mkdir()
@@ -73,7 +68,7 @@ def test_impossible_outputs_are_refused_before_any_work(
     check_outputs({"--json": "a.json", "--html": None}, ["robot.yaml"])
 
 
-def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -84,12 +79,12 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
-def test_an_unpaired_surrogate_does_not_end_a_write(tmp_path: Path) -> None:
+def test_an_unpaired_surrogate_does_not_end_a_write(tmp_path):
     write_text(tmp_path / "a", '"bag\udcff"')
     assert (tmp_path / "a").read_bytes() == b'"bag\\udcff"'
 
 
-def test_a_full_disk_is_reported_with_the_name_of_the_file(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_with_the_name_of_the_file(tmp_path):
     full = tmp_path / "full"
     full.symlink_to("/dev/full")
     with pytest.raises(OSError, match="No space left on device") as found:

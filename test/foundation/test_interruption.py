@@ -1,7 +1,5 @@
 """The end of an interrupted command: one line and its exit code."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -43,7 +41,7 @@ def ended(program: str, closing: str = "") -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize("code", [130, 0])
-def test_an_interrupt_of_an_import_ends_the_command_though_the_import_catches_it(code: int) -> None:
+def test_an_interrupt_of_an_import_ends_the_command_though_the_import_catches_it(code):
     """A compiled module turns any exception during its import into an ImportError."""
     program = f"""
 def load():
@@ -58,7 +56,7 @@ run_interruptibly("importing", load, {code})
     assert ended(program) == (code, "", "importing: interrupted\n")
 
 
-def test_an_interrupted_command_cleans_up_and_keeps_what_it_printed() -> None:
+def test_an_interrupted_command_cleans_up_and_keeps_what_it_printed():
     program = """
 def body(_):
     try:
@@ -73,7 +71,7 @@ run_interruptibly("working", lambda: lambda: run_command("working", body, []))
     assert ended(program, "2>&-") == (130, "begun\ncleaned up\n", "")
 
 
-def test_after_an_error_a_pool_of_threads_neither_waits_nor_begins_anything() -> None:
+def test_after_an_error_a_pool_of_threads_neither_waits_nor_begins_anything():
     begun, released = threading.Event(), threading.Event()
 
     def task() -> None:
@@ -96,7 +94,7 @@ def test_after_an_error_a_pool_of_threads_neither_waits_nor_begins_anything() ->
     running.result(PATIENCE_S)
 
 
-def test_an_interrupted_command_does_not_wait_for_its_threads() -> None:
+def test_an_interrupted_command_does_not_wait_for_its_threads():
     program = """
 def main():
     with thread_pool(1) as pool:
@@ -110,9 +108,7 @@ run_interruptibly("waiting", lambda: main)
 
 
 @pytest.mark.parametrize(("chosen", "threads"), [({}, 1), ({BLAS_THREADS: "2"}, 2)])
-def test_numpy_calculates_in_one_thread_unless_the_user_chose_more(
-    chosen: dict[str, str], threads: int
-) -> None:
+def test_numpy_calculates_in_one_thread_unless_the_user_chose_more(chosen, threads):
     script = """
 import os
 from cdrj_ros.foundation.interruption import run_interruptibly
@@ -134,7 +130,7 @@ run_interruptibly("counting", load)
     assert done.returncode == 100 + min(threads, len(os.sched_getaffinity(0)))
 
 
-def test_a_signal_ends_a_loop_of_the_core_over_a_recording() -> None:
+def test_a_signal_ends_a_loop_of_the_core_over_a_recording():
     def ask(*_: object) -> None:
         raise InterruptedError
 

@@ -1,7 +1,5 @@
 """A failure of standard output has no other effect, and no name can control the terminal."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys
@@ -33,9 +31,7 @@ def closed() -> TextIO:
 
 
 @pytest.mark.parametrize("make", [full, without_reader, closed, lambda: None])
-def test_a_failure_of_standard_output_does_not_change_the_exit_code(
-    make: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_failure_of_standard_output_does_not_change_the_exit_code(make, monkeypatch, capsys):
     done = []
 
     def body(_: object) -> int:
@@ -57,7 +53,7 @@ def test_a_failure_of_standard_output_does_not_change_the_exit_code(
     assert capsys.readouterr().err.splitlines() == (told if make is full else [])
 
 
-def test_characters_that_an_encoding_lacks_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_characters_that_an_encoding_lacks_are_escaped(monkeypatch):
     raw = io.BytesIO()
     stream = io.TextIOWrapper(raw, encoding="ascii")
     monkeypatch.setattr(sys, "stdout", stream)
@@ -70,7 +66,7 @@ def test_characters_that_an_encoding_lacks_are_escaped(monkeypatch: pytest.Monke
     assert raw.getvalue() == b"R\\xb2 \\xb12\\u03c3 \\udcff\n"
 
 
-def test_control_characters_in_output_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_in_output_are_escaped(capsys):
     say("bag \x1b[2J\r\x9b31m of\nyesterday, câble – 索")
     assert capsys.readouterr().out == "bag \\x1b[2J\\r\\x9b31m of\nyesterday, câble – 索\n"
     assert printable("a\x1b[31mb\n\udc80\u202e") == "a\\x1b[31mb\\n\\udc80\\u202e"
@@ -80,9 +76,7 @@ NASTY = "\x1b[31mbag\nof two lines"
 
 
 @pytest.mark.parametrize("error", [BagError(NASTY), OSError(2, "gone", NASTY)])
-def test_an_error_is_one_line_for_any_names_in_it(
-    error: Exception, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_is_one_line_for_any_names_in_it(error, capsys):
     def body(_: object) -> int:
         raise error
 
@@ -91,7 +85,7 @@ def test_an_error_is_one_line_for_any_names_in_it(
     assert line.startswith("validate: \\x1b[31mbag\\nof two lines")
 
 
-def test_a_lack_of_memory_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_lack_of_memory_is_one_line(capsys):
     def body(_: object) -> int:
         return int(np.empty((10**15, 906)).size)
 

@@ -1,12 +1,9 @@
 """Untrusted YAML gives a value or a one-line error, in bounded time and memory."""
 
-from __future__ import annotations
-
 import re
 import tracemalloc
 import warnings
 from datetime import date
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -50,7 +47,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_text_that_expands_too_far_is_refused_in_one_line(name: str) -> None:
+def test_a_text_that_expands_too_far_is_refused_in_one_line(name):
     tracemalloc.start()
     try:
         with pytest.raises(YamlError, match=r"^robot\.yaml ") as caught:
@@ -71,7 +68,7 @@ def test_a_text_that_expands_too_far_is_refused_in_one_line(name: str) -> None:
         ("- 1\n" * MAXIMUM_NODES + "[", "has more than 100000 entries$"),
     ],
 )
-def test_a_text_beyond_a_limit_is_refused_while_it_is_parsed(text: str, message: str) -> None:
+def test_a_text_beyond_a_limit_is_refused_while_it_is_parsed(text, message):
     with pytest.raises(YamlError, match=message):
         load_yaml(text, "a.yaml")
     assert load_yaml("[" * 50 + "]" * 50, "a.yaml")
@@ -86,7 +83,7 @@ def test_a_text_beyond_a_limit_is_refused_while_it_is_parsed(text: str, message:
         "<<: 1", "\x1b[31m: [", "a: \ud800", "a: @b", "\t- a", "a: *b",
     ],
 )  # fmt: skip
-def test_what_cannot_be_converted_is_refused_in_one_printable_line(text: str) -> None:
+def test_what_cannot_be_converted_is_refused_in_one_printable_line(text):
     with pytest.raises(YamlError, match=r"^limits\.yaml is not YAML: .") as caught:
         load_yaml(text, "limits.yaml")
     assert str(caught.value).isprintable()
@@ -101,7 +98,7 @@ def test_what_cannot_be_converted_is_refused_in_one_printable_line(text: str) ->
         ("a: 1\nb: {c: [1, 2}\n", "in line 2"),
     ],
 )
-def test_an_error_is_named_with_its_line(text: str, said: str) -> None:
+def test_an_error_is_named_with_its_line(text, said):
     with pytest.raises(YamlError, match=said):
         load_yaml(text, "a.yaml")
 
@@ -124,11 +121,11 @@ def test_an_error_is_named_with_its_line(text: str, said: str) -> None:
         ("1: a\nfalse: b", {1: "a", False: "b"}),
     ],
 )  # fmt: skip
-def test_scalars_have_the_types_of_yaml_1_2(text: str, value: Any) -> None:
+def test_scalars_have_the_types_of_yaml_1_2(text, value):
     assert repr(load_yaml(text, "a.yaml")) == repr(value)
 
 
-def test_aliases_refer_to_one_object_and_merge_keys_give_what_a_mapping_lacks() -> None:
+def test_aliases_refer_to_one_object_and_merge_keys_give_what_a_mapping_lacks():
     text = (
         "base: &b {x: 1, y: [1.5, true, null]}\nother: {<<: *b, x: 2}\nlist: [*b, *b]\n"
         "both: {<<: [{x: 3}, *b], z: 0}\nquoted: {'<<': *b}\n"
@@ -179,12 +176,12 @@ def is_alike(text: str) -> bool:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_every_installed_robot_file_has_one_value(path: Path) -> None:
+def test_every_installed_robot_file_has_one_value(path):
     assert is_alike(path.read_text("utf-8"))
 
 
 @pytest.mark.parametrize("parts", [SIGNS, LIKELY], ids=["signs", "likely"])
-def test_any_sequence_of_signs_has_one_value(parts: tuple[str, ...]) -> None:
+def test_any_sequence_of_signs_has_one_value(parts):
     rng = Random(1)
     texts = ["".join(rng.choice(parts) for _ in range(rng.randrange(1, 12))) for _ in range(5000)]
     assert sum(map(is_alike, texts)) > 150

@@ -1,7 +1,5 @@
 """Whether cable slips on its drums: truths that hold or forget, and recordings that do not tell."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -77,25 +75,25 @@ def drums_written(found: Identification) -> str:
     return str(yaml.safe_load(text)["uncertainty"]["drums"])
 
 
-def test_a_rig_whose_drum_holds_is_recognised(fresh: Document) -> None:
+def test_a_rig_whose_drum_holds_is_recognised(fresh):
     found = judged(fresh, slips=False)
     assert drums_written(found) == "hold"
     assert "holds on its drums" in found.findings[-1]
 
 
-def test_a_rig_whose_drum_holds_no_memory_is_recognised(fresh: Document) -> None:
+def test_a_rig_whose_drum_holds_no_memory_is_recognised(fresh):
     found = judged(fresh, slips=True)
     assert drums_written(found) == "may_slip"
     assert "The cable slips on its drums" in found.findings[-1]
 
 
-def test_less_than_a_whole_cycle_shows_nothing(fresh: Document) -> None:
+def test_less_than_a_whole_cycle_shows_nothing(fresh):
     found = judged(fresh, slips=False, seconds=1.2)
     assert drums_written(found) == "may_slip"
     assert "whole cycle" in found.findings[-1]
 
 
-def test_a_verdict_needs_residuals_and_not_the_priors_alone() -> None:
+def test_a_verdict_needs_residuals_and_not_the_priors_alone():
     def misfit(squares: float, strain: float) -> Misfit:
         return Misfit(squares, np.empty(0), strain, np.zeros(1))
 

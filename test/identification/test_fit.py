@@ -1,7 +1,5 @@
 """Identification on synthetic recordings: its results, and its findings on undetermined numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -43,9 +41,7 @@ def found_from(
     return identify(begin, "test", parse_unknowns(begin, fit), recordings, settings)
 
 
-def test_a_model_without_error_is_found_again_within_its_standard_errors(
-    document: Document,
-) -> None:
+def test_a_model_without_error_is_found_again_within_its_standard_errors(document):
     start = {
         **starting_values(document, ["rho=0.24", "axial_stiffness=5027"]),
         "cables.upper.preload": 29.5,
@@ -60,9 +56,7 @@ def test_a_model_without_error_is_found_again_within_its_standard_errors(
     assert not [text for text in found.findings if "told apart" in text]
 
 
-def test_the_creep_of_a_rope_is_found_and_that_of_a_short_recording_only_as_a_rate(
-    document: Document,
-) -> None:
+def test_the_creep_of_a_rope_is_found_and_that_of_a_short_recording_only_as_a_rate(document):
     """Ten seconds determine a delay of two seconds, but of a delay of 200 s only c / tau."""
     for tau in (2.0, 200.0):
         truth = {"creep_share": 0.1 * tau / 2.0, "creep_time": tau, "axial_stiffness": 6283.0}
@@ -111,7 +105,7 @@ def far_off(document: Document) -> dict[str, float]:
     return starting_values(document, texts) | drag | radii
 
 
-def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing: Document) -> None:
+def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing):
     """A fast motion takes the cable past the Stribeck speed, a slow one stays below it."""
     both = [
         recording(rubbing, 20.0, name="slow"),
@@ -125,13 +119,13 @@ def test_stribeck_bearings_and_drum_are_found_from_slow_and_fast_motion(rubbing:
     assert np.all(found.stddev < 0.06 * truth), "the standard errors themselves are small"
 
 
-def test_a_late_clock_is_found(document: Document) -> None:
+def test_a_late_clock_is_found(document):
     late = recording(document, 10.0, late_s=0.004, noise=0.005)
     found = found_from(document, "clock_offset", {}, [late])
     assert found.values[0] == pytest.approx(0.004, abs=2e-4)
 
 
-def test_scale_and_offset_of_a_joint_are_found(document: Document) -> None:
+def test_scale_and_offset_of_a_joint_are_found(document):
     whole = recording(document, 10.0)
     readings = whole.joints["elbow"]
     turned = replace(readings, value=(readings.value - 0.01) / -0.98)
@@ -141,7 +135,7 @@ def test_scale_and_offset_of_a_joint_are_found(document: Document) -> None:
     assert found.values == pytest.approx([0.01, -0.98], abs=2e-4)
 
 
-def test_two_numbers_that_act_as_one_are_named(document: Document) -> None:
+def test_two_numbers_that_act_as_one_are_named(document):
     quiet = {**document, "friction": {"mu_c": 0.15, "rho": 0.2}}
     rec = recording(quiet, 10.0, noise=1.0)
     found = found_from(quiet, "friction.rho,cables.*.friction.mu_c", {}, [rec])
@@ -152,7 +146,7 @@ def test_two_numbers_that_act_as_one_are_named(document: Document) -> None:
     assert found.stddev[0] / found.values[0] > 0.01
 
 
-def test_a_number_that_the_data_do_not_depend_on_stays_as_it_was(document: Document) -> None:
+def test_a_number_that_the_data_do_not_depend_on_stays_as_it_was(document):
     """The lower cable's preload, where only the upper cable is referenced."""
     fit = "cables.{*}.preload"
     start = {"cables.upper.preload": 33.0}
@@ -167,7 +161,7 @@ def test_a_number_that_the_data_do_not_depend_on_stays_as_it_was(document: Docum
     assert found.seen.tolist() == [0]
 
 
-def test_a_number_without_influence_is_named_and_stays_unknown(document: Document) -> None:
+def test_a_number_without_influence_is_named_and_stays_unknown(document):
     found = found_from(
         document, "friction.rho,joints.elbow.spring_stiffness", {}, [recording(document, 5.0)],
         Settings(channels=("tension/*",), coarse=True),
@@ -177,7 +171,7 @@ def test_a_number_without_influence_is_named_and_stays_unknown(document: Documen
     assert found.stddev[1] == pytest.approx((silent.upper - silent.lower) / np.sqrt(12.0))
 
 
-def test_a_number_at_its_bound_is_named(document: Document) -> None:
+def test_a_number_at_its_bound_is_named(document):
     unknowns = with_bounds(parse_unknowns(document, "friction.rho"), {"friction.rho": (0.05, 0.15)})
     begin = with_numbers(document, {"friction.rho": 0.1})
     found = identify(begin, "test", unknowns, [recording(document, 5.0)], QUICK)
@@ -185,9 +179,7 @@ def test_a_number_at_its_bound_is_named(document: Document) -> None:
     assert any("upper bound" in text for text in found.findings)
 
 
-def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(
-    document: Document,
-) -> None:
+def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(document):
     unknowns = with_priors(
         parse_unknowns(document, "friction.rho,joints.elbow.spring_stiffness"),
         {"friction.rho": (0.5, 0.1), "joints.elbow.spring_stiffness": (0.02, 0.005)},
@@ -201,7 +193,7 @@ def test_a_prior_decides_only_numbers_that_the_data_do_not_determine(
     assert found.stddev[1] == pytest.approx(0.005, rel=0.01)
 
 
-def test_outliers_hardly_affect_a_robust_fit(document: Document) -> None:
+def test_outliers_hardly_affect_a_robust_fit(document):
     whole = recording(document, 10.0)
     spoilt = dict(whole.references)
     for channel, series in whole.references.items():
@@ -218,7 +210,7 @@ def test_outliers_hardly_affect_a_robust_fit(document: Document) -> None:
     np.testing.assert_allclose(robust.values, truth, atol=4e-3)
 
 
-def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document: Document) -> None:
+def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document):
     (one,) = parse_unknowns(document, "cables.*.preload")
     assert one.paths == ("cables.upper.preload", "cables.lower.preload")
     assert one.start == pytest.approx((36.85 + 26.26) / 2.0)
@@ -244,7 +236,7 @@ def test_tied_numbers_are_one_and_a_minus_turns_the_sign(document: Document) -> 
         ("cables.upper.max_tension2", "did you mean"),
     ],
 )
-def test_a_wrong_name_is_refused_with_its_remedy(document: Document, fit: str, taught: str) -> None:
+def test_a_wrong_name_is_refused_with_its_remedy(document, fit, taught):
     with pytest.raises(UsageError, match=taught):
         parse_unknowns(document, fit)
 
@@ -257,15 +249,13 @@ def test_a_wrong_name_is_refused_with_its_remedy(document: Document, fit: str, t
         ("cables.upper.axial_stiffness", (-1, 5), "cannot change its sign"),
     ],
 )
-def test_wrong_bounds_are_refused_with_the_reason(
-    document: Document, name: str, bounds: tuple[float, float], taught: str
-) -> None:
+def test_wrong_bounds_are_refused_with_the_reason(document, name, bounds, taught):
     unknowns = parse_unknowns(document, "rho,axial_stiffness")
     with pytest.raises(UsageError, match=taught):
         with_bounds(unknowns, {name: bounds})
 
 
-def test_what_cannot_be_fitted_is_refused_with_a_reason(document: Document) -> None:
+def test_what_cannot_be_fitted_is_refused_with_a_reason(document):
     rec = recording(document, 5.0)
     with pytest.raises(UsageError, match="no reference is called effort/knee"):
         found_from(document, "rho", {}, [rec], Settings(channels=("effort/knee",)))
@@ -277,7 +267,7 @@ def test_what_cannot_be_fitted_is_refused_with_a_reason(document: Document) -> N
         found_from(document, "rho", {}, [rec], Settings(loss="cauchy"))
 
 
-def test_the_last_round_takes_every_sample(document: Document) -> None:
+def test_the_last_round_takes_every_sample(document):
     rec, start = recording(document, 10.0), {"friction.rho": 0.22}
     rough, full = (
         found_from(document, "friction.rho", start, [rec], Settings(coarse=coarse, samples=500))

@@ -1,7 +1,5 @@
 """What is unknown besides the fitted numbers: numbers fitted along, and the model's own error."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -41,7 +39,7 @@ def along(document: Document, fit: str) -> dict[str, tuple[float, float]]:
     return {one.name: one.prior for one in found if one.prior is not None}
 
 
-def test_what_nobody_measured_is_fitted_along_within_its_tolerance(document: Document) -> None:
+def test_what_nobody_measured_is_fitted_along_within_its_tolerance(document):
     priors = along(document, "friction.rho")
     assert priors["cables.upper.preload"] == pytest.approx((36.85, SPRING_SCALE * 36.85))
     assert priors["joints.elbow.reference_angle"] == pytest.approx((0.0, ZERO_BY_EYE))
@@ -51,7 +49,7 @@ def test_what_nobody_measured_is_fitted_along_within_its_tolerance(document: Doc
     assert "cables.lower.nodes.2.bearing_torque (+6)" in priors
 
 
-def test_what_is_fitted_or_stated_or_exact_is_not_fitted_along(document: Document) -> None:
+def test_what_is_fitted_or_stated_or_exact_is_not_fitted_along(document):
     assert "cables.upper.preload" not in along(document, "cables.*.preload")
     stated = {"parameters": ["cables.upper.axial_stiffness"], "stddev": [60.0]}
     priors = along({**document, "uncertainty": stated}, "friction.rho")
@@ -65,7 +63,7 @@ def priors(document: Document, fit: str) -> dict[str, tuple[float, float] | None
     return {u.name: u.prior for u in known_before(document, known, parse_unknowns(document, fit))}
 
 
-def test_a_named_number_keeps_what_the_file_knows_of_it(document: Document) -> None:
+def test_a_named_number_keeps_what_the_file_knows_of_it(document):
     found = priors(document, "preload,rho,cables.upper.nodes.3.friction.mu_c,joints.elbow.scale")
     assert found["cables.upper.preload"] == pytest.approx((36.85, SPRING_SCALE * 36.85))
     assert found["cables.lower.friction.rho"] == pytest.approx((0.2, BLEND)), "the whole robot's"
@@ -80,14 +78,14 @@ def test_a_named_number_keeps_what_the_file_knows_of_it(document: Document) -> N
     }  # fmt: skip
 
 
-def test_what_the_file_states_is_no_prior_as_a_fit_may_have_found_it(document: Document) -> None:
+def test_what_the_file_states_is_no_prior_as_a_fit_may_have_found_it(document):
     stated = {"parameters": ["cables.upper.preload"], "stddev": [0.4]}
     again = priors({**document, "uncertainty": stated}, "preload")
     assert again["cables.upper.preload"] is None
     assert again["cables.lower.preload"] is not None
 
 
-def test_a_prior_is_dropped_on_purpose_alone(document: Document) -> None:
+def test_a_prior_is_dropped_on_purpose_alone(document):
     known = build_robot(document, "test").uncertainty
     named = known_before(document, known, parse_unknowns(document, "preload,rho"))
     left = {u.name for u in without_priors(named, ["cables.upper.preload", "rho"]) if u.prior}
@@ -112,21 +110,21 @@ def inside(residuals: list[np.ndarray], stddev: float) -> list[float]:
     return [float(np.mean(np.abs(one) <= 2.0 * stddev)) for one in residuals]
 
 
-def test_the_models_error_is_what_the_numbers_lack_to_cover_runs_left_out() -> None:
+def test_the_models_error_is_what_the_numbers_lack_to_cover_runs_left_out():
     residuals = runs(0.3)
     found = model_error(residuals, [np.full(one.size, 0.1) for one in residuals])
     assert np.mean(inside(residuals, np.hypot(found, 0.1))) == pytest.approx(0.95, abs=0.002)
     assert model_error(residuals, [np.full(one.size, 0.05) for one in residuals]) > found
 
 
-def test_a_normal_error_is_found_as_it_is() -> None:
+def test_a_normal_error_is_found_as_it_is():
     generator = np.random.default_rng(0)
     residuals = [generator.normal(0.0, 0.3, 4000) for _ in range(8)]
     found = model_error(residuals, [np.zeros(4000)] * 8)
     assert found == pytest.approx(0.3 * 1.96 / 2.0, rel=0.03)  # within 2 of it are 95 %
 
 
-def test_runs_that_differ_widen_it() -> None:
+def test_runs_that_differ_widen_it():
     residuals = [*runs(0.1, 39), *runs(0.6, 1)]
     found = model_error(residuals, [np.full(one.size, 0.05) for one in residuals])
     covered = inside(residuals, np.hypot(found, 0.05))
@@ -134,14 +132,12 @@ def test_runs_that_differ_widen_it() -> None:
     assert np.mean(covered) > 0.98
 
 
-def test_a_right_model_has_none() -> None:
+def test_a_right_model_has_none():
     residuals = runs(0.1)
     assert model_error(residuals, [np.full(one.size, 0.12) for one in residuals]) == 0.0
 
 
-def test_what_a_fit_leaves_above_the_sensors_noise_is_the_models_error_and_its_first_note(
-    document: Document,
-) -> None:
+def test_what_a_fit_leaves_above_the_sensors_noise_is_the_models_error_and_its_first_note(document):
     exact = {**document, "uncertainty": {"others": "exact"}}
     rough = with_numbers(exact, {"friction.mu_c": 0.19})  # the truth, which the file gets wrong
     channels = Settings(channels=("tension/*/8",), coarse=True)
@@ -158,7 +154,7 @@ def test_what_a_fit_leaves_above_the_sensors_noise_is_the_models_error_and_its_f
     assert not any("residual" in sentence for sentence in right.findings)
 
 
-def test_a_cable_that_was_not_looked_at_has_an_error_of_the_model_too(document: Document) -> None:
+def test_a_cable_that_was_not_looked_at_has_an_error_of_the_model_too(document):
     stated = {"others": "exact", "model_error": {"tension/upper/8": 0.5}}
     variance = unmodelled(prepare(build_robot({**document, "uncertainty": stated}, "test")))[0]
     assert variance[:8] == pytest.approx(0.5**2)

@@ -1,7 +1,5 @@
 """What another pose changes: the numbers that are fitted, and where the joint's range then ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.made_up import recording
@@ -55,7 +53,7 @@ def recorded(angle: np.ndarray) -> Recorded:
     return Recorded("bag", {"winch": series}, {"elbow": series}, {})
 
 
-def test_a_pose_changes_zeros_rests_preloads_wraps_and_drag_and_nothing_else() -> None:
+def test_a_pose_changes_zeros_rests_preloads_wraps_and_drag_and_nothing_else():
     document = arm()
     found = pose_unknowns(document, build_robot(document, "arm"))
     priors = {one.unknown.paths[0]: one.unknown.prior for one in found}
@@ -68,7 +66,7 @@ def test_a_pose_changes_zeros_rests_preloads_wraps_and_drag_and_nothing_else() -
     }
 
 
-def test_a_robot_with_positions_keeps_its_geometry_in_another_pose() -> None:
+def test_a_robot_with_positions_keeps_its_geometry_in_another_pose():
     document, source = load_document(ROBOTS / "prototype_positions.yaml")
     found = pose_unknowns(document, build_robot(document, source))
     assert {one.unknown.paths[0].rsplit(".", 1)[1] for one in found} == {
@@ -76,11 +74,11 @@ def test_a_robot_with_positions_keeps_its_geometry_in_another_pose() -> None:
     }  # fmt: skip
 
 
-def test_a_joint_within_its_range_keeps_it() -> None:
+def test_a_joint_within_its_range_keeps_it():
     assert moved_ranges(arm(), "arm", [recorded(np.linspace(-1.0, 1.0, 9))]) == {}
 
 
-def test_a_few_wrong_readings_do_not_widen_the_range() -> None:
+def test_a_few_wrong_readings_do_not_widen_the_range():
     angle = np.linspace(-0.9, 0.9, 5001)
     angle[[100, 2000]] = 50.0, np.nan
     assert moved_ranges(arm(), "arm", [recorded(angle)]) == {}
@@ -90,7 +88,7 @@ def test_a_few_wrong_readings_do_not_widen_the_range() -> None:
     assert (span.lowest, span.highest) == pytest.approx((0.8, 1.8), abs=2e-3)
 
 
-def test_the_new_range_ends_a_tenth_of_the_stroke_beyond_the_readings_and_the_zero() -> None:
+def test_the_new_range_ends_a_tenth_of_the_stroke_beyond_the_readings_and_the_zero():
     readings = [recorded(np.linspace(0.8, 1.5, 9)), recorded(np.linspace(1.0, 1.8, 9))]
     moved = moved_ranges(arm(), "arm", readings)
     assert moved == {"elbow": Reach(0.8, 1.8)}
@@ -102,7 +100,7 @@ def test_the_new_range_ends_a_tenth_of_the_stroke_beyond_the_readings_and_the_ze
         }
 
 
-def test_a_zero_is_sought_a_stroke_beyond_the_readings_or_as_far_as_the_geometry_allows() -> None:
+def test_a_zero_is_sought_a_stroke_beyond_the_readings_or_as_far_as_the_geometry_allows():
     """The last element has no length left at -2.5 rad."""
     free = search_ranges(arm(), "arm", {"elbow": Reach(1.5, 2.5)})
     assert free["joints.elbow.range.1"] == pytest.approx(0.5)
@@ -114,16 +112,14 @@ def test_a_zero_is_sought_a_stroke_beyond_the_readings_or_as_far_as_the_geometry
         search_ranges(arm(), "arm", {"elbow": Reach(-4.0, -3.0)})
 
 
-def test_the_bounds_of_a_zero_are_its_joints_range_whatever_its_start() -> None:
+def test_the_bounds_of_a_zero_are_its_joints_range_whatever_its_start():
     document = arm(joints__elbow__range__1=-1.5, joints__elbow__range__2=9.0)
     (unknown,) = parse_unknowns(document, "joints.elbow.reference_angle")
     assert (unknown.lower, unknown.upper) == (-1.5, 9.0)
 
 
 @pytest.mark.parametrize(("bounds", "said"), [(None, True), ((-1.0, 0.2), False)])
-def test_a_zero_at_the_end_of_the_range_is_named_with_what_to_widen(
-    bounds: tuple[float, float] | None, said: bool
-) -> None:
+def test_a_zero_at_the_end_of_the_range_is_named_with_what_to_widen(bounds, said):
     document, _ = load_document(PROTOTYPE)
     path = "joints.elbow.reference_angle"
     truth = with_numbers(document, {path: 0.4})
@@ -137,7 +133,7 @@ def test_a_zero_at_the_end_of_the_range_is_named_with_what_to_widen(
     assert ("widen it" in sentence) is said
 
 
-def test_a_zero_is_found_where_the_cable_is_slack_around_the_start() -> None:
+def test_a_zero_is_found_where_the_cable_is_slack_around_the_start():
     """The start of the fit has no slope at all: only the search over the whole range finds it."""
     document, _ = load_document(PROTOTYPE)
     path = "joints.elbow.reference_angle"

@@ -1,7 +1,5 @@
 """Residuals in chunks and in parallel: the same bits as at once, and no run twice."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -73,9 +71,7 @@ def observed(
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 599, 600, 10_000])
-def test_residuals_are_those_of_one_run_whatever_the_chunk(
-    model: Model, recorded: Recorded, monkeypatch: pytest.MonkeyPatch, chunk: int
-) -> None:
+def test_residuals_are_those_of_one_run_whatever_the_chunk(model, recorded, monkeypatch, chunk):
     samples = samples_of(model, recorded)
     whole = Samples(samples.stamp_ns, samples.motor_angle, samples.joint_angle)
     _, estimates = run(model, initial_state(model), whole)
@@ -100,9 +96,7 @@ def test_residuals_are_those_of_one_run_whatever_the_chunk(
     assert at == found.size == one.size > 800
 
 
-def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
-    document: Document, model: Model, recorded: Recorded
-) -> None:
+def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(document, model, recorded):
     unknowns = parse_unknowns(document, "friction.rho,friction.mu_c")
     found = []
     for threads in (1, 3):
@@ -126,7 +120,7 @@ def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(
 
 
 @pytest.mark.parametrize("central", [False, True])
-def test_unknowns_of_different_cables_share_runs_and_no_slope_changes(central: bool) -> None:
+def test_unknowns_of_different_cables_share_runs_and_no_slope_changes(central):
     robot = hand(finger("a"), finger("b", cables=3))
     document, model, own = dict(robot.document), prepare(robot), motion_of(robot)
     unknowns = parse_unknowns(document, "friction.mu_c,preload,joint_offset,effort_scale")
@@ -145,7 +139,7 @@ def test_unknowns_of_different_cables_share_runs_and_no_slope_changes(central: b
 
 
 @pytest.mark.parametrize("key", ["rho", "mu_c", "stribeck_speed", "bristle_stiffness"])
-def test_no_cause_of_error_takes_a_number_out_of_its_range(document: Document, key: str) -> None:
+def test_no_cause_of_error_takes_a_number_out_of_its_range(document, key):
     path = f"friction.{key}"
     value = document["friction"][key]
     (cause,) = unknown_causes(document, [{path: 0.3 * value}])
@@ -156,22 +150,20 @@ def test_no_cause_of_error_takes_a_number_out_of_its_range(document: Document, k
 
 
 @pytest.mark.parametrize("times", [1, 2, 5])
-def test_noise_is_that_of_the_sensor_however_often_a_reading_is_published(times: int) -> None:
+def test_noise_is_that_of_the_sensor_however_often_a_reading_is_published(times):
     smooth = np.sin(np.linspace(0.0, 6.0, 3000))
     readings = smooth + np.random.default_rng(4).normal(0.0, 0.02, 3000)
     assert noise_of(np.repeat(readings, times)) == pytest.approx(0.02, rel=0.1)
 
 
-def test_readings_that_rarely_leave_a_count_have_the_noise_of_their_quantisation() -> None:
+def test_readings_that_rarely_leave_a_count_have_the_noise_of_their_quantisation():
     count = 0.05
     slow = np.round(np.sin(np.linspace(0.0, 6.0, 3000)) / count) * count
     assert noise_of(slow) == pytest.approx(count / np.sqrt(12.0))
     assert noise_of(np.full(3000, 7.0)) < 1e-6
 
 
-def test_means_of_estimates_are_compared_with_means_of_references(
-    model: Model, recorded: Recorded
-) -> None:
+def test_means_of_estimates_are_compared_with_means_of_references(model, recorded):
     single, means = (observed(model, recorded, seconds) for seconds in (0.0, 0.1))
     parts = np.split(residuals_of_one(model, single), np.cumsum(_sizes(single))[:-1])
     averaged = np.split(residuals_of_one(model, means), np.cumsum(_sizes(means))[:-1])

@@ -1,7 +1,5 @@
 """Counts of encoders in a fit: they make estimates noisy, which no fit may lower by soft cables."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -24,14 +22,14 @@ RATE, SECONDS = 200.0, 30.0
 COUNT = 2.0 * np.pi / 4096
 
 
-def test_the_count_of_readings_is_found_where_there_is_one() -> None:
+def test_the_count_of_readings_is_found_where_there_is_one():
     smooth = np.cumsum(np.random.default_rng(0).normal(0.0, 3e-3, 500))
     assert count_of(np.round(smooth / COUNT) * COUNT) == pytest.approx(COUNT)
     assert count_of(smooth) == 0.0
     assert count_of(np.zeros(100)) == 0.0
 
 
-def test_a_reading_errs_by_its_count_and_its_noise_in_the_unit_of_the_axis() -> None:
+def test_a_reading_errs_by_its_count_and_its_noise_in_the_unit_of_the_axis():
     sensor = Sensor(scale=-0.5, resolution=0.012, noise=0.003)
     wanted = 0.5 * np.hypot(0.012 / np.sqrt(12.0), 0.003)
     assert reading_error(sensor, np.zeros(3)) == pytest.approx(wanted)
@@ -65,7 +63,7 @@ def fitted_with(count: float) -> PartFit:
     return fit
 
 
-def test_counts_of_the_joints_make_no_cable_soft_and_no_drum_slip() -> None:
+def test_counts_of_the_joints_make_no_cable_soft_and_no_drum_slip():
     fit = fitted_with(COUNT)
     off = dict(zip((one.name for one in fit.found.unknowns), fit.found.values, strict=True))
     stiffness = [off[f"cables.a_{k}.axial_stiffness"] for k in range(2)]
@@ -75,7 +73,7 @@ def test_counts_of_the_joints_make_no_cable_soft_and_no_drum_slip() -> None:
     assert not [one for one in sentences(fit.found.drums) if "The cable slips" in one]
 
 
-def test_readings_in_counts_never_make_a_fit_surer_than_fine_ones() -> None:
+def test_readings_in_counts_never_make_a_fit_surer_than_fine_ones():
     coarse, fine = fitted_with(COUNT).found, fitted_with(1e-7).found
     assert np.all(coarse.stddev > 0.9 * fine.stddev)
     assert coarse.stddev.mean() > fine.stddev.mean()

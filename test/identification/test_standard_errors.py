@@ -3,8 +3,6 @@
 ``CDRJ_DRAWS=24`` prints the figures of docs/identification.md with ``-s``.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np
@@ -86,9 +84,7 @@ def deviations(document: Document, truths: list[dict[str, float]], cells: int) -
     return np.array(rows)
 
 
-def test_errors_of_a_file_whose_other_numbers_are_wrong_are_as_large_as_claimed(
-    fresh: Document,
-) -> None:
+def test_errors_of_a_file_whose_other_numbers_are_wrong_are_as_large_as_claimed(fresh):
     z = deviations(fresh, drawn(fresh, others=True), cells=8)
     beyond = np.mean(np.abs(z) > 2.0)
     print(f"root mean square {np.sqrt(np.mean(z**2)):.2f}, beyond 2: {beyond:.0%}")  # noqa: T201
@@ -98,7 +94,7 @@ def test_errors_of_a_file_whose_other_numbers_are_wrong_are_as_large_as_claimed(
     assert np.all((each > 0.3) & (each < 2.0)), each
 
 
-def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh: Document) -> None:
+def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh):
     exact = {**fresh, "uncertainty": {"others": "exact"}}
     truths = drawn(fresh, others=False)
     z = deviations(exact, truths[:4], cells=1)
@@ -114,7 +110,7 @@ def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh: Document)
     assert np.all(claimed[0] > 3.0 * claimed[1])
 
 
-def test_causes_are_independent_and_leave_out_what_is_fitted(fresh: Document) -> None:
+def test_causes_are_independent_and_leave_out_what_is_fitted(fresh):
     known = build_robot(fresh, "test").uncertainty
     assert known is not None
     causes = nuisance_causes(known, parse_unknowns(fresh, FIT + ",preload,EA"))
@@ -129,7 +125,7 @@ def test_causes_are_independent_and_leave_out_what_is_fitted(fresh: Document) ->
     assert radii["cables.upper.nodes.2.radius"] == pytest.approx(DRAWN_RADIUS)
 
 
-def test_stated_correlations_give_causes_with_the_same_covariance(fresh: Document) -> None:
+def test_stated_correlations_give_causes_with_the_same_covariance(fresh):
     paths = ["cables.upper.preload", "cables.lower.preload", "cables.upper.axial_stiffness"]
     stated = {
         "parameters": paths, "stddev": [1.0, 0.5, 60.0],
@@ -144,7 +140,7 @@ def test_stated_correlations_give_causes_with_the_same_covariance(fresh: Documen
     assert {path for cause in rest for path in cause} == set(paths[:2])
 
 
-def test_a_cause_has_only_the_numbers_that_it_moves(fresh: Document) -> None:
+def test_a_cause_has_only_the_numbers_that_it_moves(fresh):
     """Numbers that a spring scale has read: a direction of their covariance leaves one alone."""
     paths = ["cables.upper.preload", "cables.lower.preload", "cables.upper.axial_stiffness"]
     stated = {
@@ -174,7 +170,7 @@ def cyclic() -> tuple[np.ndarray, Places]:
     return phase, Places(states, (share * 4 * STATES).astype(np.int64), STATES)
 
 
-def test_white_residuals_have_their_own_variance() -> None:
+def test_white_residuals_have_their_own_variance():
     phase, places = cyclic()
     slopes = np.column_stack([np.sin(phase), np.cos(phase), np.ones(SIZE)])
     found = [
@@ -186,7 +182,7 @@ def test_white_residuals_have_their_own_variance() -> None:
     assert np.mean(found) == pytest.approx(0.09, rel=0.5)
 
 
-def test_noise_that_moves_no_number_by_chance_counts_as_noise_all_the_same() -> None:
+def test_noise_that_moves_no_number_by_chance_counts_as_noise_all_the_same():
     phase, places = cyclic()
     slopes = np.sin(phase)[:, None]
     noise = np.random.default_rng(3).normal(0.0, 0.3, SIZE)
@@ -197,7 +193,7 @@ def test_noise_that_moves_no_number_by_chance_counts_as_noise_all_the_same() -> 
     assert residual_variance(linear(noise, slopes), places, 1.0, 0.09) >= 0.09
 
 
-def test_an_error_that_lasts_in_every_state_counts_once_per_state() -> None:
+def test_an_error_that_lasts_in_every_state_counts_once_per_state():
     _, places = cyclic()
     error = np.random.default_rng(1).normal(0.0, 0.2, STATES)[places.states]
     found = residual_variance(linear(error, np.ones((SIZE, 1))), places, 1.0, 0.0)
@@ -206,7 +202,7 @@ def test_an_error_that_lasts_in_every_state_counts_once_per_state() -> None:
     assert found > power * SIZE / STATES
 
 
-def test_what_other_numbers_explain_is_not_counted_again() -> None:
+def test_what_other_numbers_explain_is_not_counted_again():
     phase, places = cyclic()
     noise = np.random.default_rng(2).normal(0.0, 0.01, SIZE)
     cause = np.sign(np.sin(phase))
@@ -217,7 +213,7 @@ def test_what_other_numbers_explain_is_not_counted_again() -> None:
     assert residual_variance(alone, places, 1.0, 0.0) > 1.0
 
 
-def test_errors_of_fitted_numbers_go_with_those_left_alone_as_stated(fresh: Document) -> None:
+def test_errors_of_fitted_numbers_go_with_those_left_alone_as_stated(fresh):
     unknowns = parse_unknowns(fresh, FIT)
     arms = [f"cables.{c}.spans.{k}.sine" for c in ("upper", "lower") for k in (6, 7)]
     size = {path: 0.3 * DRAWN_RADIUS * np.sign(number_at(fresh, path)) for path in arms}

@@ -1,7 +1,5 @@
 """A passive cable with a length of its own may be a spring, whose strain is no fault."""
 
-from __future__ import annotations
-
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
@@ -18,7 +16,7 @@ cables:
 """
 
 
-def test_only_a_cable_given_by_its_preload_is_said_to_be_stretched_too_much() -> None:
+def test_only_a_cable_given_by_its_preload_is_said_to_be_stretched_too_much():
     for given, expected in (("rest_length: 0.15", False), ("preload: 8", True)):
         found = find_suspicions(inspect_robot(prepare(parse_robot(SPRING % given))))
         assert any("the preload alone stretches it" in one.text for one in found) is expected

@@ -1,7 +1,5 @@
 """The messages of estimates, beside those that are encoded array by array."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -64,9 +62,7 @@ def array_by_array(layout: Layout, frame_id: str, estimate: Estimate, stddev: ob
 
 @pytest.mark.parametrize("frame_id", ["base", "base_link"])
 @pytest.mark.parametrize("uncertain", [False, True])
-def test_all_bytes_are_those_of_messages_encoded_array_by_array(
-    layout: Layout, frame_id: str, uncertain: bool
-) -> None:
+def test_all_bytes_are_those_of_messages_encoded_array_by_array(layout, frame_id, uncertain):
     encoder = EstimateEncoder(layout.in_frame(frame_id), uncertain)
     width = stddev_columns(layout).size
     for seed in range(20):
@@ -77,7 +73,7 @@ def test_all_bytes_are_those_of_messages_encoded_array_by_array(
 
 
 @pytest.mark.parametrize("solved", [False, True])
-def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: bool) -> None:
+def test_the_deviations_of_efforts_are_the_last_ones(layout, solved):
     stddev = np.arange(stddev_columns(layout).size) * 0.5
     estimate = some_estimate(layout, 1, solved=solved)
     payload = EstimateEncoder(layout, uncertain=True).efforts_stddev(
@@ -89,7 +85,7 @@ def test_the_deviations_of_efforts_are_the_last_ones(layout: Layout, solved: boo
     assert payload == template.encode(estimate.stamp_ns, **efforts)
 
 
-def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
+def test_vectors_of_another_robot_are_refused(layout):
     certain, uncertain = EstimateEncoder(layout), EstimateEncoder(layout, uncertain=True)
     estimate, stddev = some_estimate(layout, 0), np.zeros(stddev_columns(layout).size)
     short = replace(estimate, values=estimate.values[:-1])
@@ -104,7 +100,7 @@ def test_vectors_of_another_robot_are_refused(layout: Layout) -> None:
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 1_000_000_000])
-def test_stamps_that_no_header_can_hold_are_refused(layout: Layout, stamp_ns: int) -> None:
+def test_stamps_that_no_header_can_hold_are_refused(layout, stamp_ns):
     estimate = replace(some_estimate(layout, 0), stamp_ns=stamp_ns)
     with pytest.raises(MessageError, match=f"stamp {stamp_ns} ns does not fit"):
         EstimateEncoder(layout).encode(estimate)

@@ -1,7 +1,5 @@
 """Fixtures: the prototype, its variants and motions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -5,8 +5,6 @@ It evaluates the balance of slips that are given.  So is the geometry, which ``r
 computes.  Speed does not matter.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -4,8 +4,6 @@ In plain NumPy, by section 3 of docs/model.md, without the compiled core.  Deriv
 steps.  ``reference_in_space`` has cables by positions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ Every vector with an index of a body is in that body's own axes: z is its axis. 
 the frames are complex steps.  Drums have no pitch (G10).  Speed does not matter.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any

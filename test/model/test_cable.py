@@ -1,7 +1,5 @@
 """The solver of one cable converges, is elastic as in (11) to (28) and conserves material."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -123,9 +121,7 @@ MOTIONS = (
 
 @pytest.mark.parametrize("law", Law.__members__)
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.__name__)
-def test_every_sample_is_solved(
-    law: str, motion: Callable[[Drive], Samples], variant: Variant, drive: Drive
-) -> None:
+def test_every_sample_is_solved(law, motion, variant, drive):
     model = prepare(variant(law))
     estimates = estimated(model, motion(drive))
     assert_solved(model, estimates)
@@ -137,9 +133,7 @@ def test_every_sample_is_solved(
 
 @pytest.mark.parametrize("law", ["steady", "lugre", "elastoplastic"])
 @pytest.mark.parametrize("mu_s", [0.15, 0.45])
-def test_every_sample_is_solved_with_damping_and_strong_static_friction(
-    law: str, mu_s: float, variant: Variant, drive: Drive
-) -> None:
+def test_every_sample_is_solved_with_damping_and_strong_static_friction(law, mu_s, variant, drive):
     friction = {"mu_s": mu_s, "stribeck_speed": 5e-3, "bristle_damping": 1000.0, "viscous": 500.0}
     model = prepare(variant(law, **friction))
     assert_solved(model, estimated(model, sine(drive)))
@@ -147,7 +141,7 @@ def test_every_sample_is_solved_with_damping_and_strong_static_friction(
 
 
 @pytest.mark.parametrize("law", ["steady", "lugre", "elastoplastic"])
-def test_a_cable_that_begins_to_slip_on_hundreds_of_pulleys_at_once_is_solved(law: str) -> None:
+def test_a_cable_that_begins_to_slip_on_hundreds_of_pulleys_at_once_is_solved(law):
     # 50 m over 1000 pulleys, wound in at up to 16 m/s; Newton's method alone frees a few pulleys
     # per iteration and gives up
     robot = chain(1000, 50.0, 1e6).robot
@@ -161,7 +155,7 @@ def test_a_cable_that_begins_to_slip_on_hundreds_of_pulleys_at_once_is_solved(la
     assert np.count_nonzero(slipping) > 100
 
 
-def test_flags_mark_slack_and_overload(prototype: Robot, drive: Drive) -> None:
+def test_flags_mark_slack_and_overload(prototype, drive):
     model = prepare(prototype)
     estimates = estimated(model, huge_jumps(drive))
     tension = tensions(estimates)
@@ -173,9 +167,7 @@ def test_flags_mark_slack_and_overload(prototype: Robot, drive: Drive) -> None:
 
 
 @pytest.mark.parametrize("cells", [1, 3])
-def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(
-    cells: int, prototype: Robot, drive: Drive
-) -> None:
+def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(cells, prototype, drive):
     # a sample may be divided into substeps, all of which must count
     model = prepare(divide_contacts(prototype, cells))
     samples = into_slack_and_back(drive)

@@ -1,7 +1,5 @@
 """The winch drum is a stack: cable wound last is unwound first, at the strain it was wound with."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -30,7 +28,7 @@ def turn(memory: Drum, begin: float, end: float, tension: float, steps: int = 20
     return memory.held
 
 
-def test_last_on_is_first_off() -> None:
+def test_last_on_is_first_off():
     memory = fresh()
     first = turn(memory, 0.0, 4.0, 60.0)
     second = turn(memory, 4.0, 7.0, 10.0)
@@ -42,7 +40,7 @@ def test_last_on_is_first_off() -> None:
     assert first - turn(memory, 4.0, 1.0, 35.0) == pytest.approx(3.0 * rate(60.0), abs=chord)
 
 
-def test_a_cycle_wound_tight_and_unwound_loose_returns_the_same_material_exactly() -> None:
+def test_a_cycle_wound_tight_and_unwound_loose_returns_the_same_material_exactly():
     memory = fresh(angle=1.25)
     begin = memory.held
     rate_form = begin
@@ -54,7 +52,7 @@ def test_a_cycle_wound_tight_and_unwound_loose_returns_the_same_material_exactly
     assert abs(rate_form - begin) > 0.04
 
 
-def test_memory_stays_bounded_and_its_error_tiny_over_two_hundred_turns() -> None:
+def test_memory_stays_bounded_and_its_error_tiny_over_two_hundred_turns():
     memory = fresh()
     top = 200 * 2 * np.pi
     angles = np.arange(0.0, top, 0.01)

@@ -1,7 +1,5 @@
 """Cables that stiffen as their strands bed in, (E21), and that yield with time, (E24)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -27,16 +25,14 @@ def strain_of(t: Any, law: Elasticity = LAW) -> Any:
 
 @pytest.mark.parametrize("strain", [0.0, 0.05, 1.0])
 @pytest.mark.parametrize("tension", [1e-3, 8.0, 4e4])
-def test_tension_and_strain_are_inverse_for_soft_and_for_stiff_bedding(
-    strain: float, tension: float
-) -> None:
+def test_tension_and_strain_are_inverse_for_soft_and_for_stiff_bedding(strain, tension):
     law = Elasticity(6000.0, strain, tension)
     np.testing.assert_allclose(strain_at(law, TENSIONS), strain_of(TENSIONS, law), rtol=1e-15)
     back = tensions_at(law, strain_at(law, TENSIONS))
     np.testing.assert_allclose(back, TENSIONS, rtol=1e-11, atol=1e-12)
 
 
-def test_the_slope_is_the_derivative_and_rises_from_soft_to_ea() -> None:
+def test_the_slope_is_the_derivative_and_rises_from_soft_to_ea():
     for t in TENSIONS[3:]:
         h = 1e-5 * t
         slope = 2.0 * h / (strain_of(t + h) - strain_of(t - h))
@@ -78,7 +74,7 @@ def tensions(model: Model, angle: Vector, dt: float) -> Vector:
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.1, 3.0])
-def test_a_rope_that_is_pulled_and_held_relaxes(dt: float) -> None:
+def test_a_rope_that_is_pulled_and_held_relaxes(dt):
     """In closed form, for steps of any size: T falls by a share c / (1 + c) of the rise."""
     pulled = 0.2
     angle = np.full(round(30.0 / dt) + 2, pulled)
@@ -95,13 +91,13 @@ def test_a_rope_that_is_pulled_and_held_relaxes(dt: float) -> None:
     assert lost == pytest.approx(SHARE / (1.0 + SHARE), rel=0.01)
 
 
-def test_a_flowing_rope_loses_its_tension_for_good() -> None:
+def test_a_flowing_rope_loses_its_tension_for_good():
     model = prepare(rope(f"flow_time: {FLOW:g}"))
     found = tensions(model, np.zeros(10_001), 0.01)
     np.testing.assert_allclose(found, PRELOAD * np.exp(-0.01 * np.arange(10_001) / FLOW), rtol=1e-9)
 
 
-def test_a_slack_rope_recovers() -> None:
+def test_a_slack_rope_recovers():
     """Pulled for long, let go for long: it is as long as before."""
     angle = np.concatenate([[0.0], np.full(3000, 1.0), np.full(6000, -1.5), np.zeros(6000)])
     found = tensions(prepare(rope()), angle, 0.01)

@@ -1,7 +1,5 @@
 """Friction of one pulley: the source's numbers and equations, and properties for any input."""
 
-from __future__ import annotations
-
 from math import pi, radians
 
 import numpy as np
@@ -35,7 +33,7 @@ STIFFNESS, BOUND = 1e6, 4.0
 LAW = Law.__members__
 
 
-def test_bearing_transmission_of_the_sources_tables() -> None:
+def test_bearing_transmission_of_the_sources_tables():
     eta = [bearing_transmission(*row) for row in TABLE]
     expected = [0.99367, 0.98564, 0.99499, 0.99113, 0.98604, 0.97802, 0.98441]
     np.testing.assert_allclose(eta, expected, atol=5e-6)
@@ -50,7 +48,7 @@ def test_bearing_transmission_of_the_sources_tables() -> None:
     ],
     ids=["at-rest", "fast"],
 )
-def test_sliding_transmission_of_the_sources_tables(speed: float, expected: list[float]) -> None:
+def test_sliding_transmission_of_the_sources_tables(speed, expected):
     eta = [
         sliding_transmission(speed, MU_C, MU_S, STRIBECK_SPEED, beta, Stribeck.printed)
         for beta in WRAPS
@@ -58,7 +56,7 @@ def test_sliding_transmission_of_the_sources_tables(speed: float, expected: list
     np.testing.assert_allclose(eta, expected, atol=5.1e-5)
 
 
-def test_printed_static_friction_never_makes_the_transmission_negative() -> None:
+def test_printed_static_friction_never_makes_the_transmission_negative():
     kinetic, static = sliding_loss(0.1, 0.4, pi, Stribeck.printed)
     assert 1.0 - kinetic - static < 0.0, "(35) as printed: nothing would be left to transmit"
     assert sliding_transmission(0.0, 0.1, 0.4, 0.05, pi, Stribeck.printed) == MINIMUM_TRANSMISSION
@@ -108,13 +106,13 @@ def _wrong_derivatives(law: Law, breakaway: float, befores: list[float]) -> list
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
-def test_derivatives_equal_differences_on_every_branch(law: Law, breakaway: float) -> None:
+def test_derivatives_equal_differences_on_every_branch(law, breakaway):
     befores = [-0.99, -0.8, -0.3, 0.0, 0.31, 0.72, 0.97]
     assert _wrong_derivatives(law, breakaway, befores) == []
 
 
 @pytest.mark.parametrize(("law", "breakaway"), LAWS_AND_BREAKAWAYS)
-def test_the_force_is_continuous_and_never_falls_with_the_slip(law: Law, breakaway: float) -> None:
+def test_the_force_is_continuous_and_never_falls_with_the_slip(law, breakaway):
     slips = np.linspace(-3.0, 3.0, 4001) * BOUND / STIFFNESS
     for before in np.array([-1.4, -1.0, -0.75, 0.0, 0.5, 1.0, 1.1]) * BOUND:
         forces = np.array(
@@ -138,7 +136,7 @@ def _minor_loops(law: Law, breakaway: float, loops: int) -> tuple[float, float]:
     return begin, force
 
 
-def test_minor_loops_close_exactly_where_lugre_creeps() -> None:
+def test_minor_loops_close_exactly_where_lugre_creeps():
     for law in (LAW["euler"], LAW["steady"], LAW["elastoplastic"]):
         begin, end = _minor_loops(law, 1.0, 1000)
         assert end == pytest.approx(begin, abs=1e-11)

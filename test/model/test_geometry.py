@@ -1,7 +1,5 @@
 """Wraps without a jump, and geometries that are refused."""
 
-from __future__ import annotations
-
 from math import pi
 from typing import Any
 
@@ -32,7 +30,7 @@ def routed(nodes: str, joints: str = "", frames: str = "") -> Model:
     return prepare(parse_robot(HEAD % (joints, frames) + "\n".join(lines) + "\n"))
 
 
-def test_a_wrap_grows_through_half_a_turn_without_a_jump() -> None:
+def test_a_wrap_grows_through_half_a_turn_without_a_jump():
     model = routed(
         """
         {type: anchor, position: [-4, 0]}
@@ -65,7 +63,7 @@ def tabled(term: str, wrap: str = "1.0") -> Robot:
         """)
 
 
-def test_a_wrap_that_rests_at_zero_is_never_negative() -> None:
+def test_a_wrap_that_rests_at_zero_is_never_negative():
     # a cable that touches its pulley in half of the joint's range only
     wrap = "{joint: q, angle: [-1, 0.13, 1], value: [0, 0, 1.2]}"
     model = prepare(tabled("0.5", wrap))
@@ -81,7 +79,7 @@ def refusal(make: Any, *arguments: Any) -> str:
     return message
 
 
-def test_a_pulley_that_its_cable_would_leave_is_refused_with_the_angle() -> None:
+def test_a_pulley_that_its_cable_would_leave_is_refused_with_the_angle():
     message = refusal(
         routed,
         """
@@ -97,7 +95,7 @@ def test_a_pulley_that_its_cable_would_leave_is_refused_with_the_angle() -> None
     assert "must not be negative" in message
 
 
-def test_a_span_that_shrinks_to_nothing_is_refused() -> None:
+def test_a_span_that_shrinks_to_nothing_is_refused():
     message = refusal(tabled, "{joint: q, offset: 0.5, slope: -1}")
     assert message.startswith("cables[0]: element c/2 has the length")
     message = refusal(tabled, "{joint: q, offset: -0.5, slope: 0.1}")

@@ -1,7 +1,5 @@
 """Properties that hold for all motions: dissipation, bounds, symmetry, convergence, rest."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -64,9 +62,7 @@ def erratic(drive: Drive, seed: int, size: int = 12_000) -> Samples:
 
 @pytest.mark.parametrize("law", WITH_FRICTION)
 @pytest.mark.parametrize("seed", range(3))
-def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(
-    law: str, seed: int, variant: Variant, drive: Drive
-) -> None:
+def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(law, seed, variant, drive):
     model = prepare(variant(law))
     samples = erratic(drive, 10 + seed)
     estimates = estimated(model, samples)
@@ -81,9 +77,7 @@ def test_no_pulley_ever_returns_more_than_its_bristles_have_stored(
 
 
 @pytest.mark.parametrize("law", Law.__members__)
-def test_a_mirrored_motion_gives_the_mirrored_loop(
-    law: str, variant: Variant, drive: Drive
-) -> None:
+def test_a_mirrored_motion_gives_the_mirrored_loop(law, variant, drive):
     model = prepare(variant(law, preloads=(30.0, 30.0)))
     samples = erratic(drive, 20)
     other = replace(samples, motor_angle=-samples.motor_angle, joint_angle=-samples.joint_angle)
@@ -97,9 +91,7 @@ def test_a_mirrored_motion_gives_the_mirrored_loop(
 
 
 @pytest.mark.parametrize("law", Law.__members__)
-def test_the_error_shrinks_when_the_sample_period_is_halved(
-    law: str, variant: Variant, drive: Drive
-) -> None:
+def test_the_error_shrinks_when_the_sample_period_is_halved(law, variant, drive):
     model = prepare(variant(law, mu_s=0.15))
     wanted = None
     errors = []
@@ -139,9 +131,7 @@ CHATTER = {
     # sigma1 beyond sigma0 times the sample time chatters: see the robot file's bristle_damping
     [*((name, 1000) for name in CHATTER), *((n, 5000) for n in CHATTER if "strong-" not in n)],
 )
-def test_static_friction_does_not_chatter(
-    law: str, rate: int, friction: str, variant: Variant, drive: Drive
-) -> None:
+def test_static_friction_does_not_chatter(law, rate, friction, variant, drive):
     model = prepare(variant(law, **CHATTER[friction]))
     samples = cyclic(drive, 1.5, 4 * rate, 1.0 / rate)
     estimates = estimated(model, samples)

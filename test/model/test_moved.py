@@ -1,9 +1,5 @@
 """A robot with moved points is the robot of a file in which they stand there."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -26,7 +22,7 @@ cables:
 
 
 @pytest.mark.parametrize("name", ["finger3d", "wrist", "spring"])
-def test_moved_points_give_the_constants_of_a_file_with_them(name: str, tmp_path: Path) -> None:
+def test_moved_points_give_the_constants_of_a_file_with_them(name, tmp_path):
     path = ROBOTS / f"{name}.yaml"
     if name == "spring":
         path = tmp_path / "spring.yaml"

@@ -1,9 +1,5 @@
 """A passive cable equals a winch that is held still, and is slack below its rest length."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -75,14 +71,14 @@ def tensions(model: Model, angles: np.ndarray) -> np.ndarray:
 MOTION = 0.3 + 0.6 * np.sin(0.05 * np.arange(300))
 
 
-def test_a_passive_cable_is_a_winch_held_still() -> None:
+def test_a_passive_cable_is_a_winch_held_still():
     spring = passive()
     (cable,) = spring.robot.cables
     winch = held(cable.preload)
     np.testing.assert_allclose(tensions(spring, MOTION), tensions(winch, MOTION), rtol=1e-12)
 
 
-def test_its_tension_without_friction_is_stiffness_times_the_length_beyond_rest() -> None:
+def test_its_tension_without_friction_is_stiffness_times_the_length_beyond_rest():
     for reference in (-0.9, 0.3, 0.9):
         model = passive(reference)
         length = shape_at(model, model.robot.reference_pose).length.sum()
@@ -95,7 +91,7 @@ def test_its_tension_without_friction_is_stiffness_times_the_length_beyond_rest(
         np.testing.assert_allclose(estimate.tension, cable.preload, atol=1e-10)
 
 
-def test_it_is_slack_where_it_is_shorter_than_its_rest_length_whatever_the_reference_pose() -> None:
+def test_it_is_slack_where_it_is_shorter_than_its_rest_length_whatever_the_reference_pose():
     lengths = {q: shape_at(passive(), np.array([q])).length.sum() for q in (-0.9, 0.9)}
     slack, taut = sorted(lengths, key=lambda q: lengths[q])
     rest = float(0.5 * (lengths[slack] + lengths[taut]))
@@ -133,7 +129,7 @@ cables:
 """
 
 
-def test_a_cable_that_stays_slack_has_no_tension_wherever_its_material_lies() -> None:
+def test_a_cable_that_stays_slack_has_no_tension_wherever_its_material_lies():
     """Nothing decides where it lies; one of a thousand of these samples would not be solved."""
     model = make_rig(parse_robot(SLACKENED), 8).fine
     angle = np.random.default_rng(0).uniform(-1.2, 1.1, (16000, 1))
@@ -148,16 +144,14 @@ def test_a_cable_that_stays_slack_has_no_tension_wherever_its_material_lies() ->
     assert not invalid.any()
 
 
-def test_its_standard_deviation_follows_from_rest_length_and_stiffness() -> None:
+def test_its_standard_deviation_follows_from_rest_length_and_stiffness():
     uncertainty = passive().robot.uncertainty
     assert uncertainty is not None
     assert uncertainty.stddev["cables.c.rest_length"] == pytest.approx(0.01 * REST)
     assert "cables.c.preload" not in uncertainty.stddev
 
 
-def test_a_robot_of_passive_cables_alone_needs_joints_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_of_passive_cables_alone_needs_joints_alone(tmp_path, capsys):
     path = tmp_path / "spring.yaml"
     path.write_text(
         ROBOT.format(
@@ -179,7 +173,7 @@ def test_a_robot_of_passive_cables_alone_needs_joints_alone(
     assert "c/1" in capsys.readouterr().out
 
 
-def test_preloads_given_to_a_command_leave_it_as_it_is(tmp_path: Path) -> None:
+def test_preloads_given_to_a_command_leave_it_as_it_is(tmp_path):
     path = tmp_path / "spring.yaml"
     path.write_text(
         ROBOT.format(
@@ -203,7 +197,7 @@ def test_preloads_given_to_a_command_leave_it_as_it_is(tmp_path: Path) -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_wrong_passive_cable_is_one_clear_line(tension: str, first: str, message: str) -> None:
+def test_a_wrong_passive_cable_is_one_clear_line(tension, first, message):
     text = ROBOT.format(motors="{name: m}", reference=0.3, ea=30.0, tension=tension, first=first)
     with pytest.raises(RobotFileError) as error:
         parse_robot(text)

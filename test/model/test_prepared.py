@@ -1,7 +1,5 @@
 """A prepared robot: found by its name, with the words of the core, and with equal answers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, get_args
 
@@ -63,7 +61,7 @@ def results(model: Model, odd: float | None) -> np.ndarray:
 @pytest.mark.parametrize(
     "robot", [*map(load_robot, FILES), parse_robot(MIXED)], ids=lambda robot: robot.name
 )
-def test_what_memory_held_before_does_not_count(robot: Robot) -> None:
+def test_what_memory_held_before_does_not_count(robot):
     """A sample writes every number of the state and of the estimate."""
     model = prepare(robot, check_range=False)
     first = results(model, None)
@@ -85,7 +83,7 @@ Drive = Callable[..., Samples]
     ],
     ids=lambda one: getattr(one, "__name__", type(one).__name__),
 )  # fmt: skip
-def test_every_kind_has_the_same_name_in_the_core(kinds: Any, words: Any) -> None:
+def test_every_kind_has_the_same_name_in_the_core(kinds, words):
     assert set(kinds.__members__) == set(words)
     assert sorted(kind.value for kind in kinds) == list(range(len(words)))
 
@@ -100,9 +98,7 @@ FAMILIES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("law", _core.Law.__members__)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_law_takes_the_constants_that_it_says(
-    law: str, family: str, variant: Variant, drive: Drive
-) -> None:
+def test_a_law_takes_the_constants_that_it_says(law, family, variant, drive):
     time = np.linspace(0.0, 0.5, 200)
     samples = drive(time, 0.2 * np.sin(9.0 * time), 0.3 * np.sin(7.0 * time))
     usual = {"mu_c": 0.15, "mu_s": 0.2, "rho": 0.5, "stribeck_speed": 0.05}
@@ -114,7 +110,7 @@ def test_a_law_takes_the_constants_that_it_says(
     assert np.array_equal(*answers) is not getattr(friction_law(law), family)
 
 
-def test_a_pulley_has_the_flags_of_both_of_its_elements() -> None:
+def test_a_pulley_has_the_flags_of_both_of_its_elements():
     layout = prepare(load_robot(PROTOTYPE)).layout
     status = np.zeros((3, len(layout.elements)), np.uint8)
     status[0, layout.elements.index("upper/1")] = SLACK
@@ -135,11 +131,11 @@ def test_a_pulley_has_the_flags_of_both_of_its_elements() -> None:
     assert layout.pulley_status(status[0]).tolist() == layout.pulley_status(status)[0].tolist()
 
 
-def test_an_installed_robot_is_found_by_its_name() -> None:
+def test_an_installed_robot_is_found_by_its_name():
     assert robot_path("prototype").name == "prototype.yaml"
 
 
-def test_a_misspelt_name_is_answered_with_the_nearest_one() -> None:
+def test_a_misspelt_name_is_answered_with_the_nearest_one():
     with pytest.raises(RobotFileError, match=r"did you mean prototype[?]"):
         robot_path("protoype")
     with pytest.raises(RobotFileError, match=r"is installed$"):

@@ -10,8 +10,6 @@ The slips solve (E11): the imbalances are at most 1e-8 N + 1e-14 EA.  There is n
 because the imbalance of a contact falls with its own flux, more than it rises with all others.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -273,7 +271,7 @@ def check(robot: Robot, course: Course) -> None:
         *((file, law) for file in EVERY_LAW for law in Law.__members__ if law != "elastoplastic"),
     ],
 )
-def test_every_sample_equals_the_reference(file: str, law: str) -> None:
+def test_every_sample_equals_the_reference(file, law):
     robot, course = shipped(file)
     check(with_law(robot, law), course)
 
@@ -315,7 +313,7 @@ def with_everything(robot: Robot) -> Robot:
 
 
 @pytest.mark.parametrize("law", ["none", "lugre", "elastoplastic"])
-def test_terms_that_no_shipped_robot_has(law: str, prototype: Robot) -> None:
+def test_terms_that_no_shipped_robot_has(law, prototype):
     robot = prepare(with_law(with_everything(prototype), law), check_range=False).robot
     check(robot, course(robot))
 
@@ -388,6 +386,6 @@ cables:
 
 
 @pytest.mark.parametrize("text", [BODIES, MORE_BODIES], ids=["bodies", "more bodies"])
-def test_bodies_that_no_shipped_robot_has(text: str) -> None:
+def test_bodies_that_no_shipped_robot_has(text):
     robot = prepare(parse_robot(text), check_range=False).robot
     check(robot, course(robot))

@@ -1,8 +1,5 @@
 """Laws of the learned corrections, (R1) to (R3), against their equations in NumPy."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -86,7 +83,7 @@ def expected(output: str, load: Table, ranges: Table) -> tuple[Table, Table]:
     return found[0], found[1]
 
 
-def test_the_correction_is_that_of_its_equations_and_no_other_output_changes() -> None:
+def test_the_correction_is_that_of_its_equations_and_no_other_output_changes():
     """Within its bound, none where nothing was seen, and a jump only fills the stop operators."""
     plain, both, columns = estimates_of(PLAIN), estimates_of(BOTH), channel_columns(PLAIN.layout)
     changed = [columns[name] for name in BOUND]
@@ -105,7 +102,7 @@ def test_the_correction_is_that_of_its_equations_and_no_other_output_changes() -
     np.testing.assert_array_equal(both.values[:, others], plain.values[:, others])
 
 
-def test_the_status_of_an_element_is_that_of_its_corrected_tension() -> None:
+def test_the_status_of_an_element_is_that_of_its_corrected_tension():
     tension = channel_columns(PLAIN.layout)["tension/b/3"]
     high = float(estimates_of(PLAIN).values[:, tension].max()) - 0.1
     slack = TEXT.replace("    preload: 0", f"    slack_tension: {high}\n    preload: 0")
@@ -115,7 +112,7 @@ def test_the_status_of_an_element_is_that_of_its_corrected_tension() -> None:
     assert 0 < np.count_nonzero(flags) < len(flags)
 
 
-def test_a_node_and_its_next_start_give_what_the_whole_recording_gives(tmp_path: Path) -> None:
+def test_a_node_and_its_next_start_give_what_the_whole_recording_gives(tmp_path):
     """The state, and the file in which a node keeps it, hold all memory of a correction."""
     found = estimates_of(BOTH)
     first, second = LiveEstimator(BOTH), LiveEstimator(BOTH)
@@ -132,7 +129,7 @@ def assert_same(estimate: Estimate, found: Estimates, k: int) -> None:
     np.testing.assert_array_equal(estimate.motor_effort, found.motor_effort[k])
 
 
-def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_elsewhere() -> None:
+def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_elsewhere():
     """(U14); the tensions, by which units of axes are judged, are those of the model."""
     corrected = model_of(block("effort/spindle"))
     column = (
@@ -173,13 +170,13 @@ def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_el
         (block("effort/spindle", bound=-1), "residual[0].bound must be at least 0"),
     ],
 )
-def test_a_wrong_entry_is_refused_by_name(text: str, complaint: str) -> None:
+def test_a_wrong_entry_is_refused_by_name(text, complaint):
     with pytest.raises(RobotFileError) as refused:
         model_of(text)
     assert complaint in str(refused.value)
 
 
-def test_a_joint_without_encoder_excludes_corrections() -> None:
+def test_a_joint_without_encoder_excludes_corrections():
     text = TEXT.replace("  - name: jaw", "  - name: jaw\n    measured: false")
     with pytest.raises(RobotFileError, match="residual is not possible"):
         model_of(block("effort/spindle"), text=text)

@@ -1,7 +1,5 @@
 """Points on rims: lengths and arms are continuous, whatever the last bit of a position is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -74,8 +72,8 @@ def totals(shapes: list[Shape]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("height", [0.0, 0.05])
 @pytest.mark.parametrize("body", BODIES)
 def test_length_and_arm_are_continuous_and_those_of_a_rim_that_is_smaller_by_a_micrometre(
-    body: str, height: float
-) -> None:
+    body, height
+):
     low, high = LOWER.get(body, -2.7), UPPER.get(body, 2.7)
     smaller = roped(BODIES[body], RADIUS, height=height, radius=RADIUS - 1e-6, low=low)
     angles = np.linspace(low, high, 901)
@@ -95,7 +93,7 @@ def test_length_and_arm_are_continuous_and_those_of_a_rim_that_is_smaller_by_a_m
 
 
 @pytest.mark.parametrize("body", BODIES)
-def test_tensions_do_not_depend_on_the_last_bit_of_a_position(body: str) -> None:
+def test_tensions_do_not_depend_on_the_last_bit_of_a_position(body):
     low, high = LOWER.get(body, -2.7), UPPER.get(body, 2.7)
     rows = []
     for shift in SHIFTS[:3]:
@@ -134,7 +132,7 @@ cables:
     )
 
 
-def test_a_point_that_moves_through_the_rim_of_a_swivel_changes_nothing_at_once() -> None:
+def test_a_point_that_moves_through_the_rim_of_a_swivel_changes_nothing_at_once():
     model = past_swivel([0.04, 0.0, -0.01], [1, 0, 0], [0.0, 0.0, 0.01])
     shapes = [shape_at(model, np.array([x])) for x in (0.0, 1e-17, 1e-12, 1e-8)]
     assert all(shape.possible for shape in shapes)
@@ -144,7 +142,7 @@ def test_a_point_that_moves_through_the_rim_of_a_swivel_changes_nothing_at_once(
     assert not shape_at(model, np.array([-0.005])).possible
 
 
-def test_a_straight_cable_past_a_swivel_has_no_wrap_whatever_side_rounding_puts_it_on() -> None:
+def test_a_straight_cable_past_a_swivel_has_no_wrap_whatever_side_rounding_puts_it_on():
     for aside in (0.0, 1e-18, -1e-18, 1e-12):
         model = past_swivel([0.0, 0.0, 0.1], [0, 0, 1], [aside, 0.0, 0.0])
         shape = shape_at(model, np.array([0.005]))
@@ -153,7 +151,7 @@ def test_a_straight_cable_past_a_swivel_has_no_wrap_whatever_side_rounding_puts_
         assert shape.lever_arm.sum() == pytest.approx(1.0)
 
 
-def test_no_pose_is_possible_where_a_body_begins_to_be_ignored() -> None:
+def test_no_pose_is_possible_where_a_body_begins_to_be_ignored():
     body = BODIES["cylinder, side"] + ", ignored_inside: true"
     assert shape_at(roped(body, RADIUS * (1.0 - 3e-6)), np.array([1.5])).wrap[0] == 0.0
     assert shape_at(roped(body, RADIUS * (1.0 - 0.5e-6)), np.array([1.5])).wrap[0] > 1.0
@@ -170,7 +168,7 @@ UNDECIDED = {
 
 
 @pytest.mark.parametrize("case", UNDECIDED)
-def test_where_rounding_would_decide_between_two_ways_nothing_is_estimated(case: str) -> None:
+def test_where_rounding_would_decide_between_two_ways_nothing_is_estimated(case):
     name, turned = UNDECIDED[case]
     body = BODIES[name].replace("[0.02, 0.5, 0]", "[0, -0.5, 0]")
     body = body.replace("[0.02, 0.5, 0.1]", "[0, -0.5, 0]")
@@ -189,7 +187,7 @@ def test_where_rounding_would_decide_between_two_ways_nothing_is_estimated(case:
     assert (estimate.status == INVALID).all()
 
 
-def test_where_two_points_coincide_the_length_is_continuous_and_nothing_is_estimated() -> None:
+def test_where_two_points_coincide_the_length_is_continuous_and_nothing_is_estimated():
     model = prepare(
         parse_robot(
             """
@@ -213,7 +211,7 @@ cables:
         assert not shape_at(model, np.array([x])).possible
 
 
-def test_the_length_of_a_sheath_does_not_depend_on_where_its_ends_are_to_rounding() -> None:
+def test_the_length_of_a_sheath_does_not_depend_on_where_its_ends_are_to_rounding():
     lengths = []
     for shift in (0.0, 1e-16, -1e-16):
         model = prepare(

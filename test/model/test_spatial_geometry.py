@@ -1,7 +1,5 @@
 """Geometry in space: closed forms, differences, virtual work, lift-off, and the plane."""
 
-from __future__ import annotations
-
 from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
@@ -39,7 +37,7 @@ def anchor(x: float, y: float, z: float, frame: str = "base") -> str:
     return f"type: anchor, position: [{float(x)!r}, {float(y)!r}, {float(z)!r}], frame: {frame}"
 
 
-def test_a_cable_lifts_off_and_comes_back_without_a_jump() -> None:
+def test_a_cable_lifts_off_and_comes_back_without_a_jump():
     head = HEAD.replace("[-0.5, 0.5]", "[-0.1, 0.1]")
     for body in (
         "type: cylinder, radius: 0.02, position: [0.1, 0, 0], axis: [0, 0, 1], turn: cw",
@@ -88,7 +86,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("wrong", MISTAKES)
-def test_every_mistake_is_one_clear_line(wrong: str) -> None:
+def test_every_mistake_is_one_clear_line(wrong):
     text = """
 name: wrong
 motors: []
@@ -111,7 +109,7 @@ cables:
     assert "\n" not in str(caught.value)
 
 
-def test_a_point_inside_a_sphere_is_named() -> None:
+def test_a_point_inside_a_sphere_is_named():
     with pytest.raises(RobotFileError, match=r"cables\[0\].nodes\[1\] \(c/2\) has a point"):
         model_of(
             anchor(0, 0, 0),
@@ -163,7 +161,7 @@ def helix_cable(joint: float, motor: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize("text", [HELIX, REVERSED], ids=["first end", "last end"])
-def test_a_helical_drum_lets_the_point_of_departure_wander(text: str) -> None:
+def test_a_helical_drum_lets_the_point_of_departure_wander(text):
     model = prepare(parse_robot(text))
     generator = np.random.default_rng(0)
     for joint, motor in generator.uniform([-0.4, -30.0], [0.4, 30.0], (50, 2)):
@@ -175,7 +173,7 @@ def test_a_helical_drum_lets_the_point_of_departure_wander(text: str) -> None:
     assert at_rest == shape_at(model, np.zeros(1), np.array([0.5])).length[0]
 
 
-def test_the_effort_of_a_helical_drum_is_the_moment_of_its_cable_about_the_axis() -> None:
+def test_the_effort_of_a_helical_drum_is_the_moment_of_its_cable_about_the_axis():
     model = prepare(parse_robot(HELIX))
     state = initial_state(model)
     for k, motor in enumerate(np.linspace(0.5, 0.49, 20)):

@@ -1,7 +1,5 @@
 """Bodies that a cable ignores or never touches are named with the reason."""
 
-from __future__ import annotations
-
 import pytest
 
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -46,7 +44,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_body_without_effect_is_named_with_the_reason(case: tuple[str, str, str, str]) -> None:
+def test_a_body_without_effect_is_named_with_the_reason(case):
     kind, more, a, b = case
     model = prepare(parse_robot(WHEEL.format(kind=kind, more=more, a=a, b=b)), check_range=False)
     found = list(untouched_bodies(model))
@@ -60,7 +58,7 @@ def test_a_body_without_effect_is_named_with_the_reason(case: tuple[str, str, st
     assert one in find_suspicions(inspect_robot(model))
 
 
-def test_a_body_that_is_ignored_in_some_poses_is_named_for_its_length_jumps() -> None:
+def test_a_body_that_is_ignored_in_some_poses_is_named_for_its_length_jumps():
     text = WHEEL.format(
         kind="sphere", more="ignored_inside: true", a="-0.3, 0, 0", b="0.3, 0.02, 0"
     )

@@ -1,7 +1,5 @@
 """Fixtures: a ROS context for the test, and the installed executables as processes."""
 
-from __future__ import annotations
-
 import gc
 import subprocess
 from collections.abc import Callable, Iterator

@@ -1,13 +1,10 @@
 """Estimates older than the timeout are STALE, whatever made them old."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.estimators import (
     BEGIN,
     SECOND,
-    Bench,
     Clock,
     diagnosed,
     feed,
@@ -33,26 +30,26 @@ def _late_s(lags_s: list[float], same_clock_s: float = 60.0) -> list[float]:
     return found
 
 
-def test_a_constant_lag_of_another_clock_is_no_lateness() -> None:
+def test_a_constant_lag_of_another_clock_is_no_lateness():
     assert _late_s([100.0, 100.0, 100.0]) == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
     assert _late_s([10.0, 10.0], 5.0) == pytest.approx([0.0, 0.0], abs=1e-3)
     assert _late_s([100.0, 100.0], 1e10) == pytest.approx([100.0, 100.0])
     assert _late_s([-5.0, -5.0]) == pytest.approx([-5.0, -5.0]), "stamps ahead are not late"
 
 
-def test_lateness_that_appears_or_grows_is_lateness_by_any_clock() -> None:
+def test_lateness_that_appears_or_grows_is_lateness_by_any_clock():
     assert _late_s([0.0, 30.0, 59.0, 61.0, 3600.0]) == pytest.approx([0, 30.0, 59.0, 61.0, 3600.0])
     assert _late_s([100.0, 100.0, 102.0, 170.0]) == pytest.approx([0.0, 0.0, 2.0, 70.0], abs=0.1)
     assert _late_s([102.0, 101.0, 100.0, 102.0])[-1] == pytest.approx(2.0, abs=1e-2)
 
 
-def test_two_clocks_may_drift_apart_by_two_tenths_of_a_millisecond_per_second() -> None:
+def test_two_clocks_may_drift_apart_by_two_tenths_of_a_millisecond_per_second():
     late = _late_s([100.0 + 1e-4 * k for k in range(3600)])
     assert max(late) < 1e-3
     assert _late_s([100.0 + 1e-2 * k for k in range(3600)])[-1] > 30.0
 
 
-def test_an_estimate_before_a_simulated_clock_starts_is_no_silence() -> None:
+def test_an_estimate_before_a_simulated_clock_starts_is_no_silence():
     """ROS's time is 0 until the first message on /clock."""
     silence = Silence(0.5, simulated=True)
     silence.note(0, 10.0)
@@ -61,13 +58,13 @@ def test_an_estimate_before_a_simulated_clock_starts_is_no_silence() -> None:
     assert silence.seconds(BEGIN + SECOND, 10.3) == 1.0
 
 
-def test_a_clock_that_is_set_back_has_another_offset() -> None:
+def test_a_clock_that_is_set_back_has_another_offset():
     stamps = StampClock()
     stamps.note(BEGIN, BEGIN + 100 * SECOND)
     assert stamps.note(BEGIN - 3600 * SECOND, BEGIN + 101 * SECOND) == 0
 
 
-def test_the_node_s_clock_can_be_disregarded() -> None:
+def test_the_node_s_clock_can_be_disregarded():
     assert _late_s([0.0, 100.0, 3600.0], 0.0) == [0.0, 0.0, 0.0]
 
 
@@ -76,9 +73,7 @@ def test_the_node_s_clock_can_be_disregarded() -> None:
     [(0.4, 60.0, False), (10.0, 60.0, True), (10.0, 5.0, False), (100.0, 60.0, False),
      (100.0, 3600.0, True)],
 )  # fmt: skip
-def test_where_all_inputs_are_late_alike_the_estimates_are_stale(
-    late_s: float, within_s: float, stale: bool, bench: Bench
-) -> None:
+def test_where_all_inputs_are_late_alike_the_estimates_are_stale(late_s, within_s, stale, bench):
     estimator = bench.estimator(use_sim_time=True, timeout=0.5, same_clock_within=within_s)
     status: list[np.ndarray] = []
     published = estimator.outputs.tensions.publish

@@ -1,10 +1,6 @@
 """`commission` records from the running robot."""
 
-from __future__ import annotations
-
 import subprocess
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -20,8 +16,8 @@ PATIENCE_S = 120.0
 
 
 def test_a_tare_is_recorded_from_the_running_robot_into_a_new_bag_until_enter(
-    start_executable: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    start_executable, tmp_path, monkeypatch
+):
     start_executable("rig", "--ros-args", "-p", "robot:=prototype")
     (tmp_path / "new_rest").mkdir()
     process = start_executable(

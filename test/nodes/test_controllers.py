@@ -1,7 +1,5 @@
 """The example controllers as nodes: what they command for which estimates, and one closed loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from time import monotonic
 from typing import Any
@@ -78,7 +76,7 @@ def tensions(upper: float, lower: float, status: int = 0) -> Any:
     )
 
 
-def test_the_limiter_forwards_reduces_and_reverses_speeds(controller: Any) -> None:
+def test_the_limiter_forwards_reduces_and_reverses_speeds(controller):
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
 
     def send(message: Any) -> tuple[Callable[[], None], Callable[[], None]]:
@@ -98,7 +96,7 @@ def test_the_limiter_forwards_reduces_and_reverses_speeds(controller: Any) -> No
         assert bench.commanded(lambda c: c == [0.0], *send(unknown))
 
 
-def test_the_preloads_of_the_file_return_while_a_tension_is_not_known(controller: Any) -> None:
+def test_the_preloads_of_the_file_return_while_a_tension_is_not_known(controller):
     bench = controller("keep_taut", "TautNode", "position", floor=50.0)
 
     def send(lower: float) -> tuple[Callable[[], None], Callable[[], None]]:
@@ -111,7 +109,7 @@ def test_the_preloads_of_the_file_return_while_a_tension_is_not_known(controller
     assert bench.commanded(lambda c: 0.5 * most < abs(c[0]) < 0.8 * most, *without), "no jump"
 
 
-def test_the_motors_stop_without_commands_and_without_tensions(controller: Any) -> None:
+def test_the_motors_stop_without_commands_and_without_tensions(controller):
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
     feed = (lambda: bench.wish(2.0), lambda: bench.tell("tensions", tensions(40.0, 30.0)))
     assert bench.commanded(lambda c: c == [2.0], *feed)
@@ -132,7 +130,7 @@ def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[
     ]
 
 
-def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> None:
+def test_a_push_stops_the_motors_until_they_are_released(controller):
     bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
     calm, push = (_stop_feed(bench, extra, None) for extra in (0.0, 2.0))
     assert bench.commanded(lambda c: c == [1.0], *calm)
@@ -148,7 +146,7 @@ def test_a_push_stops_the_motors_until_they_are_released(controller: Any) -> Non
     assert bench.commanded(lambda c: c == [1.0] and not bench.controller.reason, *calm)
 
 
-def test_the_motors_stop_while_an_effort_is_not_known(controller: Any) -> None:
+def test_the_motors_stop_while_an_effort_is_not_known(controller):
     bench = controller("collision_stop", "CollisionNode", "velocity", threshold=0.5)
     calm = _stop_feed(bench, 0.0, None)
     for unknown in (JointState(name=["elbow"], effort=[np.nan]), JointState(effort=[1.0])):

@@ -1,7 +1,5 @@
 """The demonstration of `make demo`, on a short recording."""
 
-from __future__ import annotations
-
 import re
 import signal
 from collections.abc import Iterator
@@ -22,9 +20,7 @@ def signals_as_before() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("signals_as_before")
-def test_the_demonstration_names_no_file_that_it_has_deleted(
-    short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_demonstration_names_no_file_that_it_has_deleted(short_bag, tmp_path, capfd):
     demo = loaded_tool(
         ROOT / "tools" / "demo.py", BAG=short_bag, MEASURED=tmp_path / "measured.json",
         REPORT=str(tmp_path / "report.html"), FIGURES=str(tmp_path / "report.json"),

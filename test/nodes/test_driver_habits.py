@@ -1,7 +1,5 @@
 """Stamps, units and messages as drivers are known to send them, and what the node says of each."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -13,7 +11,6 @@ from support.estimators import (
     MILLISECOND,
     MOTOR,
     SECOND,
-    Bench,
     diagnosed,
     feed,
     sample_at,
@@ -43,9 +40,7 @@ def fed_without_stamps(estimator: Any, late_ns: int = 0) -> None:
         estimator.joint(JOINT.encode(0, position=sample.joint_angle))
 
 
-def test_stamps_of_zero_mean_the_time_of_arrival_which_is_said_once(
-    bench: Bench, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_stamps_of_zero_mean_the_time_of_arrival_which_is_said_once(bench, capfd):
     estimator = bench.estimator()
     fed_without_stamps(estimator)
     assert len(estimator.answers) > 1000
@@ -59,7 +54,7 @@ def test_stamps_of_zero_mean_the_time_of_arrival_which_is_said_once(
     assert "Set header.stamp" in said
 
 
-def test_the_error_of_times_of_arrival_is_in_the_standard_deviations(bench: Bench) -> None:
+def test_the_error_of_times_of_arrival_is_in_the_standard_deviations(bench):
     stamped, even, late = bench.estimator(), bench.estimator(), bench.estimator()
     for k in range(0, 3000, 5):
         sample = sample_at(k)
@@ -73,7 +68,7 @@ def test_the_error_of_times_of_arrival_is_in_the_standard_deviations(bench: Benc
     assert np.any(late.latest.status != OK), "no tension is trusted at unknown times"
 
 
-def test_load_cells_without_stamp_are_used_at_their_time_of_arrival(bench: Bench) -> None:
+def test_load_cells_without_stamp_are_used_at_their_time_of_arrival(bench):
     estimator = bench.estimator(tension_sensors=True)
     cells = Template(CABLE_TENSIONS, ("upper/8",), ("tension", "stddev"))
     for k in range(0, 3000, 5):
@@ -90,9 +85,7 @@ def test_load_cells_without_stamp_are_used_at_their_time_of_arrival(bench: Bench
 
 
 @pytest.mark.parametrize("begun", [False, True])
-def test_a_publisher_three_hours_ahead_is_named_with_its_difference_and_the_remedy(
-    bench: Bench, begun: bool
-) -> None:
+def test_a_publisher_three_hours_ahead_is_named_with_its_difference_and_the_remedy(bench, begun):
     estimator = bench.estimator(timeout=0.05)
     if begun:
         feed(estimator, 0, 50)
@@ -110,7 +103,7 @@ def test_a_publisher_three_hours_ahead_is_named_with_its_difference_and_the_reme
     assert words in diagnosed(estimator)[0].message
 
 
-def test_efforts_without_positions_are_used_beside_positions_without_efforts(bench: Bench) -> None:
+def test_efforts_without_positions_are_used_beside_positions_without_efforts(bench):
     estimator = bench.estimator(track_preload=True)
     for k in range(0, 1000, 5):
         sample = sample_at(k)

@@ -1,14 +1,12 @@
 """A node whose joint has no encoder: efforts in, angles out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from support.estimators import ROBOT, Bench, hear_diagnostics
+from support.estimators import ROBOT, hear_diagnostics
 from support.motor_alone import motion, truth_of, without_encoder
 
 from cdrj_ros._core import JointStateDecoder
@@ -23,8 +21,8 @@ UNTOLD = Template(JOINT_STATE, ("winch",), ("position",))
 
 
 def test_angles_are_published_while_efforts_are_heard_and_diagnostics_say_when_none_is(
-    bench: Bench, tmp_path: Path
-) -> None:
+    bench, tmp_path
+):
     robot = tmp_path / "alone.yaml"
     text = Path(ROBOT).read_text(encoding="utf-8")
     robot.write_text(text.replace("  - name: elbow", "  - name: elbow\n    measured: false"))

@@ -1,10 +1,7 @@
 """The estimator over DDS, how it starts and how it ends."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -63,8 +60,8 @@ def arrays(payloads: list[bytes], topic: str) -> tuple[np.ndarray, dict[str, np.
 
 
 def test_every_published_number_equals_the_offline_path_bit_for_bit_also_after_a_reset(
-    bench: Bench, short_bag: str
-) -> None:
+    bench, short_bag
+):
     model = load_model(ROBOT)
     offline = estimate(model, condition_recording(model, read_inputs(short_bag, Topics(), model)))
     layout, values = offline.layout, offline.values
@@ -118,9 +115,7 @@ QOS = "qos_overrides./cdrj/tensions.publisher.reliability"
         (["--ros-args", "-p", f"robot:={ROBOT}", "-p", f"{QOS}:=maybe"], "`maybe`"),
     ],
 )
-def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
-    arguments: list[str], words: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_start_is_one_clear_line_and_exit_code_2(arguments, words, capfd):
     assert main(arguments) == 2
     output, errors = capfd.readouterr()
     assert not output
@@ -129,8 +124,8 @@ def test_a_wrong_start_is_one_clear_line_and_exit_code_2(
 
 
 def test_a_running_node_ends_with_the_code_of_an_interrupt_unless_it_is_supervised(
-    bench: Bench, start_executable: Any
-) -> None:
+    bench, start_executable
+):
     """ros2 launch reports every code but 0 as a crash, even of a node that it has interrupted."""
     process = start_executable("estimator", "--ros-args", "-p", f"robot:={ROBOT}")
     reset = bench.call(Trigger, "/cdrj/estimator/reset", Trigger.Request())

@@ -5,8 +5,6 @@ messages from a fixed seed to the callbacks of a node in this process; `make soa
 CDRJ_HOSTILE messages.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import struct
@@ -15,7 +13,6 @@ from random import Random
 
 import numpy as np
 import pytest
-from support.estimators import Bench
 from support.foreign_bags import joint_state
 from support.reading_streams import END_OF_TIME_NS, Message, random_stream
 
@@ -102,9 +99,7 @@ def own_mb() -> float:
 
 
 @pytest.mark.usefixtures("few_members")
-def test_from_any_bytes_a_node_takes_what_its_estimator_takes_from_the_readings_in_them(
-    bench: Bench,
-) -> None:
+def test_from_any_bytes_a_node_takes_what_its_estimator_takes_from_the_readings_in_them(bench):
     node = bench.estimator()
     node.now_ns = lambda: 0  # a stamp of zero has no time of arrival either
     beside = LiveEstimator(node.live.model, node.live.options)

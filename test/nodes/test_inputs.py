@@ -1,7 +1,5 @@
 """The estimator with missing, refused, best-effort, silent or late inputs, and thinned outputs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -51,9 +49,7 @@ def logged(bench: Bench, lines: list[tuple[int, str]], level: str, words: str) -
     return bench.until(lambda: any(one == severity and words in text for one, text in lines))
 
 
-def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(
-    bench: Bench,
-) -> None:
+def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(bench):
     estimator = bench.estimator()
     true = load_model(ROBOT, "29,26.26")
     both = Template(JOINT_STATE, ("winch",), ("position", "effort"))
@@ -82,9 +78,7 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
 # missing and refused ---------------------------------------------------------------------------
 
 
-def test_a_missing_name_is_reported_with_the_names_that_arrived(
-    bench: Bench, log: list[tuple[int, str]]
-) -> None:
+def test_a_missing_name_is_reported_with_the_names_that_arrived(bench, log):
     estimator = bench.estimator()
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
     other = Template(JOINT_STATE, ("winch_motor",), ("position",))
@@ -104,7 +98,7 @@ def test_a_missing_name_is_reported_with_the_names_that_arrived(
     assert logged(bench, log, "WARN", "the last names winch_motor, not winch")
 
 
-def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[int, str]]) -> None:
+def test_topics_that_have_fallen_silent_are_named(bench, log):
     estimator = bench.estimator(timeout=0.05)
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
 
@@ -134,9 +128,7 @@ def test_topics_that_have_fallen_silent_are_named(bench: Bench, log: list[tuple[
     assert estimator.watch.health(estimator.latest, 0.0, 0).waiting == ""
 
 
-def test_estimates_that_begin_stop_and_resume_are_logged(
-    bench: Bench, log: list[tuple[int, str]]
-) -> None:
+def test_estimates_that_begin_stop_and_resume_are_logged(bench, log):
     estimator = bench.estimator(timeout=0.2)
     assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
     feed(estimator, 0, 10)
@@ -146,7 +138,7 @@ def test_estimates_that_begin_stop_and_resume_are_logged(
     assert logged(bench, log, "INFO", "inputs are back after ")
 
 
-def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> None:
+def test_many_refused_readings_are_a_warning_with_the_cause(bench):
     estimator = bench.estimator()
     estimator.live.set_unsure_share(10.0)
     feed(estimator, 0, 20)
@@ -161,7 +153,7 @@ def test_many_refused_readings_are_a_warning_with_the_cause(bench: Bench) -> Non
     assert estimator.live.conditioner.refused["out_of_range"] == 24
 
 
-def test_readings_too_sparse_for_the_motion_are_a_warning_with_the_axes(bench: Bench) -> None:
+def test_readings_too_sparse_for_the_motion_are_a_warning_with_the_axes(bench):
     estimator = bench.estimator()
     for k in range(0, 6000, 200):
         sample = sample_at(k)
@@ -173,7 +165,7 @@ def test_readings_too_sparse_for_the_motion_are_a_warning_with_the_axes(bench: B
     assert "too sparse for this motion" in status.message
 
 
-def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) -> None:
+def test_readings_of_two_publishers_are_a_warning_that_names_them(bench):
     estimator = bench.estimator()
     others = [Node(name, namespace="/drives") for name in ("front", "rear")]
     try:
@@ -195,9 +187,7 @@ def test_readings_of_two_publishers_are_a_warning_that_names_them(bench: Bench) 
     assert values_of(status)["readings alternating"] == "elbow"
 
 
-def test_several_estimators_or_several_stamps_are_a_warning_that_names_the_nodes(
-    bench: Bench,
-) -> None:
+def test_several_estimators_or_several_stamps_are_a_warning_that_names_the_nodes(bench):
     estimator = bench.estimator()
     other = Node("estimator_2", namespace="/cdrj")
     try:
@@ -220,7 +210,7 @@ def test_several_estimators_or_several_stamps_are_a_warning_that_names_the_nodes
     assert "several estimators: /cdrj/tensions is published by /cdrj/estimator" in status.message
 
 
-def test_a_clock_that_differs_is_a_warning_with_its_size(bench: Bench) -> None:
+def test_a_clock_that_differs_is_a_warning_with_its_size(bench):
     estimator = bench.estimator()
     for k in range(2500):
         sample = sample_at(k)
@@ -235,9 +225,7 @@ def test_a_clock_that_differs_is_a_warning_with_its_size(bench: Bench) -> None:
 # quality of service ----------------------------------------------------------------------------
 
 
-def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
-    bench: Bench, log: list[tuple[int, str]]
-) -> None:
+def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(bench, log):
     estimator = bench.estimator()
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     motors = bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
@@ -262,7 +250,7 @@ def test_a_best_effort_publisher_is_received_and_the_cost_is_logged(
 # parameters ------------------------------------------------------------------------------------
 
 
-def test_parameters_show_the_values_in_force(bench: Bench) -> None:
+def test_parameters_show_the_values_in_force(bench):
     estimator = bench.estimator(**{"friction.rho": 0.35})
 
     def shown(name: str) -> Any:
@@ -289,7 +277,7 @@ def test_parameters_show_the_values_in_force(bench: Bench) -> None:
     assert estimator.live.sample.motor_angle == sample_at(199).motor_angle, "no filter any more"
 
 
-def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
+def test_the_parameter_file_is_what_the_node_declares(bench):
     path = ROOT / "config" / "estimator.params.yaml"
     assert path.read_text(encoding="utf-8") == estimator_file()
     estimator = bench.estimator("--params-file", str(path), timeout=0.5)
@@ -299,7 +287,7 @@ def test_the_parameter_file_is_what_the_node_declares(bench: Bench) -> None:
 # time ------------------------------------------------------------------------------------------
 
 
-def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
+def test_an_impossible_clock_is_refused_and_counted(bench):
     estimator = bench.estimator(use_sim_time=True)
     publisher = bench.node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
     assert bench.until(lambda: publisher.get_subscription_count() > 0)
@@ -315,9 +303,7 @@ def test_an_impossible_clock_is_refused_and_counted(bench: Bench) -> None:
     assert values_of(diagnosed(estimator)[0])["impossible times on /clock"] == "3"
 
 
-def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(
-    bench: Bench, log: list[tuple[int, str]]
-) -> None:
+def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(bench, log):
     name = "qos_overrides./cdrj/motor_states.subscription.reliability"
     estimator = bench.estimator(**{name: "reliable"})
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -1,13 +1,10 @@
 """Ctrl-C ends commands and nodes while they start: one line, exit code 130, no traceback."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.places import ROBOT, SAMPLE
@@ -33,8 +30,8 @@ def loads(process: subprocess.Popen[bytes]) -> bool:
 @pytest.mark.parametrize(("name", "supervised"), [*((n, False) for n in COMMANDS),
                                                   ("estimator", True)])  # fmt: skip
 def test_an_interrupt_of_an_import_is_one_line_and_code_130_unless_the_node_is_supervised(
-    name: str, supervised: bool, start_executable: Any
-) -> None:
+    name, supervised, start_executable
+):
     process = start_executable(
         name, *COMMANDS[name], *(["--supervised"] if supervised else []),
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,

@@ -1,7 +1,5 @@
 """The launch files: required arguments, refused arguments, and the nodes they start."""
 
-from __future__ import annotations
-
 import os
 import runpy
 import shutil
@@ -77,7 +75,7 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
     return run
 
 
-def test_the_node_gets_the_given_arguments_and_no_others(launched: Any) -> None:
+def test_the_node_gets_the_given_arguments_and_no_others(launched):
     (node,) = launched("robot:=r.yaml")
     assert node.parameters == [{"robot": "r.yaml"}]
     assert (node.namespace, node.arguments, node.ros_arguments) == ("cdrj", ["--supervised"], [])
@@ -103,9 +101,7 @@ def test_the_node_gets_the_given_arguments_and_no_others(launched: Any) -> None:
     assert node.remappings == [("motor_states", "/m"), ("joint_states", "joint_states")]
 
 
-def test_an_unknown_argument_is_refused_with_the_nearest_known_one(
-    launched: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unknown_argument_is_refused_with_the_nearest_known_one(launched, monkeypatch):
     with pytest.raises(RuntimeError, match="'params_fle': did you mean params_file"):
         launched("robot:=r.yaml", "params_fle:=x")
     with pytest.raises(RuntimeError, match="preload must be numbers"):
@@ -115,9 +111,7 @@ def test_an_unknown_argument_is_refused_with_the_nearest_known_one(
     launched("robot:=r.yaml", "arm:=left")
 
 
-def test_a_managed_node_is_configured_and_activated_unless_another_program_does_it(
-    launched: Any,
-) -> None:
+def test_a_managed_node_is_configured_and_activated_unless_another_program_does_it(launched):
     activate, configure, node = launched("robot:=r.yaml", "managed:=true")
     assert type(node).__name__ == "LifecycleNode"
     assert node.arguments == ["--supervised", "--managed"]
@@ -129,9 +123,7 @@ def test_a_managed_node_is_configured_and_activated_unless_another_program_does_
     assert node.arguments == ["--supervised", "--managed"]
 
 
-def test_the_launch_file_of_a_real_robot_adds_what_is_asked_for(
-    launched: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_launch_file_of_a_real_robot_adds_what_is_asked_for(launched, monkeypatch):
     assert launched("robot:=r.yaml", file=CDRJ, included=FILE) == []
     (markers,) = launched("robot:=r.yaml", "markers:=true", file=CDRJ, included=FILE)
     assert markers.executable == "markers"
@@ -141,9 +133,7 @@ def test_the_launch_file_of_a_real_robot_adds_what_is_asked_for(
         launched("robot:=r.yaml", "marker:=true", file=CDRJ, included=FILE)
 
 
-def test_the_stand_in_for_hardware_publishes_what_the_launch_file_of_a_real_robot_hears(
-    launched: Any,
-) -> None:
+def test_the_stand_in_for_hardware_publishes_what_the_launch_file_of_a_real_robot_hears(launched):
     (rig,) = launched("robot:=r.yaml", "prefix:=arm1_", file=STACK)
     assert (rig.executable, rig.arguments) == ("rig", ["--supervised"])
     given = rig.parameters[0]
@@ -167,9 +157,7 @@ def nodes_of(actions: list[Any]) -> dict[str, dict[str, Any]]:
     return {one.executable: one.parameters[0] for one in actions if hasattr(one, "executable")}
 
 
-def test_the_demonstration_starts_rig_estimator_and_markers_of_one_exact_robot(
-    launched: Any,
-) -> None:
+def test_the_demonstration_starts_rig_estimator_and_markers_of_one_exact_robot(launched):
     actions = launched("view:=false", file=DEMO)
     nodes = nodes_of(actions)
     assert list(nodes) == ["estimator", "rig", "markers"]
@@ -186,7 +174,7 @@ def test_the_demonstration_starts_rig_estimator_and_markers_of_one_exact_robot(
     assert "view" in nodes
 
 
-def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched: Any) -> None:
+def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched):
     given = ("robot:=prototype", "exact:=false", "view:=false")
     actions = launched(*given, "controller:=tension_limiter", "wish:=0.5", file=DEMO)
     assert nodes_of(actions)["rig"]["motion"] == "none"
@@ -234,7 +222,7 @@ with_launch = pytest.mark.skipif(
 
 
 @with_launch
-def test_the_real_launch_activates_a_managed_node_and_starts_the_markers() -> None:
+def test_the_real_launch_activates_a_managed_node_and_starts_the_markers():
     said = until(
         launch(CDRJ.name, "robot:=prototype", "markers:=true", "managed:=true", "preload:=30,20"),
         "no estimate: no reading of winch",  # said by an active node only
@@ -244,7 +232,7 @@ def test_the_real_launch_activates_a_managed_node_and_starts_the_markers() -> No
 
 
 @with_launch
-def test_the_real_launch_of_the_demonstration_estimates() -> None:
+def test_the_real_launch_of_the_demonstration_estimates():
     said = until(launch(DEMO.name, "robot:=prototype", "view:=false"), "first estimate")
     for node in ("estimator-1", "rig-2", "markers-3"):
         assert f"[{node}]: process has finished cleanly" in said

@@ -1,7 +1,5 @@
 """The managed estimator: its transitions, over the services of a lifecycle node."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -67,9 +65,7 @@ def managed(bench: Bench) -> Callable[..., Managed]:
     return lambda **given: Managed(bench, **given)
 
 
-def test_configure_opens_outputs_activate_opens_inputs_and_the_way_back_closes_them(
-    bench: Bench, managed: Callable[..., Managed]
-) -> None:
+def test_configure_opens_outputs_activate_opens_inputs_and_the_way_back_closes_them(bench, managed):
     one = managed()
     for _ in range(2):
         for label, state, ends in (
@@ -87,8 +83,8 @@ def test_configure_opens_outputs_activate_opens_inputs_and_the_way_back_closes_t
 
 
 def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
-    bench: Bench, start_executable: Any
-) -> None:
+    bench, start_executable
+):
     process = start_executable("estimator", "--managed", "--ros-args", "-p", f"robot:={ROBOT}")
     states = bench.node.create_client(GetState, "/cdrj/estimator/get_state")
     client = bench.node.create_client(ChangeState, "/cdrj/estimator/change_state")
@@ -117,9 +113,7 @@ def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
     assert process.poll() is None
 
 
-def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
-    bench: Bench, managed: Callable[..., Managed]
-) -> None:
+def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(bench, managed):
     one = managed(tracking_bandwidth=0.0)
     assert one.change("configure")
     said = bench.listen(CableTensions, "/cdrj/tensions")
@@ -144,9 +138,7 @@ def test_deactivate_publishes_stale_and_activate_continues_the_friction_history(
     assert np.array_equal(tensions(one.estimation), whole)
 
 
-def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_corrected(
-    managed: Callable[..., Managed],
-) -> None:
+def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_corrected(managed):
     one = managed(robot="nowhere.yaml")
     assert not one.change("configure")
     assert one.state == "unconfigured"
@@ -161,9 +153,7 @@ def test_a_robot_that_cannot_be_loaded_leaves_the_node_unconfigured_until_it_is_
     assert result.successful
 
 
-def test_cleanup_returns_to_the_given_preload_and_friction(
-    bench: Bench, managed: Callable[..., Managed]
-) -> None:
+def test_cleanup_returns_to_the_given_preload_and_friction(bench, managed):
     one = managed(**{"friction.rho": 0.3})
     assert one.change("configure")
     request = SetPreload.Request(cable=["upper"], preload=[20.0])
@@ -176,7 +166,7 @@ def test_cleanup_returns_to_the_given_preload_and_friction(
     assert one.node.get_parameter("friction.rho").value == 0.3
 
 
-def test_diagnostics_tell_the_state(bench: Bench, managed: Callable[..., Managed]) -> None:
+def test_diagnostics_tell_the_state(bench, managed):
     said: list[Any] = []
     hear_diagnostics(bench, said)
     one = managed()

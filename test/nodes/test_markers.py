@@ -1,7 +1,5 @@
 """The markers node draws what the estimator says, and nothing while nobody subscribes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from time import monotonic
 from typing import Any
@@ -12,7 +10,6 @@ from cdrj_msgs.msg import CableTensions, NodalForces
 from cdrj_msgs.msg import CableTensions as T
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
-from support.estimators import Bench
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cdrj_ros.nodes.markers import MarkersNode
@@ -49,9 +46,7 @@ def colour(marker: Any) -> tuple[float, float, float]:
     return marker.color.r, marker.color.g, marker.color.b
 
 
-def test_a_marker_has_the_looks_that_the_picture_gives_it(
-    drawing: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_marker_has_the_looks_that_the_picture_gives_it(drawing, monkeypatch):
     from cdrj_ros.nodes import feed, view_inputs
 
     node = drawing(labels=True, force_scale=0.001)
@@ -83,9 +78,7 @@ def test_a_marker_has_the_looks_that_the_picture_gives_it(
 
 
 @pytest.mark.parametrize("robot", ["finger", "wrist"])
-def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
-    drawing: Any, robot: str
-) -> None:
+def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(drawing, robot):
     from scipy.spatial.transform import Rotation
 
     from cdrj_ros.report.scene import scene_of
@@ -119,7 +112,7 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(
         np.testing.assert_allclose(np.array([middle.x, middle.y, middle.z]) + half, end, atol=1e-9)
 
 
-def test_nothing_is_heard_or_drawn_without_a_subscriber(bench: Bench) -> None:
+def test_nothing_is_heard_or_drawn_without_a_subscriber(bench):
     node = bench.add(MarkersNode(parameter_overrides=[Parameter("robot", value="finger")]))
     publisher = bench.node.create_publisher(CableTensions, "/cdrj/tensions", 1)
     names = list(node.model.layout.elements)
@@ -144,7 +137,7 @@ def test_nothing_is_heard_or_drawn_without_a_subscriber(bench: Bench) -> None:
     assert not node.inputs.listening
 
 
-def test_shapes_of_bodies_are_markers_of_their_size_and_place(drawing: Any, tmp_path: Any) -> None:
+def test_shapes_of_bodies_are_markers_of_their_size_and_place(drawing, tmp_path):
     (tmp_path / "part.stl").write_bytes(bytes(84))
     robot = tmp_path / "robot.yaml"
     robot.write_text("""

@@ -1,8 +1,5 @@
 """The estimator at run time: parameters, services, clocks, diagnostics, and several nodes."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +13,6 @@ from support.estimators import (
     MILLISECOND,
     ROBOT,
     SECOND,
-    Bench,
     Clock,
     changed,
     expected,
@@ -42,9 +38,7 @@ def model() -> Model:
 # parameters ------------------------------------------------------------------------------------
 
 
-def test_friction_may_change_while_running_and_the_history_stays(
-    bench: Bench, model: Model
-) -> None:
+def test_friction_may_change_while_running_and_the_history_stays(bench, model):
     estimator = bench.estimator()
     feed(estimator, 0, 300)
     (result,) = estimator.node.set_parameters([Parameter("friction.rho", value=0.35)])
@@ -81,7 +75,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_a_refused_change_states_the_reason_and_changes_nothing(bench: Bench, model: Model) -> None:
+def test_a_refused_change_states_the_reason_and_changes_nothing(bench, model):
     estimator, beside = bench.estimator(), bench.estimator("-r", "__ns:=/beside")
     for k, (change, words) in enumerate(REFUSED):
         feed(estimator, 10 * k, 10 * k + 10)
@@ -104,7 +98,7 @@ def test_a_refused_change_states_the_reason_and_changes_nothing(bench: Bench, mo
 # services --------------------------------------------------------------------------------------
 
 
-def test_the_responses_of_the_services_describe_their_effect(bench: Bench) -> None:
+def test_the_responses_of_the_services_describe_their_effect(bench):
     estimator = bench.estimator()
     tare, reset = "/cdrj/estimator/tare", "/cdrj/estimator/reset"
     early = bench.call(Trigger, tare, Trigger.Request())
@@ -156,7 +150,7 @@ def test_the_responses_of_the_services_describe_their_effect(bench: Bench) -> No
 # time ------------------------------------------------------------------------------------------
 
 
-def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
+def test_age_rate_and_staleness_follow_simulated_time(bench):
     """Ten simulated seconds pass quickly; the clock stops, then continues without inputs."""
     estimator = bench.estimator(use_sim_time=True, timeout=0.5)
     said: list[Any] = []
@@ -195,7 +189,7 @@ def test_age_rate_and_staleness_follow_simulated_time(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("service", ["reset", "tare", "set_preload"])
-def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: str) -> None:
+def test_after_a_change_the_last_message_is_marked_stale(bench, service):
     estimator = bench.estimator()
     heard = bench.listen(CableTensions, "/cdrj/tensions")
     assert bench.until(lambda: estimator.outputs.tensions.get_subscription_count() > 0)
@@ -216,7 +210,7 @@ def test_after_a_change_the_last_message_is_marked_stale(bench: Bench, service: 
     assert not any(flags & STALE for flags in heard[-1].status)
 
 
-def test_a_tare_is_refused_while_the_inputs_are_silent(bench: Bench) -> None:
+def test_a_tare_is_refused_while_the_inputs_are_silent(bench):
     estimator = bench.estimator(use_sim_time=True, timeout=0.5)
     clock = Clock(bench, estimator)
     clock.set(BEGIN)
@@ -244,7 +238,7 @@ KEYS = {
 }  # fmt: skip
 
 
-def test_diagnostics_describe_every_problem(bench: Bench) -> None:
+def test_diagnostics_describe_every_problem(bench):
     from cdrj_ros.estimation.refusals import REFUSALS
 
     estimator = bench.estimator()
@@ -307,8 +301,8 @@ def test_diagnostics_describe_every_problem(bench: Bench) -> None:
 
 
 def test_the_next_node_continues_from_the_file_that_every_diagnosis_and_change_writes(
-    bench: Bench, model: Model, tmp_path: Path
-) -> None:
+    bench, model, tmp_path
+):
     given: Any = {"state_file": tmp_path / "state", "tracking_bandwidth": 0.0}
     killed = bench.estimator(**given)
     feed(killed, 0, 300)

@@ -1,7 +1,5 @@
 """What the node publishes: values, frames, a maximum rate, and nothing that nobody listens to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +12,6 @@ from support.estimators import (
     JOINT,
     MOTOR,
     ROBOT,
-    Bench,
     expected,
     feed,
     sample_at,
@@ -29,7 +26,7 @@ from cdrj_ros.model.prepared import load_model
 PLACED = str(ROBOTS / "prototype_positions.yaml")
 
 
-def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench: Bench) -> None:
+def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench):
     estimator = bench.estimator(robot=PLACED, frame_id="arm")
     wrenches: list[Any] = []
     others: list[Any] = []
@@ -64,7 +61,7 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench:
     assert len(states) == len(wrenches) == 6, "a message without status says nothing unknown"
 
 
-def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(bench: Bench) -> None:
+def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(bench):
     estimator = bench.estimator()
     forces: list[Any] = []
     wrenches = bench.listen(WrenchStamped, "/cdrj/wrenches/lower_5")
@@ -87,9 +84,7 @@ def efforts_of(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray]:
     return sec * 1_000_000_000 + nanosec, layout.texts["name"], effort
 
 
-def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_otherwise(
-    bench: Bench,
-) -> None:
+def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_otherwise(bench):
     estimator = bench.estimator()
     heard: dict[str, list[bytes]] = {"efforts": [], "efforts_stddev": []}
     for topic, payloads in heard.items():
@@ -116,7 +111,7 @@ def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_othe
     assert np.all(said > 0.0)
 
 
-def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench: Bench) -> None:
+def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench):
     everything, slow = bench.estimator(), bench.estimator("-r", "__ns:=/slow", max_rate=100)
     for one in (everything, slow):
         feed(one, 0, 600)

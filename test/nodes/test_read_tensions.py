@@ -1,12 +1,9 @@
 """The example that reads tensions uses reliable tensions and refuses all others."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 from cdrj_msgs.msg import CableTensions
@@ -15,7 +12,7 @@ from support.places import ROOT
 PATIENCE_S = 60.0
 
 
-def test_it_uses_reliable_tensions_and_refuses_all_others(node: Any, tmp_path: Path) -> None:
+def test_it_uses_reliable_tensions_and_refuses_all_others(node, tmp_path):
     publisher = node.create_publisher(CableTensions, "/cdrj/tensions", 10)
     log = tmp_path / "log"
     with log.open("wb") as stream:

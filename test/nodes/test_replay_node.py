@@ -1,7 +1,5 @@
 """The replay command as a user runs it, with one estimator process for all tests."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -105,8 +103,8 @@ def _facts(path: Path) -> dict[str, str]:
 
 @pytest.mark.usefixtures("few_pictures")
 def test_replay_evaluates_the_node_and_writes_json_and_report(
-    estimator: Any, short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+    estimator, short_bag, tmp_path, capfd
+):
     figures, report = tmp_path / "f.json", tmp_path / "r.html"
     twice = ("--loop", "2", "--playback-duration", "1")
     files = ("--json", str(figures), "--html", str(report))
@@ -126,9 +124,7 @@ def test_replay_evaluates_the_node_and_writes_json_and_report(
     assert "Status OK" not in report.read_text(), "answers are read without their status"
 
 
-def test_the_clock_follows_the_recording(
-    estimator: Any, replay: Any, short_bag: str, node: Any
-) -> None:
+def test_the_clock_follows_the_recording(estimator, replay, short_bag, node):
     clocks: list[float] = []
     node.create_subscription(
         Clock, "/clock", lambda m: clocks.append(m.clock.sec + m.clock.nanosec * 1e-9), 1000
@@ -146,8 +142,8 @@ def test_the_clock_follows_the_recording(
 
 
 def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
-    estimator: Any, replay: Any, longer_bag: str, tmp_path: Path
-) -> None:
+    estimator, replay, longer_bag, tmp_path
+):
     figures = tmp_path / "f.json"
     one = replay(longer_bag, "--rate", "1", "--json", str(figures))
     one.wait_for(ANSWERED)
@@ -164,8 +160,8 @@ def test_ctrl_c_writes_the_report_of_what_was_played_and_exits_with_130(
 
 
 def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
-    start_executable: Any, replay: Any, longer_bag: str, tmp_path: Path
-) -> None:
+    start_executable, replay, longer_bag, tmp_path
+):
     there = ("-r", "__ns:=/mortal")
     mortal = start_executable("estimator", "--ros-args", "-p", f"robot:={ROBOT}", *there)
     one = replay(longer_bag, "--rate", "1", "--ros-args", *there)
@@ -179,9 +175,7 @@ def test_an_estimator_that_disappears_is_reported_and_its_answers_are_evaluated(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_a_replay_that_compares_nothing_says_why_and_exits_with_1(
-    short_bag: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_replay_that_compares_nothing_says_why_and_exits_with_1(short_bag, tmp_path, capfd):
     arguments = ("--robot", ROBOT, "--playback-duration", "1")
     three_hours = 3 * 3600 * SECOND
     apart = restamped(short_bag, tmp_path / "apart", {"/cdrj/joint_states": three_hours})
@@ -193,9 +187,7 @@ def test_a_replay_that_compares_nothing_says_why_and_exits_with_1(
     assert "the bag has no references" in capfd.readouterr().err
 
 
-def test_without_an_estimator_the_missing_parts_are_named(
-    short_bag: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_without_an_estimator_the_missing_parts_are_named(short_bag, monkeypatch, capfd):
     from cdrj_ros.nodes import player
 
     monkeypatch.setattr(player, "PATIENCE_S", 1.0)
@@ -208,9 +200,7 @@ def test_without_an_estimator_the_missing_parts_are_named(
 
 
 @pytest.mark.usefixtures("estimator", "ros")
-def test_a_recording_is_not_played_into_the_readings_of_a_robot(
-    short_bag: str, replay: Any
-) -> None:
+def test_a_recording_is_not_played_into_the_readings_of_a_robot(short_bag, replay):
     """Both would be one motion for the estimator, which the replay resets, too."""
     robot = rclpy.create_node("driver")
     publisher = robot.create_publisher(JointState, "/cdrj/joint_states", 10)
@@ -232,12 +222,7 @@ def test_a_recording_is_not_played_into_the_readings_of_a_robot(
         (("--html", "no/such/report.html"), "there is no folder no/such"),
     ],
 )
-def test_invalid_options_of_replay_are_refused_in_one_line(
-    arguments: tuple[str, ...],
-    words: str,
-    short_bag: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_invalid_options_of_replay_are_refused_in_one_line(arguments, words, short_bag, capsys):
     assert main([short_bag, "--robot", ROBOT, *arguments]) == 2
     errors = capsys.readouterr().err
     assert words in errors

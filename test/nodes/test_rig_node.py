@@ -1,7 +1,5 @@
 """The rig node: with a real estimator, and with valid and invalid commands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -71,7 +69,7 @@ GEARED = (
 """A robot file whose motor is published with its gear of -50, its current and a prefix."""
 
 
-def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench: Any, tmp_path: Path) -> None:
+def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench, tmp_path):
     """On the one topic of ros2_control, 250 times a second."""
     robot = str(tmp_path / "robot.yaml")
     Path(robot).write_text(GEARED)
@@ -101,7 +99,7 @@ def test_an_estimator_beside_the_rig_finds_its_true_tensions(bench: Any, tmp_pat
     assert np.all(np.abs(told - true).mean(axis=0) < 0.05 * true.mean(axis=0))
 
 
-def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path: Path) -> None:
+def test_the_rig_stands_in_for_hardware_under_ros2_control(bench, tmp_path):
     """A current drives the published position up, also that of a motor that turns the other way."""
     (tmp_path / "robot.yaml").write_text(GEARED)
     one = bench(
@@ -137,7 +135,7 @@ def test_the_rig_stands_in_for_hardware_under_ros2_control(bench: Any, tmp_path:
     assert np.isnan(message.effort[1])
 
 
-def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) -> None:
+def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench):
     one = bench()
     heard = one.listen(DiagnosticArray, "/diagnostics")
     nan = float("nan")
@@ -166,7 +164,7 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench: Any) 
     assert one.until(told)
 
 
-def test_faults_happen_at_their_times_and_again_after_a_reset(bench: Any) -> None:
+def test_faults_happen_at_their_times_and_again_after_a_reset(bench):
     text = (
         "faults: [{kind: freeze, at: 1, encoder: winch}, "
         "{kind: snap, at: 1.5, cable: lower, amount: 1}]"
@@ -206,7 +204,7 @@ def test_faults_happen_at_their_times_and_again_after_a_reset(bench: Any) -> Non
     assert one.until(lambda: told("none"))
 
 
-def test_load_cells_clock_and_payload(bench: Any) -> None:
+def test_load_cells_clock_and_payload(bench):
     text = "{load_cells: {elements: [upper/8, lower/1]}, motor_efforts: {}}"
     one = bench(text, drive_clock=True, speed=3)
     cells = one.listen(CableTensions, "tension_sensors")
@@ -237,7 +235,7 @@ def test_load_cells_clock_and_payload(bench: Any) -> None:
     assert not set_one("cells", 4)
 
 
-def test_readings_are_published_in_the_order_of_their_arrival(bench: Any) -> None:
+def test_readings_are_published_in_the_order_of_their_arrival(bench):
     """Those of one step too: otherwise one topic always lags the other, as one of another clock."""
     rig = bench("motors: {latency: 0.0025}").rig
     sent: list[tuple[str, bytes]] = []
@@ -260,7 +258,7 @@ def test_readings_are_published_in_the_order_of_their_arrival(bench: Any) -> Non
     assert arrivals == sorted(arrivals)
 
 
-def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None:
+def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench):
     one = bench(drive_clock=True, speed=100.0, cells=8)  # 10 us per step cannot be reached
     heard = one.listen(DiagnosticArray, "/diagnostics")
     assert one.until(
@@ -272,7 +270,7 @@ def test_a_rig_that_cannot_keep_up_skips_time_and_reports_it(bench: Any) -> None
     assert one.until(lambda: one.rig.rig.steps > steps + 100)
 
 
-def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any) -> None:
+def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench):
     one = bench()
     heard = one.listen(JointState, "motor_states")
     assert one.until(lambda: len(heard) > 10)
@@ -295,9 +293,7 @@ def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench: Any
         ({"speed": 2.0}, "speed 2 needs drive_clock"),
     ],
 )
-def test_an_invalid_parameter_is_refused_at_the_start(
-    ros: None, given: dict[str, Any], words: str
-) -> None:
+def test_an_invalid_parameter_is_refused_at_the_start(ros, given, words):
     made: list[Node] = []
     with pytest.raises(CdrjError, match=words):
         made.append(RigNode(parameter_overrides=overrides(**given)))

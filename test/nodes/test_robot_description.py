@@ -1,7 +1,5 @@
 """A robot file that names robot_description takes its frames from the topic or the parameter."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from typing import Any
@@ -27,28 +25,28 @@ def robot_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_frames_are_those_of_the_description(robot_file: Path) -> None:
+def test_the_frames_are_those_of_the_description(robot_file):
     with description_given(lambda: URDF):
         told = load_robot(robot_file)
     assert told.frames == load_robot(ROBOTS / "finger3d.yaml").frames
 
 
-def test_without_a_node_one_line_says_where_to_get_it(robot_file: Path) -> None:
+def test_without_a_node_one_line_says_where_to_get_it(robot_file):
     with pytest.raises(RobotFileError, match="known to nodes only; save it by ros2 param get"):
         load_robot(robot_file)
 
 
-def test_the_topic_of_robot_state_publisher_is_heard(node: Any) -> None:
+def test_the_topic_of_robot_state_publisher_is_heard(node):
     node.create_publisher(String, "/robot_description", KEPT).publish(String(data=URDF))
     assert robot_description(node, wait_s=60.0) == URDF
 
 
-def test_the_parameter_comes_before_the_topic(node: Any) -> None:
+def test_the_parameter_comes_before_the_topic(node):
     node.declare_parameter("robot_description", URDF)
     assert robot_description(node, wait_s=0.0) == URDF
 
 
-def test_silence_is_one_clear_line(node: Any) -> None:
+def test_silence_is_one_clear_line(node):
     with pytest.raises(UsageError, match=r"no URDF on /robot_description within 0\.1 s"):
         robot_description(node, wait_s=0.1)
 
@@ -85,9 +83,7 @@ def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
 
 
 @pytest.mark.parametrize("name", ["estimator", "markers", "view", "rig"])
-def test_every_node_of_a_robot_takes_the_description_of_the_topic(
-    name: str, node: Any, robot_file: Path
-) -> None:
+def test_every_node_of_a_robot_takes_the_description_of_the_topic(name, node, robot_file):
     publisher = node.create_publisher(String, "/robot_description", KEPT)
     sooner = threading.Timer(0.2, lambda: publisher.publish(String(data=URDF)))
     sooner.start()

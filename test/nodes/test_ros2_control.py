@@ -1,7 +1,5 @@
 """One topic of joint_state_broadcaster through the estimator node, by configuration alone."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from support.estimators import JOINT as ELBOW
 from support.estimators import MOTOR as WINCH
-from support.estimators import Bench, diagnosed, sample_at
+from support.estimators import diagnosed, sample_at
 from support.published import (
     EFFORT_SCALE,
     MOTOR,
@@ -58,7 +56,7 @@ def stack(folder: Path, text: str = PUBLISHED) -> str:
     return str(path)
 
 
-def test_tensions_from_one_stream_at_500_hz_of_several_robots(bench: Bench, tmp_path: Path) -> None:
+def test_tensions_from_one_stream_at_500_hz_of_several_robots(bench, tmp_path):
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = bench.node.create_publisher(JointState, "/joint_states", best_effort)
     estimation = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path))
@@ -96,9 +94,7 @@ def played(estimation: Any, count: int) -> list[Any]:
     return statuses
 
 
-def test_the_node_asks_for_the_gear_and_names_the_scale_that_fits(
-    bench: Bench, tmp_path: Path
-) -> None:
+def test_the_node_asks_for_the_gear_and_names_the_scale_that_fits(bench, tmp_path):
     fits = played(bench.estimator(*ONE_TOPIC, robot=stack(tmp_path)), 1500)
     assert "gear ratio" not in fits[0].message
     without = PUBLISHED.replace(f"scale: {SCALE!r}", f"scale: {-50.0 * SCALE!r}")
@@ -111,9 +107,7 @@ def test_the_node_asks_for_the_gear_and_names_the_scale_that_fits(
     assert value == pytest.approx(SCALE, rel=0.03)
 
 
-def test_a_current_as_effort_is_answered_with_its_effort_scale(
-    bench: Bench, tmp_path: Path
-) -> None:
+def test_a_current_as_effort_is_answered_with_its_effort_scale(bench, tmp_path):
     right = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path))
     assert played(right, 5000)[1].message == "agrees with the robot file"
     text = PUBLISHED.replace(f"    effort_scale: {EFFORT_SCALE!r}", "")
@@ -124,8 +118,8 @@ def test_a_current_as_effort_is_answered_with_its_effort_scale(
 
 
 def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with_what_mends_them(
-    bench: Bench, tmp_path: Path
-) -> None:
+    bench, tmp_path
+):
     truth = bench.node.create_publisher(JointState, "/cdrj/truth/states", 10)
     estimation = bench.estimator(robot=stack(tmp_path))
     assert bench.until(lambda: estimation.node.count_publishers("/cdrj/truth/states") > 0)
@@ -157,9 +151,7 @@ def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with
 
 
 @pytest.mark.parametrize("share", [1.0, 0.2])
-def test_degrees_are_named_where_a_part_or_all_of_the_motion_fits_the_range(
-    bench: Bench, share: float
-) -> None:
+def test_degrees_are_named_where_a_part_or_all_of_the_motion_fits_the_range(bench, share):
     """Up to 17 or 3.4 degrees, which the range of 0.7 rad cuts off; one look every 0.6 s."""
     estimation = bench.estimator()
     for k in range(0, 7200, 4):

@@ -1,7 +1,5 @@
 """Security: the policy file matches the ROS graph, and no node can be made to write a file."""
 
-from __future__ import annotations
-
 import ast
 import os
 from collections.abc import Iterator, Sequence
@@ -130,12 +128,12 @@ def compare(nodes: Bench, names: Sequence[str]) -> None:
             assert real[key] == allowed_names, (node, *key)
 
 
-def test_the_policy_allows_exactly_what_the_nodes_have(nodes: Bench) -> None:
+def test_the_policy_allows_exactly_what_the_nodes_have(nodes):
     told = [f"{node}_robot_description" for node in ("estimator", "rig", "markers")]
     compare(nodes, ["estimator", "replay", "watch", "rig", "markers", *told])
 
 
-def test_the_policy_allows_exactly_what_the_view_has(nodes: Bench, view: Any) -> None:
+def test_the_policy_allows_exactly_what_the_view_has(nodes, view):
     compare(nodes, ["view", "view_robot_description"])
 
 
@@ -153,12 +151,12 @@ WRITING = {
 }  # fmt: skip
 
 
-def test_a_node_writes_no_file_itself() -> None:
+def test_a_node_writes_no_file_itself():
     for path in (PACKAGE / "nodes").glob("*.py"):
         assert not WRITING & calls(path), path
 
 
-def test_a_node_communicates_on_this_machine_only_unless_the_environment_differs() -> None:
+def test_a_node_communicates_on_this_machine_only_unless_the_environment_differs():
     environment = {"PATH": "/bin", "ROS_STATIC_PEERS": ""}
     assert stay_on_this_machine(environment)
     assert environment[RANGE] == "LOCALHOST"
@@ -168,14 +166,14 @@ def test_a_node_communicates_on_this_machine_only_unless_the_environment_differs
         assert told == {name: "SUBNET"}
 
 
-def test_ros_uses_the_default_discovery_range(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ros_uses_the_default_discovery_range(monkeypatch):
     for name in REACH:
         monkeypatch.delenv(name, raising=False)
     with ros_context(["x"]):
         assert (os.environ[RANGE], rclpy.ok()) == ("LOCALHOST", True)
 
 
-def test_the_policy_is_of_the_form_that_sros2_reads() -> None:
+def test_the_policy_is_of_the_form_that_sros2_reads():
     policy = ElementTree.parse(POLICY).getroot()
     assert (policy.tag, policy.attrib) == ("policy", {"version": "0.2.0"})
     enclaves = policy.findall("./enclaves/enclave")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -74,9 +73,7 @@ def declared(context: Context, name: str, *words: str, **given: Any) -> dict[str
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_the_parameter_file_declares_the_table_at_its_defaults(
-    name: str, context: Context, tmp_path: Path
-) -> None:
+def test_the_parameter_file_declares_the_table_at_its_defaults(name, context, tmp_path):
     text = parameter_file(name, TABLES[name])
     (tmp_path / "given.yaml").write_text(text)
     values = declared(context, name, "--ros-args", "--params-file", str(tmp_path / "given.yaml"))
@@ -105,21 +102,19 @@ def test_the_parameter_file_declares_the_table_at_its_defaults(
         ({"mode": "maybe"}, UsageError),
     ],
 )
-def test_values_outside_the_table_are_refused(
-    given: dict[str, Any], error: type[Exception], context: Context
-) -> None:
+def test_values_outside_the_table_are_refused(given, error, context):
     with pytest.raises(error):
         declared(context, "made_up", **given)
 
 
-def test_integers_are_taken_for_doubles(context: Context) -> None:
+def test_integers_are_taken_for_doubles(context):
     values = declared(context, "made_up", share=1, numbers=[1, 2], names=["c"], count=0)
     assert values == {
         "count": 0, "share": 1.0, "names": ["c"], "mode": "on", "numbers": [1.0, 2.0],
     }  # fmt: skip
 
 
-def test_unknown_names_on_the_command_line_are_refused() -> None:
+def test_unknown_names_on_the_command_line_are_refused():
     def check(*rules: str) -> None:
         flags = [word for rule in rules for word in ("-p", rule)]
         refuse_unknown_parameters(["rig", "--ros-args", *flags], TABLES["rig"])

@@ -1,9 +1,6 @@
 """What ``markers`` and ``view`` show of joint angles and of the age of tensions."""
 
-from __future__ import annotations
-
 from math import pi
-from pathlib import Path
 
 import numpy as np
 from cdrj_msgs.msg import CableTensions
@@ -44,7 +41,7 @@ TURNED = 2.75 + 2.7 * np.cos(np.linspace(0.0, 2.0 * pi, STEPS))
 READING = np.remainder(0.3 - TURNED, 2.0 * pi)
 
 
-def test_a_shown_angle_is_the_estimators_to_the_bit(ros: None, tmp_path: Path) -> None:
+def test_a_shown_angle_is_the_estimators_to_the_bit(ros, tmp_path):
     """``markers`` and ``view`` hear by the same ``Inputs``, which pass over what is no angle."""
     path = tmp_path / "turning.yaml"
     path.write_text(TEXT, encoding="utf-8")
@@ -66,7 +63,7 @@ def test_a_shown_angle_is_the_estimators_to_the_bit(ros: None, tmp_path: Path) -
     np.testing.assert_array_equal(shown, [sample.joint_angle[0] for sample in samples])
 
 
-def test_tensions_are_shown_as_stale_unless_they_are_heard(ros: None, tmp_path: Path) -> None:
+def test_tensions_are_shown_as_stale_unless_they_are_heard(ros, tmp_path):
     path = tmp_path / "turning.yaml"
     path.write_text(TEXT, encoding="utf-8")
     node = MarkersNode(parameter_overrides=[Parameter("robot", value=str(path))])

@@ -1,7 +1,5 @@
 """How a process of a node starts: where it logs, and how it is scheduled."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -33,9 +31,7 @@ def _run(**environment: str) -> subprocess.CompletedProcess[str]:
         ({"HOME": "/dev/null/home"}, "/dev/null is not a folder"),
     ],
 )
-def test_without_a_place_for_log_files_a_node_runs_and_says_so(
-    environment: dict[str, str], reason: str
-) -> None:
+def test_without_a_place_for_log_files_a_node_runs_and_says_so(environment, reason):
     done = _run(**environment)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["True"]

@@ -1,7 +1,5 @@
 """``view`` in a headless Chromium: colours, curves, sliders, buttons, and a lost estimator."""
 
-from __future__ import annotations
-
 import io
 import signal
 import subprocess
@@ -158,7 +156,7 @@ def page(scene: Scene) -> Scene:
     return scene
 
 
-def test_nothing_is_subscribed_or_drawn_before_a_browser_comes(scene: Scene) -> None:
+def test_nothing_is_subscribed_or_drawn_before_a_browser_comes(scene):
     ticks = scene.view.get_clock().now()
     drawn = scene.view.page.pictures
     while (scene.view.get_clock().now() - ticks).nanoseconds < 300_000_000:
@@ -167,7 +165,7 @@ def test_nothing_is_subscribed_or_drawn_before_a_browser_comes(scene: Scene) -> 
     assert scene.view.page.pictures == drawn
 
 
-def test_the_page_loads_and_says_what_it_shows(page: Scene) -> None:
+def test_the_page_loads_and_says_what_it_shows(page):
     wait_for(lambda: "cdrj_ros · finger" in page.text(), "the title")
     wait_for(lambda: "Estimating" in page.text(), "the state")
     assert "deep/1" in page.text()
@@ -175,7 +173,7 @@ def test_the_page_loads_and_says_what_it_shows(page: Scene) -> None:
     assert page.browser.find_elements("tag name", "canvas")
 
 
-def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page: Scene) -> None:
+def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page):
     def colour_is(wanted: tuple[float, float, float]) -> Callable[[], bool]:
         expected = tuple(round(255.0 * part) for part in wanted)
         handles = page.view.page.drawing.cables
@@ -201,7 +199,7 @@ def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page: Scene) ->
     page.tension = 18.0
 
 
-def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
+def test_a_click_on_a_cable_plots_it(page):
     from selenium.webdriver import ActionChains
 
     view = page.view.page
@@ -223,7 +221,7 @@ def test_a_click_on_a_cable_plots_it(page: Scene) -> None:
     wait_for(lambda: f"Element {wanted}" in page.text(), "the plot's words")
 
 
-def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
+def test_a_slider_changes_the_parameter_of_the_estimator(page):
     from selenium.webdriver import Keys
 
     client = page.user.create_client(GetParameters, "/cdrj/estimator/get_parameters")
@@ -242,13 +240,13 @@ def test_a_slider_changes_the_parameter_of_the_estimator(page: Scene) -> None:
     assert page.browser.execute_script(FIELD, "preload deep [N]"), "a unit is in the label"
 
 
-def test_a_refusal_is_shown_in_words(page: Scene) -> None:
+def test_a_refusal_is_shown_in_words(page):
     button = page.browser.find_element("xpath", "//button[.//*[text()='tare'] or text()='tare']")
     page.browser.execute_script("arguments[0].scrollIntoView(); arguments[0].click();", button)
     wait_for(lambda: "refused: nothing changed: no angles yet" in page.text(), "the refusal")
 
 
-def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page: Scene) -> None:
+def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page):
     def slider_is_disabled() -> bool:
         return bool(page.view.link.controls._sliders["friction.mu_c"].disabled)
 
@@ -264,7 +262,7 @@ def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page: Scene) -
     wait_for(lambda: field.get_attribute("value") == "0.12", "the value of the new estimator")
 
 
-def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:
+def test_the_subscriptions_end_with_the_last_browser(page):
     page.browser.close()
     wait_for(lambda: not page.view.inputs.listening, "the end of the subscriptions")
     drawn = page.view.page.pictures
@@ -272,7 +270,7 @@ def test_the_subscriptions_end_with_the_last_browser(page: Scene) -> None:
     assert page.view.page.pictures == drawn
 
 
-def test_a_number_box_has_the_digits_that_it_has_room_for() -> None:
+def test_a_number_box_has_the_digits_that_it_has_room_for():
     gui = MagicMock()
     limits = SliderRange("p", "preload upper", "", "N", 0.0, 73.7, 14.38812)
     controls = Controls(gui, [limits], print, {})
@@ -284,7 +282,7 @@ def test_a_number_box_has_the_digits_that_it_has_room_for() -> None:
     assert gui.add_slider.return_value.value == 73.7
 
 
-def test_sliders_of_preloads_end_at_a_round_number() -> None:
+def test_sliders_of_preloads_end_at_a_round_number():
     """It stands at the slider, where a fitted preload would have nine digits."""
     model = cdrj.load("prototype", {"cables.upper.preload": 27.11322})
     assert [one.high for one in slider_ranges(model)[:2]] == [110.0, 110.0]

@@ -1,7 +1,5 @@
 """``watch`` as a user runs it: in a pipe, in a terminal, once; and what it notes."""
 
-from __future__ import annotations
-
 import os
 import pty
 import re
@@ -10,7 +8,6 @@ import subprocess
 import time
 from collections.abc import Callable
 from io import StringIO
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -57,8 +54,8 @@ def source(node: Any) -> Source:
 
 
 def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_0(
-    start_executable: Any, source: Source, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    start_executable, source, monkeypatch
+):
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")  # what it lacks is escaped
     source.message.name[0] = "über/1"
     process = start_executable("watch", "--once", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -71,9 +68,7 @@ def test_once_prints_one_table_in_the_encoding_of_its_output_and_ends_with_code_
     assert "\x1b" not in output
 
 
-def test_a_pipe_gets_lines_and_ctrl_c_ends_it(
-    start_executable: Any, source: Source, tmp_path: Path
-) -> None:
+def test_a_pipe_gets_lines_and_ctrl_c_ends_it(start_executable, source, tmp_path):
     reader, writer = os.pipe()
     errors = tmp_path / "errors"
     with errors.open("wb") as stream:
@@ -88,7 +83,7 @@ def test_a_pipe_gets_lines_and_ctrl_c_ends_it(
     assert errors.read_text() == "watch: interrupted\n"
 
 
-def test_a_terminal_gets_a_table_and_its_cursor_back(start_executable: Any, source: Source) -> None:
+def test_a_terminal_gets_a_table_and_its_cursor_back(start_executable, source):
     ours, theirs = pty.openpty()
     try:
         process = start_executable("watch", stdout=theirs, stderr=theirs)
@@ -127,7 +122,7 @@ class Looking:
         assert self.bench.until(lambda: words in self.node.head()), self.node.head()
 
 
-def test_it_says_why_no_message_arrives(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_says_why_no_message_arrives(bench, monkeypatch):
     watch = Looking(bench, monkeypatch)
     watch.says("no publisher of /cdrj/tensions; no other CableTensions in ROS_DOMAIN_ID ")
     Source(bench.node, "/left/cdrj/tensions")
@@ -136,9 +131,7 @@ def test_it_says_why_no_message_arrives(bench: Bench, monkeypatch: pytest.Monkey
     watch.says("nothing from /bench on /cdrj/tensions")
 
 
-def test_what_cannot_be_shown_is_invalid_and_what_is_old_is_stale(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_shown_is_invalid_and_what_is_old_is_stale(bench, monkeypatch):
     watch, source = Looking(bench, monkeypatch), Source(bench.node)
     source.message.name.append("odd/1")  # without a value
     assert watch.flags(source, 1) == [INVALID]
@@ -149,9 +142,7 @@ def test_what_cannot_be_shown_is_invalid_and_what_is_old_is_stale(
     watch.says("nothing from /bench on /cdrj/tensions")
 
 
-def test_escapes_in_names_reach_no_terminal_and_no_log(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_escapes_in_names_reach_no_terminal_and_no_log(bench, monkeypatch):
     watch, source = Looking(bench, monkeypatch), Source(bench.node)
     source.message.name[0] = "\x1b]0;[red]evil[/red]\x07/1"
     source.message.status = [64, INVALID | UNSURE]  # no version knows the first flag

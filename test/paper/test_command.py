@@ -1,9 +1,6 @@
 """The commands of examples/paper: outputs, refusals, and Ctrl-C."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +22,7 @@ def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
         assert word in error
 
 
-def test_the_command_writes_every_figure_and_the_tables(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_writes_every_figure_and_the_tables(tmp_path, capsys, monkeypatch):
     from examples.paper import figures
 
     monkeypatch.setattr(figures, "STYLE", {**figures.STYLE, "savefig.dpi": 40})
@@ -45,9 +40,7 @@ def test_the_command_writes_every_figure_and_the_tables(
 
 
 @pytest.mark.parametrize("name", ["tables.md", "fig09_rho.png"])
-def test_earlier_results_are_replaced_only_with_force(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_earlier_results_are_replaced_only_with_force(tmp_path, capsys, monkeypatch, name):
     monkeypatch.setattr(paper, "work", lambda *_, **__: pytest.fail("ran before the refusal"))
     (tmp_path / name).write_text("kept")
     (tmp_path / "other.txt").write_text("kept")
@@ -58,7 +51,7 @@ def test_earlier_results_are_replaced_only_with_force(
         paper.main(["--out", str(tmp_path), "--force"])
 
 
-def test_the_equations_hold_on_the_sample_bag(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_equations_hold_on_the_sample_bag(capsys):
     with np.printoptions():
         equations.main()
     text = capsys.readouterr().out

@@ -1,7 +1,5 @@
 """The load of a rolling joint against Lagrange's equations, its strands against virtual work."""
 
-from __future__ import annotations
-
 from dataclasses import astuple
 
 import numpy as np
@@ -42,7 +40,7 @@ def lagrange() -> np.ndarray:
     return np.array(sympy.lambdify((x, v, a), plain, "numpy")(ANGLES, SPEEDS, ACCELERATIONS))
 
 
-def test_energies_and_torque_are_those_of_lagrange() -> None:
+def test_energies_and_torque_are_those_of_lagrange():
     kinetic, potential, torque = lagrange()
     load = rolling_load(*NUMBERS)
     np.testing.assert_allclose(kinetic_energy(load, ANGLES, SPEEDS), kinetic, rtol=1e-12)
@@ -52,19 +50,19 @@ def test_energies_and_torque_are_those_of_lagrange() -> None:
     )
 
 
-def test_the_load_of_the_rig_is_the_rolling_joint_of_the_source() -> None:
+def test_the_load_of_the_rig_is_the_rolling_joint_of_the_source():
     assert astuple(rolling_load()) == pytest.approx(astuple(make_load("rolling")), rel=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_amplification_keeps_the_work_and_gives_n_squared_the_stiffness(count: int) -> None:
+def test_amplification_keeps_the_work_and_gives_n_squared_the_stiffness(count):
     tension, travel = 17.0, 2e-3
     pull, stiffness, moved = Strands(count).output(tension, tension / travel, travel)
     assert pull * moved == pytest.approx(tension * travel)
     assert stiffness == pytest.approx(pull / moved) == count**2 * tension / travel
 
 
-def test_torque_is_the_virtual_work_of_the_strands() -> None:
+def test_torque_is_the_virtual_work_of_the_strands():
     strands, small = Strands(4, width=0.07), 1e-6
     upper, lower = 4 * 55.0, 4 * 31.0
     up, down = (

@@ -1,8 +1,6 @@
 """All tensions of a cable from a known one: equal to the truth where the cable slips, intervals
 where it may be stuck."""
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np
@@ -34,8 +32,8 @@ def swept() -> Run:
 
 @pytest.mark.parametrize("element", ["upper/8", "upper/1", "upper/4", "lower/6"])
 def test_any_element_gives_all_the_others_where_every_pulley_slides_and_bounds_elsewhere(
-    swept: Run, element: str
-) -> None:
+    swept, element
+):
     model, samples, estimates = swept
     layout = model.layout
     tension = estimates.values[:, layout.tension]

@@ -1,7 +1,5 @@
 """Equation (44): rho comes back from recordings of the simulated rig."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -68,7 +66,7 @@ def recording() -> Simulated:
 
 
 @pytest.mark.parametrize("cable", RHO)
-def test_the_rho_of_the_source_are_recovered(cable: str) -> None:
+def test_the_rho_of_the_source_are_recovered(cable):
     rig = recording()
     known = KnownTension(f"{cable}/8", rig.said[f"tension/{cable}/8"], NOISE)
     force = rig.said[f"nodal_force/{cable}/3"]
@@ -83,7 +81,7 @@ def test_the_rho_of_the_source_are_recovered(cable: str) -> None:
     assert again.rms < 1e-3
 
 
-def test_data_that_do_not_determine_rho_are_refused() -> None:
+def test_data_that_do_not_determine_rho_are_refused():
     rig = recording()
     known = KnownTension("upper/8", rig.said["tension/upper/8"], 0.02)
     force = rig.said["nodal_force/upper/3"]

@@ -1,7 +1,5 @@
 """K of (28): the derivative of the forces, a rotation of the whole, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -78,16 +76,14 @@ def differences(chain: Chain, eta: np.ndarray, exact: bool) -> np.ndarray:
 @pytest.mark.parametrize("exact", [True, False], ids=["exact", "linear"])
 @pytest.mark.parametrize("dimensions", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_matrix_is_the_negative_derivative_of_forces_and_imbalances(
-    seed: int, dimensions: int, exact: bool
-) -> None:
+def test_the_matrix_is_the_negative_derivative_of_forces_and_imbalances(seed, dimensions, exact):
     chain = Chain(seed, dimensions=dimensions)
     matrix = chain.matrix(chain.transmission, exact).matrix
     expected = -differences(chain, chain.transmission, exact)
     np.testing.assert_allclose(matrix, expected, atol=1e-7 * np.abs(expected).max())
 
 
-def test_a_rotation_turns_the_forces_and_gives_none() -> None:
+def test_a_rotation_turns_the_forces_and_gives_none():
     chain = Chain(8)
     n, _ = chain.shape
     spin = np.array([0.3, -0.7, 0.5])

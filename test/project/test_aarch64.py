@@ -4,8 +4,6 @@ The core is cross-compiled without its bindings, as for a Raspberry Pi or a Jets
 emulator.  Its own arithmetic has the same bits; functions of the C library may differ in the last.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -55,7 +53,7 @@ def program() -> Path:
 
 @pytest.mark.skipif(sys.byteorder != "little", reason="the program reads little-endian numbers")
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
-def test_aarch64_gives_the_numbers_of_this_processor(program: Path, path: Path) -> None:
+def test_aarch64_gives_the_numbers_of_this_processor(program, path):
     model = prepare(load_robot(path))
     robot = model.robot
     time = np.linspace(0.0, 0.2, SAMPLES)[:, None]

@@ -1,7 +1,5 @@
 """The public interface: its names, its page, and estimates that equal those of everything else."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re
@@ -9,7 +7,6 @@ import subprocess
 import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,7 +60,7 @@ def imported(tree: ast.AST) -> set[str]:
     return {name for name in found if name.startswith("cdrj_ros.")}
 
 
-def test_every_public_name_is_listed_typed_found_and_on_the_page() -> None:
+def test_every_public_name_is_listed_typed_found_and_on_the_page():
     typed = {
         alias.name
         for node in ast.walk(ast.parse(DOOR.read_text("utf-8")))
@@ -82,7 +79,7 @@ def test_every_public_name_is_listed_typed_found_and_on_the_page() -> None:
     assert all(name in page for name in flags)
 
 
-def test_importing_the_package_imports_nothing_else() -> None:
+def test_importing_the_package_imports_nothing_else():
     code = (
         "import sys; before = set(sys.modules); import cdrj_ros; print(*set(sys.modules) - before)"
     )
@@ -90,7 +87,7 @@ def test_importing_the_package_imports_nothing_else() -> None:
     assert set(done.stdout.split()) <= {"__future__", "cdrj_ros"}
 
 
-def test_examples_and_pages_import_only_public_names() -> None:
+def test_examples_and_pages_import_only_public_names():
     programs = {
         str(path.relative_to(ROOT)): path.read_text("utf-8")
         for path in (ROOT / "examples").glob("*.py")
@@ -105,7 +102,7 @@ def test_examples_and_pages_import_only_public_names() -> None:
             if (found := imported(ast.parse(text)))} == {}  # fmt: skip
 
 
-def test_the_page_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_runs_as_printed(tmp_path, monkeypatch):
     """Its blocks in order, each with the output that follows it; one draws a picture."""
     import matplotlib as mpl
 
@@ -138,9 +135,7 @@ def in_order_of_arrival(recording: cdrj.Recording) -> list[tuple[str, str, int, 
     return [reading[1:] for reading in sorted(readings, key=lambda reading: reading[0])]
 
 
-def test_updates_give_the_estimates_of_validate_bit_for_bit(
-    model: cdrj.Model, recording: cdrj.Recording, offline: Offline
-) -> None:
+def test_updates_give_the_estimates_of_validate_bit_for_bit(model, recording, offline):
     estimator = cdrj.Estimator(model)
     found: list[cdrj.Estimate] = []
     for kind, name, stamp_ns, value in in_order_of_arrival(recording):
@@ -161,9 +156,7 @@ def test_updates_give_the_estimates_of_validate_bit_for_bit(
     assert 0.0 < unsure[~slipped].mean() < 0.5
 
 
-def test_arrays_give_the_estimates_of_validate_bit_for_bit(
-    model: cdrj.Model, recording: cdrj.Recording, offline: Offline
-) -> None:
+def test_arrays_give_the_estimates_of_validate_bit_for_bit(model, recording, offline):
     motor, joint = recording.motors["winch"], recording.joints["elbow"]
     found = cdrj.estimate(
         model, motor.stamp_ns, motor.value, {"elbow": joint.value}, joint_stamp_ns=joint.stamp_ns
@@ -187,15 +180,13 @@ def test_arrays_give_the_estimates_of_validate_bit_for_bit(
         ({"joints": {"elbow": np.zeros(3)}}, r"elbow must have one value per stamp, 2"),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused_with_what_is_allowed(
-    model: cdrj.Model, change: dict[str, Any], message: str
-) -> None:
+def test_arrays_that_do_not_fit_are_refused_with_what_is_allowed(model, change, message):
     given = {"stamp_ns": [1, 2], "motors": np.zeros(2), "joints": np.zeros(2)} | change
     with pytest.raises(cdrj.UsageError, match=message):
         cdrj.estimate(model, **given)
 
 
-def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_counted() -> None:
+def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_counted():
     stamps = FIRST_NS + np.arange(200) * 1_000_000
     angle = 0.1 * np.sin(0.01 * np.arange(200))
     broken = 8.0 * angle  # as far as the joint turns
@@ -223,7 +214,7 @@ def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_
         cdrj.load("prototype", {"cables.upper.preloads": 50.0})
 
 
-def test_a_joint_without_encoder_is_estimated_from_efforts() -> None:
+def test_a_joint_without_encoder_is_estimated_from_efforts():
     model = without_encoder("finger", "pip")
     samples = motion(model, 600)
     _, efforts = truth_of(model, samples)

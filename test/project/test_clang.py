@@ -1,7 +1,5 @@
 """The core is C++20 as Clang reads it, too."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 
@@ -14,7 +12,7 @@ SOURCES = sorted(
 
 
 @pytest.mark.skipif(shutil.which("clang++") is None, reason="Clang is not installed")
-def test_clang_takes_the_core_without_a_warning() -> None:
+def test_clang_takes_the_core_without_a_warning():
     command = ["clang++", "-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", "-Werror"]
     done = subprocess.run(
         [*command, *map(str, SOURCES)], check=False, capture_output=True, text=True

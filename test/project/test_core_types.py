@@ -1,7 +1,5 @@
 """The types of the compiled core, which a build writes, say what everything in it is for."""
 
-from __future__ import annotations
-
 import ast
 
 from support.places import ROOT
@@ -24,7 +22,7 @@ def undescribed(body: list[ast.stmt], of: str = "") -> list[str]:
     return found
 
 
-def test_all_of_the_core_is_described() -> None:
+def test_all_of_the_core_is_described():
     body = ast.parse(STUB.read_text(encoding="utf-8")).body
     written = {node.name for node in body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
     there = {name for name, one in vars(_core).items() if callable(one)}

@@ -1,11 +1,8 @@
 """The examples run and give correct results."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 from support.places import ROOT, SAMPLE
@@ -29,7 +26,7 @@ def without_ros(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_table_of_angles_becomes_a_table_of_tensions(tmp_path: Path) -> None:
+def test_a_table_of_angles_becomes_a_table_of_tensions(tmp_path):
     angles, tensions = tmp_path / "angles.csv", tmp_path / "tensions.csv"
     done = without_ros(angles, tensions, "--demo")
     assert done.returncode == 0, done.stderr
@@ -56,7 +53,7 @@ def test_a_table_of_angles_becomes_a_table_of_tensions(tmp_path: Path) -> None:
     assert float(rows[0]["upper/8 sigma"]) > float(last["upper/8 sigma"]) > 0.0
 
 
-def test_a_table_without_the_robots_columns_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_table_without_the_robots_columns_is_refused_in_one_line(tmp_path):
     angles = tmp_path / "angles.csv"
     angles.write_text("t,winch\n0,0\n")
     done = without_ros(angles, tmp_path / "tensions.csv")

@@ -1,7 +1,5 @@
 """The layouts for PlotJuggler, Foxglove and RViz name topics, fields and elements that exist."""
 
-from __future__ import annotations
-
 import re
 from xml.etree import ElementTree
 
@@ -23,14 +21,14 @@ def published(node: str) -> set[str]:
     return {t.text if t.text.startswith("/") else f"/cdrj/{t.text}" for t in topics if t.text}
 
 
-def test_the_layouts_of_curves_show_topics_that_are_published() -> None:
+def test_the_layouts_of_curves_show_topics_that_are_published():
     for name in ("plotjuggler_prototype.xml", "foxglove_prototype.json"):
         topics = {*re.findall(r"/cdrj/\w+", (FOLDER / name).read_text())}
         assert len(topics) > 1
         assert topics <= published("estimator")
 
 
-def test_the_curves_of_plotjuggler_are_numbers_and_names_of_the_messages() -> None:
+def test_the_curves_of_plotjuggler_are_numbers_and_names_of_the_messages():
     curves = ElementTree.parse(FOLDER / "plotjuggler_prototype.xml").findall(".//curve")
     shown = {curve.attrib["name"] for curve in curves}
     wanted = {f"/cdrj/efforts/{name}/effort" for name in LAYOUT.motors + LAYOUT.joints}
@@ -44,7 +42,7 @@ def test_the_curves_of_plotjuggler_are_numbers_and_names_of_the_messages() -> No
     assert shown == wanted
 
 
-def test_a_label_of_foxglove_is_the_name_of_the_entry_that_its_path_shows() -> None:
+def test_a_label_of_foxglove_is_the_name_of_the_entry_that_its_path_shows():
     text = (FOLDER / "foxglove_prototype.json").read_text()
     path = r'"value": "/cdrj/(\w+)\.(\w+)\[(\d+)\]",\s*"label": "(.*?)"'
     of = {"tensions": (LAYOUT.elements, CABLE_TENSIONS),
@@ -58,7 +56,7 @@ def test_a_label_of_foxglove_is_the_name_of_the_entry_that_its_path_shows() -> N
     assert shown == {name for names, _ in of.values() for name in names}
 
 
-def test_rviz_shows_the_markers_in_their_default_frame() -> None:
+def test_rviz_shows_the_markers_in_their_default_frame():
     shown = yaml.safe_load((FOLDER / "markers.rviz").read_text())["Visualization Manager"]
     (cables,) = (one for one in shown["Displays"] if one["Class"].endswith("/MarkerArray"))
     assert cables["Topic"]["Value"] in published("markers")

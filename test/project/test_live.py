@@ -1,7 +1,5 @@
 """`make live` starts programs that exist, with a robot whose tensions a controller may use."""
 
-from __future__ import annotations
-
 import os
 import runpy
 import signal
@@ -18,7 +16,7 @@ from cdrj_ros.robot.writer import exact_copy
 LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))
 
 
-def test_every_program_exists_and_gets_the_robot(tmp_path: Path) -> None:
+def test_every_program_exists_and_gets_the_robot(tmp_path):
     robot = exact_copy(robot_path("finger"), tmp_path)
     started = LIVE["commands"](robot)
     assert list(started) == ["rig", "estimator", "view", "compare", "swing", "keep_taut"]
@@ -34,7 +32,7 @@ def test_every_program_exists_and_gets_the_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGHUP])
-def test_no_program_is_left_behind(by: signal.Signals) -> None:
+def test_no_program_is_left_behind(by):
     child = "import os, time; print(os.getpid(), flush=True); time.sleep(60)"
     lines = (
         "import runpy, signal, sys",

@@ -1,7 +1,5 @@
 """The example that gives a MuJoCo model's tendon friction."""
 
-from __future__ import annotations
-
 import runpy
 
 import numpy as np
@@ -21,9 +19,7 @@ def runs() -> dict[float, np.ndarray]:
     return {friction: EXAMPLE["loop"](friction, periods=2) for friction in (0.0, 0.15)}
 
 
-def test_without_friction_the_drums_work_is_what_the_joints_damping_takes(
-    runs: dict[float, np.ndarray],
-) -> None:
+def test_without_friction_the_drums_work_is_what_the_joints_damping_takes(runs):
     rows = runs[0.0]
     speed = np.gradient(rows[:, 1], TIMESTEP_S)
     damped = DAMPING * float(np.sum(speed**2)) * TIMESTEP_S
@@ -31,9 +27,7 @@ def test_without_friction_the_drums_work_is_what_the_joints_damping_takes(
     assert np.allclose(rows[:, 3], rows[:, -1], rtol=1e-9)
 
 
-def test_with_friction_the_tensions_differ_by_the_capstan_ratio_in_both_directions(
-    runs: dict[float, np.ndarray],
-) -> None:
+def test_with_friction_the_tensions_differ_by_the_capstan_ratio_in_both_directions(runs):
     rows = runs[0.15]
     ratio = rows[:, 3] / rows[:, -1]
     wrap = np.log(ratio.max()) / 0.15

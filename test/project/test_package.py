@@ -20,18 +20,18 @@ def requirement_names(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("folder", [ROOT, MESSAGES])
-def test_both_packages_carry_the_version_of_the_library(folder: Path) -> None:
+def test_both_packages_carry_the_version_of_the_library(folder):
     manifest = ElementTree.parse(folder / "package.xml").getroot()
     assert manifest.findtext("version") == cdrj_ros.__version__
 
 
 @pytest.mark.parametrize("name", ["build", "ros", "runtime", "view", "dev", "mujoco"])
-def test_every_requirement_is_pinned(name: str) -> None:
+def test_every_requirement_is_pinned(name):
     pinned = requirement_names(ROOT / "requirements" / "constraints.txt")
     assert requirement_names(ROOT / "requirements" / f"{name}.txt") <= pinned
 
 
-def test_both_messages_have_the_same_status_flags_of_one_bit_each() -> None:
+def test_both_messages_have_the_same_status_flags_of_one_bit_each():
     flags = [
         dict(
             re.findall(r"^uint8 (\w+)=(\d+)$", (MESSAGES / "msg" / name).read_text(), re.MULTILINE)
@@ -42,12 +42,12 @@ def test_both_messages_have_the_same_status_flags_of_one_bit_each() -> None:
     assert list(flags[0].values()) == ["0", "1", "2", "4", "8", "16"]
 
 
-def test_every_message_is_built() -> None:
+def test_every_message_is_built():
     listed = re.findall(r"msg/\w+\.msg", (MESSAGES / "CMakeLists.txt").read_text())
     assert sorted(listed) == sorted(f"msg/{path.name}" for path in MESSAGES.glob("msg/*.msg"))
 
 
-def test_a_command_handles_interrupts_before_it_imports_anything_slow() -> None:
+def test_a_command_handles_interrupts_before_it_imports_anything_slow():
     """Python's own traceback is printed until then."""
     program = (
         f"import sys; sys.path.insert(0, {str(ROOT)!r}); import cdrj_ros.commands.entry\n"

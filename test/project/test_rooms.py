@@ -1,7 +1,5 @@
 """The list of rooms in CONTRIBUTING.md agrees with the packages; only nodes need ROS."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path
@@ -56,7 +54,7 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def test_every_room_is_listed_and_no_module_is_outside_a_room() -> None:
+def test_every_room_is_listed_and_no_module_is_outside_a_room():
     found = {
         path.name.removesuffix(".py")
         for path in PACKAGE.iterdir()
@@ -67,7 +65,7 @@ def test_every_room_is_listed_and_no_module_is_outside_a_room() -> None:
     assert found == set(ROOMS)
 
 
-def test_a_module_imports_only_what_its_room_may() -> None:
+def test_a_module_imports_only_what_its_room_may():
     for path in modules():
         room = room_of(path)
         for name in imported(path):

@@ -1,7 +1,5 @@
 """A function fits a screen, or its docstring says why it does not."""
 
-from __future__ import annotations
-
 import ast
 
 from support.places import ROOT
@@ -14,7 +12,7 @@ FILES = sorted(
 )
 
 
-def test_a_function_is_short_or_its_docstring_gives_the_reason() -> None:
+def test_a_function_is_short_or_its_docstring_gives_the_reason():
     long = [
         f"{path}:{node.lineno} {node.name}"
         for path in FILES

@@ -1,10 +1,7 @@
 """Every tool of the repository finds the names that it imports, and says what it does."""
 
-from __future__ import annotations
-
 import runpy
 import sys
-from pathlib import Path
 
 import pytest
 from support.places import ROOT
@@ -13,7 +10,7 @@ TOOLS = sorted((ROOT / "tools").glob("*.py"))
 
 
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda path: path.name)
-def test_a_tool_finds_what_it_imports(tool: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tool_finds_what_it_imports(tool, monkeypatch):
     monkeypatch.syspath_prepend(tool.parent)
     monkeypatch.setattr(sys, "argv", [str(tool)])
     assert runpy.run_path(str(tool))["__doc__"]

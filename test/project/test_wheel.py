@@ -1,7 +1,5 @@
 """The wheel: built from the source archive, installed without ROS, and used."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -100,9 +98,7 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
     return Installation(wheel, folder, work / "elsewhere")
 
 
-def test_the_wheel_contains_the_commands_and_requires_what_they_import(
-    installation: Installation,
-) -> None:
+def test_the_wheel_contains_the_commands_and_requires_what_they_import(installation):
     with zipfile.ZipFile(installation.wheel) as archive:
         names = set(archive.namelist())
         (about,) = (name for name in names if name.endswith(".dist-info/METADATA"))
@@ -126,9 +122,7 @@ def test_the_wheel_contains_the_commands_and_requires_what_they_import(
     assert not {"estimator", "markers", "replay", "watch"} & scripts
 
 
-def test_every_command_loads_and_prints_its_help_without_ros(
-    installation: Installation,
-) -> None:
+def test_every_command_loads_and_prints_its_help_without_ros(installation):
     """All commands run in one process, because they share most imports."""
     program = (
         "from contextlib import suppress\n"
@@ -145,13 +139,11 @@ def test_every_command_loads_and_prints_its_help_without_ros(
     ]
 
 
-def test_the_installed_robots_are_found_by_name(installation: Installation) -> None:
+def test_the_installed_robots_are_found_by_name(installation):
     assert "hoist: 1 motor" in installation.run("check_robot", "hoist")
 
 
-def test_the_installed_library_reads_the_sample_bag_and_knows_its_messages(
-    installation: Installation,
-) -> None:
+def test_the_installed_library_reads_the_sample_bag_and_knows_its_messages(installation):
     program = (
         "import cdrj_ros, sys\n"
         "from importlib.metadata import version\n"

@@ -1,7 +1,5 @@
 """Recorded nodal forces are vectors only where their components say so."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +34,7 @@ def recorded(folder: Path, given: Arrays) -> Recording:
     return read_recording(folder / "bag", force_vectors=True)
 
 
-def test_components_that_give_their_magnitude_come_back_bit_for_bit(tmp_path: Path) -> None:
+def test_components_that_give_their_magnitude_come_back_bit_for_bit(tmp_path):
     read = recorded(tmp_path, arrays())
     assert list(read.references) == [
         "nodal_force/a/2", "nodal_force/a/3", "force_vector/a/2", "force_vector/a/3",
@@ -58,14 +56,14 @@ def test_components_that_give_their_magnitude_come_back_bit_for_bit(tmp_path: Pa
     ],
     ids=["empty", "zero", "not a number", "nothing but zero", "one empty"],
 )
-def test_a_reference_without_components_has_only_magnitudes(given: Arrays, tmp_path: Path) -> None:
+def test_a_reference_without_components_has_only_magnitudes(given, tmp_path):
     read = recorded(tmp_path, given)
     assert set(read.references) == {"nodal_force/a/2", "nodal_force/a/3"}
     assert read.notes == ()
     assert sum(read.malformed.values()) == 0
 
 
-def test_noise_of_both_and_a_slack_cable_do_not_contradict(tmp_path: Path) -> None:
+def test_noise_of_both_and_a_slack_cable_do_not_contradict(tmp_path):
     random = np.random.default_rng(5)
     slack = np.where(np.arange(COUNT)[:, None] < 10, 0.0, 1.0)
     force = slack[..., None] * FORCE
@@ -76,9 +74,7 @@ def test_noise_of_both_and_a_slack_cable_do_not_contradict(tmp_path: Path) -> No
     assert read.notes == ()
 
 
-def test_zero_beside_a_magnitude_is_left_out_and_named_and_zero_without_one_is_kept(
-    tmp_path: Path,
-) -> None:
+def test_zero_beside_a_magnitude_is_left_out_and_named_and_zero_without_one_is_kept(tmp_path):
     force, norm = FORCE.copy(), NORM.copy()
     force[7, 0] = 0.0
     force[8, 0], norm[8, 0] = 0.0, 0.0
@@ -92,7 +88,7 @@ def test_zero_beside_a_magnitude_is_left_out_and_named_and_zero_without_one_is_k
     assert note.startswith("force_vector/a/2: 1 forces with components of zero")
 
 
-def test_components_that_do_not_give_the_magnitude_are_no_vector(tmp_path: Path) -> None:
+def test_components_that_do_not_give_the_magnitude_are_no_vector(tmp_path):
     force = FORCE.copy()
     force[:, 0, 0] = 0.0  # a sensor that lacks an axis
     read = recorded(tmp_path, arrays(force))
@@ -104,9 +100,7 @@ def test_components_that_do_not_give_the_magnitude_are_no_vector(tmp_path: Path)
 
 
 @pytest.mark.parametrize("scalars", [(), ("force_x", "force_y", "force_z")])
-def test_a_bag_whose_own_definition_has_no_arrays_of_components_is_read(
-    make: Any, scalars: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_bag_whose_own_definition_has_no_arrays_of_components_is_read(make, scalars, tmp_path):
     kind, topics = "cdrj_msgs/msg/NodalForces", Topics()
     text = "std_msgs/Header header\nstring[] name\nfloat64[] magnitude\n"
     text += "".join(f"float64 {one}\n" for one in scalars)

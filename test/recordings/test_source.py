@@ -87,7 +87,7 @@ def _numbers(messages: Sequence[RawMessage]) -> list[int]:
     return [int.from_bytes(message.data, "little") for message in messages]
 
 
-def test_a_message_is_due_at_its_time_divided_by_the_rate() -> None:
+def test_a_message_is_due_at_its_time_divided_by_the_rate():
     playback = _playing([0, 1 * S, 2 * S], rate=4.0)
     assert _numbers(playback.take(0.0, 10)) == [0]
     assert playback.wait_s(0.1) == pytest.approx(0.15)
@@ -96,7 +96,7 @@ def test_a_message_is_due_at_its_time_divided_by_the_rate() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), inf, MIN_RATE / 2, MAX_RATE * 2])
-def test_an_invalid_rate_is_refused(rate: float) -> None:
+def test_an_invalid_rate_is_refused(rate):
     with pytest.raises(UsageError, match="rate must be in"):
         _playback([0], rate)
 
@@ -107,9 +107,7 @@ def test_an_invalid_rate_is_refused(rate: float) -> None:
     st.integers(1, 20),
     st.sampled_from([None, 0.1, 1.0, 50.0]),
 )
-def test_no_message_is_lost_repeated_out_of_order_or_early(
-    times: list[int], waits: list[float], at_most: int, rate: float | None
-) -> None:
+def test_no_message_is_lost_repeated_out_of_order_or_early(times, waits, at_most, rate):
     playback, now = _playing(times, rate), 0.0
     sent: list[int] = []
     position = playback.begin_ns
@@ -128,7 +126,7 @@ def test_no_message_is_lost_repeated_out_of_order_or_early(
 
 
 @pytest.mark.parametrize("rate", [1.0, None])
-def test_nothing_is_due_before_the_start(rate: float | None) -> None:
+def test_nothing_is_due_before_the_start(rate):
     playback = _playback([0, S], rate)
     assert not playback.take(1e9, 10)
     assert playback.wait_s(1e9) == inf

@@ -1,7 +1,5 @@
 """Logs without ROS: names, units and times of their columns, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -38,7 +36,7 @@ class Frame(dict[str, Any]):
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_a_csv_file_gives_the_readings_that_the_arrays_give(tmp_path: Path, delimiter: str) -> None:
+def test_a_csv_file_gives_the_readings_that_the_arrays_give(tmp_path, delimiter):
     columns = {"t": TIME, "other": TIME, "j": ELBOW, "m": WINCH}
     path = csv_of(tmp_path / "log.csv", columns, delimiter)
     one, other = (cdrj.read_table(source, **WHERE) for source in (path, columns))
@@ -49,7 +47,7 @@ def test_a_csv_file_gives_the_readings_that_the_arrays_give(tmp_path: Path, deli
     assert one.motors["winch"].stamp_ns[0] > 0
 
 
-def test_times_may_be_seconds_or_nanoseconds_and_these_stay_exact(tmp_path: Path) -> None:
+def test_times_may_be_seconds_or_nanoseconds_and_these_stay_exact(tmp_path):
     begin = 1_700_000_000_123_456_789
     exact = begin + 5_000_001 * np.arange(COUNT)
     path = csv_of(tmp_path / "log.csv", {"t": exact, "m": WINCH, "j": ELBOW})
@@ -60,13 +58,13 @@ def test_times_may_be_seconds_or_nanoseconds_and_these_stay_exact(tmp_path: Path
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])
-def test_times_in_another_unit_are_noted(factor: float) -> None:
+def test_times_in_another_unit_are_noted(factor):
     (note,) = cdrj.read_table({"t": factor * TIME, "m": WINCH, "j": ELBOW}, **WHERE).notes
     assert note.startswith(f"Rows are {factor * 0.005:.3g} s apart: column t must be in seconds")
     assert not cdrj.read_table({"t": TIME, "m": WINCH, "j": ELBOW}, **WHERE).notes
 
 
-def test_an_empty_cell_is_no_reading(tmp_path: Path) -> None:
+def test_an_empty_cell_is_no_reading(tmp_path):
     sparse = [repr(float(value)) if k % 3 == 0 else "" for k, value in enumerate(ELBOW)]
     path = csv_of(tmp_path / "log.csv", {"t": TIME, "m": WINCH, "j": sparse})
     read = cdrj.read_table(path, **WHERE)
@@ -74,7 +72,7 @@ def test_an_empty_cell_is_no_reading(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.joints["elbow"].value, ELBOW[::3])
 
 
-def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables() -> None:
+def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables():
     robot: Any = SimpleNamespace(
         axes=[SimpleNamespace(name="arm1_winch"), SimpleNamespace(name="arm1_elbow")],
         document={"prefix": "arm1_"}, effort_scale={"arm1_winch": 2.0},
@@ -99,9 +97,7 @@ def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables() -> None:
         ({"m": [*WINCH[:-1], "12,5"]}, "column m, row 500 is no number: '12,5'"),
     ],
 )
-def test_a_mistake_is_answered_in_one_line(
-    tmp_path: Path, change: dict[str, Any], words: str
-) -> None:
+def test_a_mistake_is_answered_in_one_line(tmp_path, change, words):
     columns = {"t": TIME, "m": WINCH, "j": ELBOW} | change
     columns = {name: column for name, column in columns.items() if column is not None}
     path = csv_of(tmp_path / "log.csv", columns, ";")
@@ -110,7 +106,7 @@ def test_a_mistake_is_answered_in_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_estimate_takes_a_frame_by_the_names_of_its_columns() -> None:
+def test_estimate_takes_a_frame_by_the_names_of_its_columns():
     """The order of columns does not count, and a missing one is named."""
     model = cdrj.load(PROTOTYPE)
     stamps = 1_000_000_000 + (1e9 * TIME).astype(np.int64)
@@ -122,7 +118,7 @@ def test_estimate_takes_a_frame_by_the_names_of_its_columns() -> None:
         cdrj.estimate(model, stamps, Frame(elbow=ELBOW, t=TIME), frame)
 
 
-def test_estimate_and_update_take_the_names_of_the_file_without_its_prefix() -> None:
+def test_estimate_and_update_take_the_names_of_the_file_without_its_prefix():
     text = PROTOTYPE.read_text("utf-8")
     model = prepare(parse_robot(f"prefix: arm1_\n{text}"))
     stamps = 1_000_000_000 + np.round(1e9 * TIME).astype(np.int64)
@@ -137,14 +133,14 @@ def test_estimate_and_update_take_the_names_of_the_file_without_its_prefix() -> 
     assert estimator.update(int(stamps[0]), {"winch": 0.0}, {"arm1_elbow": 0.0}) is not None
 
 
-def test_columns_that_cannot_be_those_of_the_robot_are_a_warning() -> None:
+def test_columns_that_cannot_be_those_of_the_robot_are_a_warning():
     model = cdrj.load("prototype")
     stamps = 10**9 + np.round(1e9 * TIME).astype(np.int64)
     with pytest.warns(UserWarning, match="the motors seem to be in degrees"):
         cdrj.estimate(model, stamps, np.degrees(0.1 * WINCH), 0.1 * ELBOW)
 
 
-def test_a_plot_has_the_last_element_of_every_cable_unless_told_otherwise() -> None:
+def test_a_plot_has_the_last_element_of_every_cable_unless_told_otherwise():
     model = cdrj.load(PROTOTYPE)
     stamps = 1_000_000_000 + (1e9 * TIME).astype(np.int64)
     found = cdrj.estimate(model, stamps, {"winch": WINCH}, {"elbow": ELBOW})

@@ -1,7 +1,5 @@
 """Synthetic comparisons similar to the prototype's: two cables, hysteresis, noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,9 +1,5 @@
 """Drawings agree with the geometry of the robot."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -53,7 +49,7 @@ def texts(figure: Figure) -> list[str]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_robot_is_drawn_with_its_names_and_numbers(name: str, tmp_path: Path) -> None:
+def test_a_robot_is_drawn_with_its_names_and_numbers(name, tmp_path):
     inspection = inspect_robot(prepare(load_robot(ROBOTS / f"{name}.yaml")))
     figure = draw_robot(inspection)
     found = texts(figure)
@@ -70,12 +66,12 @@ def test_a_robot_is_drawn_with_its_names_and_numbers(name: str, tmp_path: Path) 
     assert 300 <= height <= 2200
 
 
-def test_a_robot_of_both_kinds_shows_both() -> None:
+def test_a_robot_of_both_kinds_shows_both():
     figure = draw_robot(inspect_robot(prepare(parse_robot(MIXED))))
     assert {"by_spans", "by_positions"} <= set(texts(figure))
 
 
-def test_many_cables_have_the_colours_and_the_legend_of_their_parts() -> None:
+def test_many_cables_have_the_colours_and_the_legend_of_their_parts():
     figure = draw_robot(inspect_robot(load_model("hand")))
     (legend,) = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
@@ -89,7 +85,7 @@ def test_many_cables_have_the_colours_and_the_legend_of_their_parts() -> None:
     assert "the first 6 of 17 joints" in figure.get_suptitle()
 
 
-def test_drums_at_ends_that_are_cut_off_widen_no_picture_and_ticks_are_not_rounded() -> None:
+def test_drums_at_ends_that_are_cut_off_widen_no_picture_and_ticks_are_not_rounded():
     """Those of the wrist stand 0.4 m from an instrument of 20 mm."""
     figure = draw_robot(inspect_robot(prepare(load_robot(ROBOTS / "wrist.yaml"))))
     assert "cut off" in figure.get_suptitle()

@@ -1,7 +1,5 @@
 """The lines of a picture are those of its channel, thinned without loss of peaks and gaps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ def assert_line(axes: Axes, role: str, x: NDArray[np.float64], *rows: NDArray[np
 
 
 @pytest.mark.parametrize("part", [slice(None), slice(20, 50)])
-def test_estimate_recording_and_error_are_drawn_over_time_and_angle(part: slice) -> None:
+def test_estimate_recording_and_error_are_drawn_over_time_and_angle(part):
     series, errors = over_time(CHANNEL, 0, part).axes
     reference, estimate = CHANNEL.reference[part], CHANNEL.estimate[part]
     assert_line(series, "truth", TIME[part], reference)
@@ -43,7 +41,7 @@ def test_estimate_recording_and_error_are_drawn_over_time_and_angle(part: slice)
     assert_line(axes, "estimate", np.degrees(CHANNEL.angle[part]), estimate)
 
 
-def test_a_recording_of_few_reversals_is_not_drawn_twice() -> None:
+def test_a_recording_of_few_reversals_is_not_drawn_twice():
     """Its largest error is enlarged from reversal to reversal, which is the whole of it."""
     slow = replace(CHANNEL, angle=0.1 * TIME)
     fast = replace(CHANNEL, angle=0.2 * np.cos(50.0 * TIME))
@@ -56,7 +54,7 @@ def test_a_recording_of_few_reversals_is_not_drawn_twice() -> None:
     ]  # fmt: skip
 
 
-def test_a_missing_stretch_breaks_the_line_and_a_missing_sample_does_not() -> None:
+def test_a_missing_stretch_breaks_the_line_and_a_missing_sample_does_not():
     for missing, broken in ((slice(20, 40), 1), (slice(20, 21), 0)):
         kept = np.delete(np.arange(60), missing)
         columns = {n: getattr(CHANNEL, n)[kept] for n in ("stamp_ns", "angle", "estimate")}
@@ -66,7 +64,7 @@ def test_a_missing_stretch_breaks_the_line_and_a_missing_sample_does_not() -> No
 
 
 @pytest.mark.parametrize("n", [1, 2, 639, 640, 641, 60_000, 600_007])
-def test_the_envelope_keeps_the_peaks_of_every_bucket_in_few_points(n: int) -> None:
+def test_the_envelope_keeps_the_peaks_of_every_bucket_in_few_points(n):
     one, two = np.random.default_rng(n).normal(size=(2, n))
     kept = envelope(320, one)
     assert len(kept) <= 2 * 320 + 2

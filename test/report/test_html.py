@@ -1,11 +1,8 @@
 """The report is one small self-contained page with all names escaped."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,9 +39,7 @@ def written(inspection: Inspection, tmp_path_factory: pytest.TempPathFactory) ->
     return write
 
 
-def test_the_page_has_every_channel_is_well_formed_and_asks_no_network(
-    written: Callable[..., str], comparison: BagComparison
-) -> None:
+def test_the_page_has_every_channel_is_well_formed_and_asks_no_network(written, comparison):
     keys = key_channels([channel.name for channel in comparison.channels])
     names = {*keys, "tension/upper/1", "nodal_force/lower/2"}
     channels = tuple(channel for channel in comparison.channels if channel.name in names)
@@ -67,9 +62,7 @@ def test_the_page_has_every_channel_is_well_formed_and_asks_no_network(
 
 
 @pytest.mark.usefixtures("few_pictures")
-def test_a_low_r2_beside_a_small_error_is_explained(
-    written: Callable[..., str], comparison: BagComparison
-) -> None:
+def test_a_low_r2_beside_a_small_error_is_explained(written, comparison):
     stamps = np.arange(1, 1001, dtype=np.int64) * 1_000_000
     noise = 0.05 * np.random.default_rng(0).standard_normal((2, stamps.size))
     steady = compare(
@@ -91,9 +84,9 @@ NASTY = (
 
 
 def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
-    tmp_path: Path, comparison: BagComparison, inspection: Inspection,
-    written: Callable[..., str],
-) -> None:  # fmt: skip
+    tmp_path, comparison, inspection,
+    written
+):  # fmt: skip
     stamps = np.arange(50, dtype=np.int64) * 1_000_000
     values, nasty = np.sin(stamps * 1e-7), "".join(NASTY)
     name = f"tension/{nasty}/1"
@@ -128,9 +121,9 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
 
 
 def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(
-    written: Callable[..., str], made_up: Callable[..., BagComparison],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    written, made_up,
+    monkeypatch
+):  # fmt: skip
     random, bag = np.random.default_rng(3), made_up(seconds=60, per_cable=1)
     channels = tuple(
         replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in bag.channels
@@ -147,7 +140,7 @@ def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3])
-def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., str]) -> None:
+def test_a_page_is_made_from_hardly_any_samples(n, written):
     values = np.arange(n, dtype=np.float64)
     stamps = np.arange(n, dtype=np.int64) * 1_000_000
     channel = Channel("tension/a/1", "N", stamps, values, values, values, "rolling")
@@ -159,14 +152,12 @@ def test_a_page_is_made_from_hardly_any_samples(n: int, written: Callable[..., s
     assert ">force_vector/a/2 <" in page
 
 
-def test_a_page_without_channels_has_the_drawing_alone(written: Callable[..., str]) -> None:
+def test_a_page_without_channels_has_the_drawing_alone(written):
     assert written(BagComparison("a", 0.0, ())).count("<svg") == 1
 
 
 @pytest.mark.usefixtures("few_pictures")
-def test_of_many_channels_the_worst_are_shown_and_all_are_folded(
-    written: Callable[..., str],
-) -> None:
+def test_of_many_channels_the_worst_are_shown_and_all_are_folded(written):
     stamps = np.arange(1, 4, dtype=np.int64) * 1_000_000
     true = np.linspace(9.0, 10.0, 3)
     names = {f"tension/c{c}/{e}": 0.1 * e for c in range(25) for e in (1, 2)}
@@ -182,9 +173,7 @@ def test_of_many_channels_the_worst_are_shown_and_all_are_folded(
 
 
 @pytest.mark.usefixtures("few_pictures")
-def test_the_share_of_usable_tensions_stands_beside_the_errors(
-    made_up: Callable[..., BagComparison], written: Callable[..., str]
-) -> None:
+def test_the_share_of_usable_tensions_stands_beside_the_errors(made_up, written):
     bag = made_up(seconds=1)
     assert "Status OK" not in written(bag), "nothing is known without standard deviations"
     page = written(replace(bag, judged=300, ok=300), replace(bag, judged=100, ok=0))
@@ -193,7 +182,7 @@ def test_the_share_of_usable_tensions_stands_beside_the_errors(
     assert head.index("Status OK") > head.index("element tensions") > 0
 
 
-def test_the_first_number_of_a_quantity_is_an_error_with_its_coverage() -> None:
+def test_the_first_number_of_a_quantity_is_an_error_with_its_coverage():
     """R² of efforts that hardly vary tells nobody anything."""
     effort = ChannelError(100, 0.01, 0.02, 0.012, 0.03, -1.2, coverage=0.97, unit="N·m")
     (shown,) = html.key_numbers({"effort/winch": effort})

@@ -1,9 +1,6 @@
 """The JSON file contains the exact figures and never NaN."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +20,7 @@ def constant_channel(n: int) -> Channel:
     return Channel("effort/spindle", "N·m", stamps, zeros, zeros, np.full(n, np.nan), "")
 
 
-def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagComparison) -> None:
+def test_figures_survive_the_file_bit_for_bit(tmp_path, comparison):
     path = tmp_path / "figures.json"
     bags = errors_of([comparison, comparison])
     write_results(path, bags)
@@ -50,7 +47,7 @@ def test_figures_survive_the_file_bit_for_bit(tmp_path: Path, comparison: BagCom
 
 
 @pytest.mark.parametrize("n", [0, 1, 5])
-def test_undefined_figures_are_null(tmp_path: Path, n: int) -> None:
+def test_undefined_figures_are_null(tmp_path, n):
     path = tmp_path / "figures.json"
     write_results(path, errors_of([BagComparison("a", float("nan"), (constant_channel(n),))]))
     read = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)

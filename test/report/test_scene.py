@@ -1,7 +1,5 @@
 """A scene agrees with the geometry of the core, and its colours with tensions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ cables:
 """  # noqa: E501
 
 
-def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
+def test_a_drawn_cable_is_as_long_as_the_computed_one():
     model = prepare(parse_robot(ROBOT))
     for angle in (-0.2, 0.0, 0.25):
         paths = scene_of(model, np.array([angle])).elements
@@ -48,7 +46,7 @@ def test_a_drawn_cable_is_as_long_as_the_computed_one() -> None:
         assert corners.max() < 0.2
 
 
-def test_a_cable_given_by_tables_is_drawn_unrolled() -> None:
+def test_a_cable_given_by_tables_is_drawn_unrolled():
     model = load_model("prototype")
     scene = scene_of(model, np.zeros(1))
     lengths = [np.linalg.norm(np.diff(path, axis=0)) for path in scene.elements]
@@ -59,7 +57,7 @@ def test_a_cable_given_by_tables_is_drawn_unrolled() -> None:
     assert [body.kind for body in scene.bodies[7:9]] == ["pulley", "anchor"]
 
 
-def test_colours_run_from_slack_to_the_limit() -> None:
+def test_colours_run_from_slack_to_the_limit():
     assert tension_colour(0.0, 30.0, 120.0) == pytest.approx(SLACK_COLOUR)
     assert tension_colour(120.0, 30.0, 120.0) == pytest.approx(LIMIT_COLOUR)
     assert tension_colour(500.0, 30.0, 120.0) == pytest.approx(LIMIT_COLOUR)

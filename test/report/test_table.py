@@ -1,10 +1,6 @@
 """The table has the same content in a terminal and in a log file."""
 
-from __future__ import annotations
-
 import io
-
-import pytest
 
 from cdrj_ros.evaluation.metrics import NO_SAMPLES, ChannelError
 from cdrj_ros.report.table import (
@@ -22,7 +18,7 @@ ERRORS = {
 }
 
 
-def test_channels_are_grouped_by_quantity_with_their_mean_last() -> None:
+def test_channels_are_grouped_by_quantity_with_their_mean_last():
     tension, force, effort = table_groups(ERRORS)
     assert [group.title for group in (tension, force, effort)] == [
         "Tension [N]",
@@ -38,7 +34,7 @@ def test_channels_are_grouped_by_quantity_with_their_mean_last() -> None:
     assert effort.rows[0].cells == ("0.250", "2.10 %", "0.410", "1.200", "0.9810")
 
 
-def test_names_are_not_markup() -> None:
+def test_names_are_not_markup():
     from rich.console import Console
 
     stream = io.StringIO()
@@ -52,9 +48,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("TERM", "xterm")
     terminal, file, narrow = Terminal(), io.StringIO(), Terminal()
@@ -70,9 +64,7 @@ def test_a_terminal_gets_a_drawn_table_and_a_file_plain_text(
     assert narrow.getvalue() == plain(errors_table(ERRORS))
 
 
-def test_many_channels_are_shown_by_the_worst_element_of_every_cable(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_many_channels_are_shown_by_the_worst_element_of_every_cable(capsys):
     relative = {
         f"tension/c{c}/{e}": 0.01 * ((7 * c + 3 * e) % 20) for c in range(20) for e in (1, 2)
     }

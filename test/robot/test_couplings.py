@@ -1,7 +1,5 @@
 """A coupled joint equals the same robot with that joint measured, and work is kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.followers import assert_same_tensions_and_work
@@ -99,8 +97,8 @@ MAP = np.array([[1.0, 0.0], [0.0, 1.0], *SHARES.values()])
 
 
 def test_lengths_and_wraps_are_those_of_the_measured_robot_and_arms_follow_by_the_chain_rule(
-    coupled: Model, measured: Model
-) -> None:
+    coupled, measured
+):
     for seed in range(50):
         angles = np.random.default_rng(seed).uniform([-1.0, -0.8], [1.0, 0.8])
         one = shape_at(coupled, angles)
@@ -119,8 +117,8 @@ def test_lengths_and_wraps_are_those_of_the_measured_robot_and_arms_follow_by_th
     [([0], 1e-9, 1e-11), ([0, 1], 2e-3, 1e-4)],  # tables over other ranges have other grids
 )
 def test_tensions_are_those_of_the_measured_robot_and_the_efforts_do_the_same_work(
-    cables: list[int], effort: float, share: float, coupled: Model, measured: Model
-) -> None:
+    cables, effort, share, coupled, measured
+):
     coupled, measured = (
         prepare(build_robot(part_of(one.robot, cables), "part"), check_range=False)
         for one in (coupled, measured)
@@ -133,7 +131,7 @@ def test_tensions_are_those_of_the_measured_robot_and_the_efforts_do_the_same_wo
     )  # fmt: skip
 
 
-def test_a_joint_that_follows_one_and_the_multiplier_of_its_frame_are_the_same() -> None:
+def test_a_joint_that_follows_one_and_the_multiplier_of_its_frame_are_the_same():
     head = """
 name: x
 motors: []
@@ -152,11 +150,11 @@ cables:
         np.testing.assert_array_equal(found[0].lever_arm, found[1].lever_arm)
 
 
-def test_a_slide_that_is_coupled_to_a_hinge_leaves_it_a_hinge(coupled: Model) -> None:
+def test_a_slide_that_is_coupled_to_a_hinge_leaves_it_a_hinge(coupled):
     assert coupled.robot.prismatic_joints == frozenset()
 
 
-def test_shares_and_offsets_are_numbers_of_the_file_with_default_standard_deviations() -> None:
+def test_shares_and_offsets_are_numbers_of_the_file_with_default_standard_deviations():
     text = (FINGER % coupled_entries()).replace("uncertainty: {others: exact}\n", "")
     robot = parse_robot(text)
     assert find_number(robot.document, "joints.hinge.coupled.a").value == 0.7
@@ -174,14 +172,14 @@ def test_shares_and_offsets_are_numbers_of_the_file_with_default_standard_deviat
     assert "joints.hinge.reference_angle" not in stddev
 
 
-def test_a_prefix_stands_before_the_joints_that_move_a_coupled_one() -> None:
+def test_a_prefix_stands_before_the_joints_that_move_a_coupled_one():
     with prefix_given("left_"):
         robot = parse_robot(FINGER % coupled_entries())
     assert [joint.name for joint in robot.joints] == ["left_a", "left_b"]
     assert {frame.joint for frame in robot.frames} == {None, "left_a", "left_b"}
 
 
-def test_a_part_of_a_robot_keeps_the_coupled_joints_of_its_cables(coupled: Model) -> None:
+def test_a_part_of_a_robot_keeps_the_coupled_joints_of_its_cables(coupled):
     document = part_of(coupled.robot, [0])
     part = prepare(build_robot(document, "part"), check_range=False)
     angles = np.array([0.4, -0.3])
@@ -202,7 +200,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("entry", MISTAKES)
-def test_a_wrong_coupling_is_one_clear_line(entry: str) -> None:
+def test_a_wrong_coupling_is_one_clear_line(entry):
     text = (FINGER % coupled_entries()).replace("coupled: {a: 0.7, b: -0.4}", entry)
     text = text.replace("name: hinge", "name: c").replace("joint: hinge", "joint: c")
     with pytest.raises(RobotFileError) as error:
@@ -211,7 +209,7 @@ def test_a_wrong_coupling_is_one_clear_line(entry: str) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_a_sum_is_refused_where_it_would_not_be_linear() -> None:
+def test_a_sum_is_refused_where_it_would_not_be_linear():
     text = FINGER % coupled_entries()
     for change, message in (
         (("joint: one, origin", "joint: hinge, origin"),

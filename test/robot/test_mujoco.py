@@ -1,7 +1,5 @@
 """Imported tendons have MuJoCo's lengths and moment arms, in 1000 random poses of every model."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -124,7 +122,7 @@ def imported(xml: str, folder: Path, *more: str) -> Model:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_lengths_and_moment_arms_are_those_of_mujoco(name: str, tmp_path: Path) -> None:
+def test_lengths_and_moment_arms_are_those_of_mujoco(name, tmp_path):
     path = tmp_path / "model.xml"
     path.write_text(MODELS[name])
     found = COMPARING.compare(path, POSES)
@@ -185,9 +183,7 @@ FINGER = """
 """  # noqa: E501
 
 
-def test_motors_springs_and_couplings_are_those_of_the_model(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_motors_springs_and_couplings_are_those_of_the_model(tmp_path, capsys):
     model = imported(FINGER, tmp_path)
     robot = model.robot
     assert [motor.name for motor in robot.motors] == ["pull_it"]
@@ -229,7 +225,7 @@ def test_motors_springs_and_couplings_are_those_of_the_model(
     )
 
 
-def test_a_coupling_is_the_same_robot_with_its_joints_measured(tmp_path: Path) -> None:
+def test_a_coupling_is_the_same_robot_with_its_joints_measured(tmp_path):
     """MuJoCo's polynomials are those of changes since the model's pose, in which pip has 5 deg."""
     led = imported(FINGER, tmp_path)
 
@@ -263,22 +259,20 @@ def larger(xml: str, factor: float) -> str:
 
 @pytest.mark.parametrize("factor", [1, 10, 1000])
 def test_a_finger_of_metres_with_cables_of_millimetres_is_asked_for_its_unit(
-    factor: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    factor, tmp_path, capsys
+):
     model = imported(larger(FINGER, factor), tmp_path)
     assert ("are all lengths of the model in m?" in capsys.readouterr().out) == (factor > 1)
     doubts = [one.text for one in find_suspicions(inspect_robot(model))]
     assert any("are all lengths in m?" in text for text in doubts) == (factor == 1000)
 
 
-def test_cables_that_are_thick_as_well_are_asked_for_their_unit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_cables_that_are_thick_as_well_are_asked_for_their_unit(tmp_path, capsys):
     imported(larger(FINGER, 10).replace("<spatial ", '<spatial width="0.03" '), tmp_path)
     assert "60 mm thick: are all lengths of the model in m?" in capsys.readouterr().out
 
 
-def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path: Path) -> None:
+def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path):
     path = tmp_path / "finger.xml"
     path.write_text(FINGER)
     found = COMPARING.compare(path, 300)
@@ -316,9 +310,7 @@ HELD = """
 """  # noqa: E501
 
 
-def test_joints_that_an_equality_holds_are_none_and_what_is_lost_is_said_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_joints_that_an_equality_holds_are_none_and_what_is_lost_is_said_once(tmp_path, capsys):
     model = imported(HELD.replace("0 99", "7"), tmp_path)
     assert [one["name"] for one in model.robot.document["joints"]] == ["q", "before"]
     said = capsys.readouterr().out
@@ -338,9 +330,7 @@ def test_joints_that_an_equality_holds_are_none_and_what_is_lost_is_said_once(
     assert found.arm <= 1e-7
 
 
-def test_the_part_of_a_spring_that_is_not_linear_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_part_of_a_spring_that_is_not_linear_is_named(tmp_path, capsys):
     try:
         MUJOCO.MjModel.from_xml_string(HELD)
     except ValueError:
@@ -361,9 +351,7 @@ MEETING = """
 """  # noqa: E501
 
 
-def test_names_that_yaml_reads_otherwise_stay_names_and_points_that_meet_are_named(
-    tmp_path: Path,
-) -> None:
+def test_names_that_yaml_reads_otherwise_stay_names_and_points_that_meet_are_named(tmp_path):
     model = imported(MEETING, tmp_path)
     assert [cable.name for cable in model.robot.cables] == ["null"]
     assert [axis.name for axis in model.robot.axes] == ["on", "yes"]
@@ -373,7 +361,7 @@ def test_names_that_yaml_reads_otherwise_stay_names_and_points_that_meet_are_nam
     assert ": its ends coincide" in str(caught.value)
 
 
-def test_a_spring_has_the_force_of_mujoco_and_is_slack_below_its_length(tmp_path: Path) -> None:
+def test_a_spring_has_the_force_of_mujoco_and_is_slack_below_its_length(tmp_path):
     model = imported(FINGER, tmp_path)
     mujoco = pytest.importorskip("mujoco")
     mj = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
@@ -393,7 +381,7 @@ def test_a_spring_has_the_force_of_mujoco_and_is_slack_below_its_length(tmp_path
 
 
 @pytest.mark.skipif(SERIES == 3, reason="its rule for sides is another one")
-def test_sides_of_random_points_choose_the_way_of_mujoco(tmp_path: Path) -> None:
+def test_sides_of_random_points_choose_the_way_of_mujoco(tmp_path):
     draw = np.random.default_rng(7)
     sites, tendons = [], []
     for k in range(60):
@@ -445,8 +433,8 @@ WHEEL = """
 
 
 def test_a_rope_from_the_rim_of_a_wheel_is_that_of_mujoco_on_a_wheel_smaller_by_a_micrometre(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     (tmp_path / "rim").mkdir()
     on_rim = imported(WHEEL.format(radius=0.15), tmp_path / "rim")
     path = tmp_path / "model.xml"
@@ -462,7 +450,7 @@ def test_a_rope_from_the_rim_of_a_wheel_is_that_of_mujoco_on_a_wheel_smaller_by_
         )
 
 
-def test_poses_in_which_rounding_decides_in_mujoco_are_counted_and_left_out(tmp_path: Path) -> None:
+def test_poses_in_which_rounding_decides_in_mujoco_are_counted_and_left_out(tmp_path):
     """Its lengths jump there by up to 0.4 m; those here do not."""
     path = tmp_path / "rim.xml"
     path.write_text(WHEEL.format(radius=0.15))
@@ -477,8 +465,8 @@ def test_poses_in_which_rounding_decides_in_mujoco_are_counted_and_left_out(tmp_
 
 
 def test_a_turn_round_a_body_that_a_strand_does_not_cut_is_told_from_a_disagreement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     path = tmp_path / "free.xml"
     path.write_text(WHEEL.format(radius=0.14))
     without = COMPARING.Theirs.of
@@ -494,9 +482,7 @@ def test_a_turn_round_a_body_that_a_strand_does_not_cut_is_told_from_a_disagreem
     assert found.turns == 30
 
 
-def test_what_cannot_be_represented_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_represented_is_named(tmp_path, capsys):
     text = SITES.replace(
         "</tendon>",
         '<fixed name="sum"><joint joint="slide" coef="1"/></fixed>'
@@ -537,9 +523,7 @@ SUMS = """<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></wor
 </tendon></mujoco>"""
 
 
-def test_names_that_would_be_alike_are_told_apart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_names_that_would_be_alike_are_told_apart(tmp_path, capsys):
     """An actuator may have the name of a joint, and names may differ in a blank."""
     text = FINGER.replace('"pull it"', '"mcp"').replace('motor name="mcp"', 'motor name="other"')
     text = text.replace('"pip"', '"m cp"').replace('"dip"', '"m_cp"')
@@ -555,9 +539,7 @@ def test_names_that_would_be_alike_are_told_apart(
 
 
 @pytest.mark.parametrize(("scale", "doubted"), [(1.0, False), (100.0, True), (1000.0, True)])
-def test_a_model_whose_lengths_are_not_in_metres_is_suspected(
-    scale: float, doubted: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_whose_lengths_are_not_in_metres_is_suspected(scale, doubted, tmp_path, capsys):
     imported(
         '<mujoco><worldbody><site name="a"/><body><joint name="j" range="0 1"/>'
         f'<geom size="{0.01 * scale}"/><site name="b" pos="{0.11 * scale} 0 0"/></body></worldbody>'
@@ -588,9 +570,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_wrong_model_is_one_clear_line(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wrong_model_is_one_clear_line(name, tmp_path, capsys, monkeypatch):
     text, message = MISTAKES[name]
     monkeypatch.chdir(tmp_path)
     if text is not None:
@@ -604,9 +584,7 @@ def test_a_wrong_model_is_one_clear_line(
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
-def test_only_the_tendons_asked_for_are_imported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_the_tendons_asked_for_are_imported(tmp_path, capsys):
     robot = imported(SITES, tmp_path, "--tendons", "abcd")
     assert [cable.name for cable in robot.robot.cables] == ["abcd"]
     arguments = [str(tmp_path / "model.xml"), "--tendons", "x", "--out", str(tmp_path / "o.yaml")]

@@ -1,7 +1,5 @@
 """Access to numbers of a robot file by path, and replacement in its text."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields
 from math import pi
@@ -45,11 +43,11 @@ DOCUMENT = parse_document(TEXT, "prototype.yaml")
         ("joints.elbow.range.2", 40.0 * pi / 180.0),
     ],
 )
-def test_a_path_leads_to_a_number_in_si(path: str, value: float) -> None:
+def test_a_path_leads_to_a_number_in_si(path, value):
     assert number_at(DOCUMENT, path) == pytest.approx(value)
 
 
-def test_every_number_that_is_set_is_read_again() -> None:
+def test_every_number_that_is_set_is_read_again():
     values = {
         "friction.mu_c": 0.11,
         "cables.upper.friction.mu_c": 0.12,
@@ -68,7 +66,7 @@ def test_every_number_that_is_set_is_read_again() -> None:
     assert number_at(DOCUMENT, "friction.mu_c") == 0.15, "the document itself must not change"
 
 
-def test_a_star_forms_one_group_and_braces_form_one_group_each() -> None:
+def test_a_star_forms_one_group_and_braces_form_one_group_each():
     tied = matching_paths(DOCUMENT, "cables.*.preload")
     assert tied == (("cables.upper.preload", "cables.lower.preload"),)
     apart = matching_paths(DOCUMENT, "cables.{*}.preload")
@@ -96,14 +94,14 @@ def test_a_star_forms_one_group_and_braces_form_one_group_each() -> None:
         ("cables.*.nonsense", "has no 'nonsense'"),
     ],
 )
-def test_a_wrong_path_is_refused_with_the_existing_names(path: str, taught: str) -> None:
+def test_a_wrong_path_is_refused_with_the_existing_names(path, taught):
     with pytest.raises(UsageError) as caught:
         [find_number(DOCUMENT, one) for group in matching_paths(DOCUMENT, path) for one in group]
     assert taught in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_new_numbers_leave_every_other_line_of_the_text_as_it_was() -> None:
+def test_new_numbers_leave_every_other_line_of_the_text_as_it_was():
     values = {
         "friction.rho": 0.1114,
         "cables.upper.preload": 35.5,
@@ -122,7 +120,7 @@ def test_new_numbers_leave_every_other_line_of_the_text_as_it_was() -> None:
         assert number_at(document, path) == pytest.approx(value, rel=1e-6)
 
 
-def test_missing_numbers_are_written_at_their_place() -> None:
+def test_missing_numbers_are_written_at_their_place():
     values = {
         "cables.upper.friction.rho": 0.1,
         "cables.upper.friction.mu_c": 0.14,
@@ -138,7 +136,7 @@ def test_missing_numbers_are_written_at_their_place() -> None:
     assert {path: number_at(document, path) for path in values} == pytest.approx(values)
 
 
-def test_a_missing_number_that_is_set_to_its_default_needs_no_place() -> None:
+def test_a_missing_number_that_is_set_to_its_default_needs_no_place():
     values = {"motors.winch.reference_angle": 0.0, "cables.lower.preload": 20.0}
     text = with_numbers_in_text(TEXT, values, "prototype.yaml")
     assert number_at(parse_document(text, "x"), "motors.winch.reference_angle") == 0.0
@@ -146,7 +144,7 @@ def test_a_missing_number_that_is_set_to_its_default_needs_no_place() -> None:
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_flow_and_block_mappings_take_new_numbers(end: str) -> None:
+def test_flow_and_block_mappings_take_new_numbers(end):
     lines = [
         "name: x", "motors: [{name: m}]", "joints:", "  - name: j", "    range: [0, 1]  # r",
         "cables:", "- name: c", "  preload: 3   # p", "  axial_stiffness: 5", "  nodes:",
@@ -166,13 +164,13 @@ def test_flow_and_block_mappings_take_new_numbers(end: str) -> None:
     assert {path: number_at(document, path) for path in values} == pytest.approx(values)
 
 
-def test_a_change_of_a_number_with_an_alias_is_refused() -> None:
+def test_a_change_of_a_number_with_an_alias_is_refused():
     text = TEXT.replace("preload: 36.85 ", "preload: &p 36.85 ").replace("26.26", "*p")
     with pytest.raises(RobotFileError, match="alias"):
         with_numbers_in_text(text, {"cables.lower.preload": 20.0}, "x")
 
 
-def test_a_section_is_put_at_the_end_in_place_of_the_old_one() -> None:
+def test_a_section_is_put_at_the_end_in_place_of_the_old_one():
     once = with_section(
         TEXT, "uncertainty", "uncertainty:\n  parameters: [friction.rho]\n  stddev: [1]"
     )
@@ -187,7 +185,7 @@ def test_a_section_is_put_at_the_end_in_place_of_the_old_one() -> None:
     )
 
 
-def test_all_robot_files_can_be_written_with_their_own_numbers() -> None:
+def test_all_robot_files_can_be_written_with_their_own_numbers():
     for file in ROBOTS.glob("*.yaml"):
         text = file.read_text(encoding="utf-8")
         document = parse_document(text, str(file))
@@ -197,7 +195,7 @@ def test_all_robot_files_can_be_written_with_their_own_numbers() -> None:
 
 
 @pytest.mark.parametrize("kind", ["friction", "joint", "motor", "pulley", "anchor", "cable"])
-def test_the_defaults_of_the_schema_are_those_of_the_classes(kind: str) -> None:
+def test_the_defaults_of_the_schema_are_those_of_the_classes(kind):
     checked = 0
     values = {"friction": Friction, "joint": Sensor, "motor": Sensor, "pulley": Pulley,
               "anchor": Anchor, "cable": Cable}[kind]  # fmt: skip
@@ -219,9 +217,7 @@ def test_the_defaults_of_the_schema_are_those_of_the_classes(kind: str) -> None:
         ("cables.upper.preload", "[0, 1e+15]", (0.0, 1e15), (-1.0, float("inf"))),
     ],
 )
-def test_the_range_of_a_number_is_the_one_that_holds(
-    path: str, text: str, inside: tuple[float, ...], outside: tuple[float, ...]
-) -> None:
+def test_the_range_of_a_number_is_the_one_that_holds(path, text, inside, outside):
     allowed = allowed_range(find_number(DOCUMENT, path).rules)
     assert str(allowed) == text
     assert all(value in allowed for value in inside)

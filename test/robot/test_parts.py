@@ -1,10 +1,6 @@
 """Parts of a robot file: described once, used several times, each use with numbers of its own."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,13 +102,11 @@ cables:
 """  # noqa: E501
 
 
-def test_parts_expand_to_exactly_what_is_written_by_hand() -> None:
+def test_parts_expand_to_exactly_what_is_written_by_hand():
     assert parse_document(FINGER, "hand") == parse_document(BY_HAND, "hand")
 
 
-def test_check_robot_prints_the_file_with_its_parts_written_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_robot_prints_the_file_with_its_parts_written_out(tmp_path, capsys):
     file = tmp_path / "hand.yaml"
     file.write_text(FINGER, encoding="utf-8")
     assert main([str(file), "--expanded"]) == 0
@@ -135,12 +129,7 @@ cables:
     ("command", "argv"),
     [(commission.main, ["--robot"]), (identify.main, ["no.mcap", "--fit", "preload", "--robot"])],
 )
-def test_an_alias_is_refused_before_any_bag_is_read(
-    command: Callable[[list[str]], int],
-    argv: list[str],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_alias_is_refused_before_any_bag_is_read(command, argv, tmp_path, capsys):
     file, out = tmp_path / "alias.yaml", str(tmp_path / "out.yaml")
     file.write_text(ALIASES, encoding="utf-8")
     parse_robot(ALIASES)  # may be read
@@ -177,7 +166,7 @@ parts:
 
 
 @pytest.mark.parametrize("axis", "xyz")
-def test_a_mirrored_part_moves_as_its_original_does_in_a_mirror(axis: str) -> None:
+def test_a_mirrored_part_moves_as_its_original_does_in_a_mirror(axis):
     model = prepare(parse_robot(MIRRORED.replace("AXIS", axis)))
     sign = np.array([-1.0 if one == axis else 1.0 for one in "xyz"])
     for q, s, turn in ((0.0, 0.0, 0.0), (0.5, 0.01, 2.0), (-0.9, 0.02, -1.0)):
@@ -215,7 +204,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize(("change", "said"), MISTAKES.items())
-def test_an_error_names_the_use_and_the_line(change: tuple[str, str], said: str) -> None:
+def test_an_error_names_the_use_and_the_line(change, said):
     old, new = change
     text = FINGER.replace(old, new, 1)
     line = text[: text.rindex(new)].count("\n") + 1
@@ -225,7 +214,7 @@ def test_an_error_names_the_use_and_the_line(change: tuple[str, str], said: str)
     assert str(error.value).endswith("(hand.yaml)")
 
 
-def test_a_name_that_a_part_takes_twice_is_told_by_its_use() -> None:
+def test_a_name_that_a_part_takes_twice_is_told_by_its_use():
     text = FINGER.replace("name: turner", "name: index_flexor")
     with pytest.raises(RobotFileError, match=r"used as index_.*is taken already"):
         parse_robot(text)
@@ -249,7 +238,7 @@ NUMBERS = {
 
 
 @pytest.mark.parametrize("prefix", ["", "arm_"])
-def test_numbers_are_written_for_each_use(prefix: str) -> None:
+def test_numbers_are_written_for_each_use(prefix):
     text = FINGER + (f"prefix: {prefix}\n" if prefix else "")
     values = {}
     for path, value in NUMBERS.items():
@@ -281,12 +270,12 @@ def test_numbers_are_written_for_each_use(prefix: str) -> None:
         ("motion: revolute, joint: tip", "motion: rolling, radius: 1, joint: tip", "mirror.* roll"),
     ],
 )
-def test_what_cannot_be_mirrored_is_refused(old: str, new: str, said: str) -> None:
+def test_what_cannot_be_mirrored_is_refused(old, new, said):
     with pytest.raises(RobotFileError, match=said):
         parse_robot(FINGER.replace(old, new))
 
 
-def test_parts_do_not_go_with_the_frames_of_a_urdf() -> None:
+def test_parts_do_not_go_with_the_frames_of_a_urdf():
     document = yaml.safe_load(FINGER)
     document["frames"] = {"urdf": "hand.urdf"}
     with pytest.raises(RobotFileError, match="parts cannot be used with the frames of a URDF"):

@@ -1,9 +1,5 @@
 """From what a stack publishes to angles and torques: names, prefix, gear, units, currents."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.published import JOINT, MOTOR, NAMES, PLAIN, PUBLISHED, efforts, of_all
@@ -29,9 +25,7 @@ def models() -> tuple[Model, Model]:
     return plain, published
 
 
-def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
-    models: tuple[Model, Model], tmp_path: Path
-) -> None:
+def test_a_bag_gives_the_same_angles_and_torques_also_as_references(models, tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         bag.write_joint_states(
             "/joint_states", STAMPS, NAMES, position=of_all(ANGLE["winch"], ANGLE["elbow"]),
@@ -51,7 +45,7 @@ def test_a_bag_gives_the_same_angles_and_torques_also_as_references(
         np.testing.assert_allclose(angle[inside, 0], expected[inside], atol=2e-4)  # half a count
 
 
-def test_numbers_are_found_and_written_under_any_name() -> None:
+def test_numbers_are_found_and_written_under_any_name():
     robot = parse_robot(PUBLISHED, "robot")
     motor, joint = f"motors.arm1_{MOTOR}", f"joints.arm1_{JOINT}"
     assert find_number(dict(robot.document), f"{joint}.offset").value == -0.1

@@ -1,8 +1,6 @@
 # ruff: noqa: E501 (one mistake per line)
 """A robot file is read, or refused with one line naming the key, the value and what is allowed."""
 
-from __future__ import annotations
-
 import os
 from math import pi, radians
 from pathlib import Path
@@ -67,7 +65,7 @@ def refusal(text: str) -> str:
     return message
 
 
-def test_a_good_file_becomes_a_robot() -> None:
+def test_a_good_file_becomes_a_robot():
     robot = parse_robot(SMALL, "arm.yaml")
     assert (robot.name, robot.source) == ("small", "arm.yaml")
     assert [motor.max_speed for motor in robot.motors] == [50.0]
@@ -87,7 +85,7 @@ def test_a_good_file_becomes_a_robot() -> None:
     assert prepare(robot).layout.elements == ("c/1", "c/2", "r/1", "r/2")
 
 
-def test_units_in_keys_are_converted() -> None:
+def test_units_in_keys_are_converted():
     text = changed("range: [-1, 1]", "range_deg: [-90, 45]")
     text = text.replace("angle: [-1, 0, 1], value: [0, 0.1, 0.3]", "slope_mm: 20")
     text = text.replace("radius: 0.02, wrap_angle: 1.5", "radius_mm: 20, wrap_angle_deg: 90")
@@ -103,7 +101,7 @@ def test_units_in_keys_are_converted() -> None:
     assert robot.cables[1].axial_stiffness == pytest.approx(2e11 * pi * 1e-8)
 
 
-def test_friction_is_overridden_key_by_key() -> None:
+def test_friction_is_overridden_key_by_key():
     text = changed("preload: 5\n    nodes", "preload: 5\n    friction: {rho: 0.5}\n    nodes")
     text = text.replace("bearing_diameter: 0.01", "friction: {mu_c: 0.3}")
     first, second = (cable.pulleys[0].friction for cable in parse_robot(text).cables)
@@ -112,7 +110,7 @@ def test_friction_is_overridden_key_by_key() -> None:
 
 
 @pytest.mark.parametrize("moving_end", ["before", "after", "both"])
-def test_the_end_that_moves_is_the_one_in_the_file(moving_end: str) -> None:
+def test_the_end_that_moves_is_the_one_in_the_file(moving_end):
     for wrap in (TURNED, f"wrap_angle: [1, {TURNED.removeprefix('wrap_angle: ')}]"):
         robot = parse_robot(changed(WRAP, f"{wrap}, moving_end: {moving_end}"))
         assert [cable.pulleys[0].moving_end for cable in robot.cables] == [moving_end, "both"]
@@ -183,23 +181,21 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("mistake", REFUSED)
-def test_a_mistake_is_refused_in_one_line_with_key_value_and_allowed_values(
-    mistake: str,
-) -> None:
+def test_a_mistake_is_refused_in_one_line_with_key_value_and_allowed_values(mistake):
     old, new, *parts = REFUSED[mistake]
     message = refusal(changed(old, new))
     for part in parts:
         assert part in message
 
 
-def test_a_bearing_that_cannot_turn_is_refused() -> None:
+def test_a_bearing_that_cannot_turn_is_refused():
     text = changed("mu_c: 0.1", "mu_c: 0.1\n  bearing_friction: 0.9")
     assert "cables[0].nodes[1].bearing_diameter times bearing_friction 0.9" in refusal(
         text.replace("bearing_diameter: 0.01", "bearing_diameter: 0.03")
     )
 
 
-def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice() -> None:
+def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice():
     # converting degrees twice would make the wrap angle 57 times too small
     refusal(changed(WRAP, "wrap_angle_deg: {joint: q, offset_deg: 90}"))
     refusal(
@@ -218,7 +214,7 @@ def load_refusal(path: Path) -> str:
     return message
 
 
-def test_files_that_cannot_be_read_are_refused_by_path(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_refused_by_path(tmp_path):
     assert "No such file" in load_refusal(tmp_path / "absent.yaml")
     assert "Is a directory" in load_refusal(tmp_path)
     empty = tmp_path / "empty.yaml"
@@ -235,7 +231,7 @@ def test_files_that_cannot_be_read_are_refused_by_path(tmp_path: Path) -> None:
     assert f"it has {MAXIMUM_BYTES + 1} bytes, at most {MAXIMUM_BYTES}" in load_refusal(huge)
 
 
-def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal() -> None:
+def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal():
     for text in (
         changed("mu_c: 0.1", '"mu\\e[31m": 0.1'),
         changed("name: small", 'name: "s\\e[2J"'),
@@ -246,7 +242,7 @@ def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal() -> 
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_only_a_regular_file_is_read(tmp_path: Path, kind: str) -> None:
+def test_only_a_regular_file_is_read(tmp_path, kind):
     path = {"pipe": tmp_path / "pipe", "device": Path("/dev/zero")}[kind]
     if kind == "pipe":
         os.mkfifo(path)
@@ -254,7 +250,7 @@ def test_only_a_regular_file_is_read(tmp_path: Path, kind: str) -> None:
         load_robot(path)
 
 
-def test_a_path_that_is_not_printable_is_escaped_in_the_error(tmp_path: Path) -> None:
+def test_a_path_that_is_not_printable_is_escaped_in_the_error(tmp_path):
     with pytest.raises(RobotFileError) as error:
         load_robot(tmp_path / "\udc80\x1b[2J.yaml")
     assert str(error.value).isprintable()

@@ -3,8 +3,6 @@
 Of every kind of damage, ``make soak`` tries CDRJ_DAMAGES times as many.
 """
 
-from __future__ import annotations
-
 import os
 from copy import deepcopy
 from pathlib import Path
@@ -112,7 +110,7 @@ def judge(document: Any, source: str) -> bool:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_a_damaged_document_is_a_robot_or_one_line(path: Path) -> None:
+def test_a_damaged_document_is_a_robot_or_one_line(path):
     rng = Random(path.stem)
     verdicts = []
     sound = load_yaml(text_of(path), str(path))

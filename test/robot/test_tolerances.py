@@ -1,7 +1,5 @@
 """Numbers whose accuracy a robot file does not state have default standard deviations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -59,7 +57,7 @@ def numbers(value: Any, path: str = "") -> Iterator[str]:
 @pytest.mark.parametrize(
     "name", ["prototype", "prototype_positions", "finger", "hoist", "parallel"]
 )
-def test_every_number_has_a_standard_deviation_or_a_reason_for_none(name: str) -> None:
+def test_every_number_has_a_standard_deviation_or_a_reason_for_none(name):
     text = with_section((ROBOTS / f"{name}.yaml").read_text("utf-8"), "uncertainty", None)
     robot = parse_robot(text)
     uncertain = stddevs(robot)
@@ -71,7 +69,7 @@ def test_every_number_has_a_standard_deviation_or_a_reason_for_none(name: str) -
     assert all(find_number(dict(robot.document), path) for path in uncertain)
 
 
-def test_numbers_with_one_cause_deviate_together() -> None:
+def test_numbers_with_one_cause_deviate_together():
     known = parse_robot(FRESH).uncertainty
     assert known is not None
     i, j = (known.parameters.index(f"cables.{c}.nodes.1.radius") for c in ("upper", "lower"))
@@ -80,7 +78,7 @@ def test_numbers_with_one_cause_deviate_together() -> None:
     assert known.covariance[i, j] == pytest.approx(-known.covariance[i, i])
 
 
-def test_a_stated_standard_deviation_replaces_the_default() -> None:
+def test_a_stated_standard_deviation_replaces_the_default():
     stated = "uncertainty:\n  parameters: [cables.upper.preload]\n  stddev: [0.25]\n"
     known = parse_robot(with_section(FRESH, "uncertainty", stated)).uncertainty
     assert known is not None
@@ -92,7 +90,7 @@ def test_a_stated_standard_deviation_replaces_the_default() -> None:
     assert known.may_slip == ("upper", "lower")
 
 
-def test_a_static_coefficient_stays_above_a_stated_coulomb_coefficient() -> None:
+def test_a_static_coefficient_stays_above_a_stated_coulomb_coefficient():
     stated = "uncertainty:\n  parameters: [friction.mu_c]\n  stddev: [0.01]\n"
     assert "friction.mu_s" not in stddevs(parse_robot(with_section(FRESH, "uncertainty", stated)))
 
@@ -105,9 +103,7 @@ def test_a_static_coefficient_stays_above_a_stated_coulomb_coefficient() -> None
         ("{others: exact, drums: {lower: may_slip}}", ("lower",)),
     ],
 )
-def test_drums_may_slip_unless_the_file_says_of_them_that_they_hold(
-    stated: str, slips: tuple[str, ...]
-) -> None:
+def test_drums_may_slip_unless_the_file_says_of_them_that_they_hold(stated, slips):
     known = parse_robot(with_section(FRESH, "uncertainty", f"uncertainty:\n  {stated}")).uncertainty
     assert known is not None
     assert known.may_slip == slips
@@ -121,13 +117,13 @@ def test_drums_may_slip_unless_the_file_says_of_them_that_they_hold(
         ("held", "uncertainty.drums must be one of hold, may_slip"),
     ],
 )
-def test_what_drums_may_do_is_refused_by_key(drums: str, said: str) -> None:
+def test_what_drums_may_do_is_refused_by_key(drums, said):
     with pytest.raises(RobotFileError, match=said):
         parse_robot(with_section(FRESH, "uncertainty", f"uncertainty:\n  drums: {drums}"))
 
 
 @pytest.mark.parametrize("stated", ["", "\n  parameters: [friction.rho]\n  stddev: [0.01]"])
-def test_others_may_be_exact(stated: str) -> None:
+def test_others_may_be_exact(stated):
     text = with_section(FRESH, "uncertainty", f"uncertainty:\n  others: exact{stated}")
     known = parse_robot(text).uncertainty
     assert (known is None) == (not stated)
@@ -136,7 +132,7 @@ def test_others_may_be_exact(stated: str) -> None:
         assert not known.may_slip
 
 
-def test_the_models_error_names_channels_of_the_robot() -> None:
+def test_the_models_error_names_channels_of_the_robot():
     text = with_section(FRESH, "uncertainty", "uncertainty:\n  model_error: {effort/winch: 0.01}")
     known = parse_robot(text).uncertainty
     assert known is not None
@@ -145,7 +141,7 @@ def test_the_models_error_names_channels_of_the_robot() -> None:
         parse_robot(text.replace("effort/winch", "effort/wench"))
 
 
-def test_a_tare_leaves_the_error_of_the_encoder_and_measured_numbers_are_known_better() -> None:
+def test_a_tare_leaves_the_error_of_the_encoder_and_measured_numbers_are_known_better():
     robot = parse_robot(FRESH)
     zero, reference = "joints.elbow.offset", "joints.elbow.reference_angle"
     drums = [f"cables.{name}.nodes.1.radius" for name in ("upper", "lower")]
@@ -165,7 +161,7 @@ def test_a_tare_leaves_the_error_of_the_encoder_and_measured_numbers_are_known_b
     )
 
 
-def test_a_measurement_never_widens_what_the_file_states() -> None:
+def test_a_measurement_never_widens_what_the_file_states():
     robot = load_robot(PROTOTYPE)
     known = narrowed(robot, {"cables.upper.preload": 36.0})
     assert stddevs(replace(robot, uncertainty=known))["cables.upper.preload"] == pytest.approx(0.4)

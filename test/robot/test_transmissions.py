@@ -1,9 +1,7 @@
 """Transmissions of a URDF: their linear maps, and what of them is in the robot file."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +99,7 @@ def read(text: str) -> Transmission:
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_the_map_is_the_documented_one_and_its_inverse_leads_back(name: str) -> None:
+def test_the_map_is_the_documented_one_and_its_inverse_leads_back(name):
     text, joints_of = MAPS[name]
     found = read(text)
     for seed in range(20):
@@ -115,7 +113,7 @@ def test_the_map_is_the_documented_one_and_its_inverse_leads_back(name: str) -> 
         np.testing.assert_allclose([back["a1"], back["a2"]], angles, rtol=1e-12, atol=1e-12)
 
 
-def test_the_first_joint_of_a_four_bar_linkage_follows_the_first_actuator_alone() -> None:
+def test_the_first_joint_of_a_four_bar_linkage_follows_the_first_actuator_alone():
     found = read(ros2("FourBarLinkageTransmission"))
     assert [name for name, _ in found.joints["j1"].shares] == ["a1"]
     assert [name for name, _ in found.actuators["a1"].shares] == ["j1"]
@@ -133,7 +131,7 @@ def test_the_first_joint_of_a_four_bar_linkage_follows_the_first_actuator_alone(
         ('name="j2"', 'name="a1"', "joints and actuators of it have the same names"),
     ],
 )
-def test_what_is_no_known_map_has_none_and_says_why(right: str, wrong: str, reason: str) -> None:
+def test_what_is_no_known_map_has_none_and_says_why(right, wrong, reason):
     text = ros2("DifferentialTransmission").replace(right, wrong)
     text = text.replace("</joint></trans", "</joints></trans") if wrong.startswith("<j") else text
     found = read(text)
@@ -141,7 +139,7 @@ def test_what_is_no_known_map_has_none_and_says_why(right: str, wrong: str, reas
     assert not any(one.shares for one in (*found.joints.values(), *found.actuators.values()))
 
 
-def test_a_simple_transmission_with_two_reductions_has_no_gear() -> None:
+def test_a_simple_transmission_with_two_reductions_has_no_gear():
     """ros2_control takes the joint's, ROS 1 the actuator's."""
     text = ros2("SimpleTransmission")
     one = re.sub(r'<(actuator|joint) name=".2".*?</\1>', "", text)
@@ -189,9 +187,7 @@ CABLES = """cables:
 """
 
 
-def test_drums_behind_a_differential_are_sums_of_its_actuators(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_drums_behind_a_differential_are_sums_of_its_actuators(tmp_path, capsys):
     document, text = begun(
         driven("a1", "a2") + measured("j1", "j2") + ros2("DifferentialTransmission"), tmp_path
     )
@@ -211,9 +207,7 @@ def test_drums_behind_a_differential_are_sums_of_its_actuators(
         assert turned == pytest.approx(0.015 * (differential(angles)[0] - OFF[0]), abs=1e-15)
 
 
-def test_drums_before_a_linkage_are_sums_of_its_joints(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_drums_before_a_linkage_are_sums_of_its_joints(tmp_path, capsys):
     document, _ = begun(driven("j1", "j2") + ros2("FourBarLinkageTransmission"), tmp_path)
     assert [motor["name"] for motor in document["motors"]] == ["j1", "j2"]
     said = capsys.readouterr().out
@@ -223,7 +217,7 @@ def test_drums_before_a_linkage_are_sums_of_its_joints(
     assert "j1 is a motor here: the links that it carries stand still with it" in said
 
 
-def test_actuators_that_joints_follow_have_the_ranges_that_the_joints_allow(tmp_path: Path) -> None:
+def test_actuators_that_joints_follow_have_the_ranges_that_the_joints_allow(tmp_path):
     document, _ = begun(driven("a1", "a2") + ros2("DifferentialTransmission"), tmp_path)
     assert document["motors"] == []
     entries = {joint["name"]: joint for joint in document["joints"]}
@@ -238,9 +232,7 @@ def test_actuators_that_joints_follow_have_the_ranges_that_the_joints_allow(tmp_
     ("kind", "joints_of"),
     [("DifferentialTransmission", differential), ("FourBarLinkageTransmission", four_bar)],
 )
-def test_joints_that_are_not_published_follow_the_actuators(
-    kind: str, joints_of: Callable[[np.ndarray], np.ndarray], tmp_path: Path
-) -> None:
+def test_joints_that_are_not_published_follow_the_actuators(kind, joints_of, tmp_path):
     _, text = begun(driven("a1", "a2") + ros2(kind), tmp_path)
     (tmp_path / "arm.yaml").write_text(
         text.replace("motors: []", "motors: [{name: m}]").replace("cables: []", CABLES % "m")
@@ -268,9 +260,7 @@ def test_joints_that_are_not_published_follow_the_actuators(
     assert_same_tensions_and_work(model, other, joints_of, motion)
 
 
-def test_without_ros2_control_joints_and_motors_are_those_of_the_transmissions(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_ros2_control_joints_and_motors_are_those_of_the_transmissions(tmp_path, capsys):
     bare = (ARM % "").replace('<ros2_control name="s" type="system"></ros2_control>', PR2)
     (tmp_path / "arm.urdf").write_text(bare)
     out = tmp_path / "arm.yaml"
@@ -284,27 +274,21 @@ def test_without_ros2_control_joints_and_motors_are_those_of_the_transmissions(
     assert load_yaml(given, "j1") == {"a1": 0.005, "a2": 0.00625}
 
 
-def test_a_transmission_whose_axes_are_not_published_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_transmission_whose_axes_are_not_published_is_named(tmp_path, capsys):
     begun(driven("a1") + measured("j1", "j2") + ros2("DifferentialTransmission"), tmp_path)
     said = capsys.readouterr().out
     assert "transmission t (DifferentialTransmission) couples j1, j2 to a1, a2" in said
     assert "a2 is not published: none of its reductions is in the file" in said
 
 
-def test_a_kind_that_is_not_known_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_kind_that_is_not_known_is_named(tmp_path, capsys):
     begun(driven("a1", "a2") + measured("j1", "j2") + ros2("ScrewTransmission"), tmp_path)
     said = capsys.readouterr().out
     assert "transmission t (ScrewTransmission) couples j1, j2 to a1, a2" in said
     assert "ScrewTransmission is not known: none of its reductions is in the file" in said
 
 
-def test_transmissions_left_out_for_one_reason_share_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_transmissions_left_out_for_one_reason_share_a_line(tmp_path, capsys):
     both = ros2("ScrewTransmission") + ros2("ScrewTransmission").replace('"t"', '"u"')
     begun(driven("a1", "a2") + measured("j1", "j2") + both, tmp_path)
     (said,) = re.findall("note: .*ScrewTransmission is not known.*", capsys.readouterr().out)

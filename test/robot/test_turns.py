@@ -1,7 +1,5 @@
 """A drum that several motors turn equals the same drum on a shaft of its own, and work is kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -40,7 +38,7 @@ MAPPED = WRIST % ("{left: 0.5, right: 0.25}", "{left: 0.5, right: -0.25}")
 OWN = WRIST % ("left", "right")  # the motors of this file are the shafts
 
 
-def test_tensions_are_those_of_the_shafts_and_efforts_do_the_same_work() -> None:
+def test_tensions_are_those_of_the_shafts_and_efforts_do_the_same_work():
     mapped, own = (prepare(parse_robot(text)) for text in (MAPPED, OWN))
     states = initial_state(mapped), initial_state(own)
     zero = np.array([0.3, -0.2])
@@ -67,7 +65,7 @@ def test_tensions_are_those_of_the_shafts_and_efforts_do_the_same_work() -> None
     assert work[0] == pytest.approx(work[1], rel=1e-9)
 
 
-def test_the_simulated_rig_follows_the_map() -> None:
+def test_the_simulated_rig_follows_the_map():
     time = np.arange(0.0, 1.0, 0.01)
     zero, pose = np.array([0.3, -0.2]), 0.02 * np.sin(2 * time)[:, None]
     motors = zero + np.stack([0.05 * np.sin(2 * time), 0.03 * np.sin(3 * time)], axis=1)
@@ -92,7 +90,7 @@ def test_the_simulated_rig_follows_the_map() -> None:
         ("{}", "cables[0].nodes[0].motor"),
     ],
 )
-def test_a_wrong_map_is_one_clear_line(given: str, message: str) -> None:
+def test_a_wrong_map_is_one_clear_line(given, message):
     with pytest.raises(RobotFileError) as error:
         parse_robot(WRIST % (given, "right"))
     assert message in str(error.value)

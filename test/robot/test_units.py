@@ -1,9 +1,6 @@
 """Wrong units of a robot file are asked for before its geometry is judged."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 from support.places import ROBOTS, ROOT
@@ -54,9 +51,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("right", "wrong", "where", "words", "possible"), MISTAKES)
-def test_the_reader_or_check_robot_asks_for_the_unit(
-    right: str, wrong: str, where: str, words: str, possible: bool
-) -> None:
+def test_the_reader_or_check_robot_asks_for_the_unit(right, wrong, where, words, possible):
     assert right in ONE_JOINT
     robot = parse_robot(ONE_JOINT.replace(right, wrong, 1))
     doubt = next(unit_doubts(robot))
@@ -71,5 +66,5 @@ def test_the_reader_or_check_robot_asks_for_the_unit(
 
 
 @pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.yaml")))
-def test_no_robot_of_the_package_is_doubted(path: Path) -> None:
+def test_no_robot_of_the_package_is_doubted(path):
     assert list(unit_doubts(load_model(str(path)).robot)) == []

@@ -1,7 +1,5 @@
 """Frames and joints from a URDF: links are frames, limits are ranges; mistakes in one line."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path
@@ -72,7 +70,7 @@ def robot(folder: Path, text: str = ROBOT, urdf: str = URDF) -> Robot:
     return load_robot(folder / "arm.yaml")
 
 
-def test_links_become_frames_and_limits_ranges(tmp_path: Path) -> None:
+def test_links_become_frames_and_limits_ranges(tmp_path):
     found = robot(tmp_path)
     assert [joint.name for joint in found.joints] == ["elbow", "shoulder", "slide"]
     assert [(joint.lower, joint.upper) for joint in found.joints] == [
@@ -113,9 +111,7 @@ cables:
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-def test_a_chain_of_mimics_is_the_robot_whose_joints_stand_where_it_puts_them(
-    kind: str, tmp_path: Path
-) -> None:
+def test_a_chain_of_mimics_is_the_robot_whose_joints_stand_where_it_puts_them(kind, tmp_path):
     plain = CHAIN.replace("TYPE", kind)
     mimicking, measured = plain, plain.replace("TWO", "").replace("THREE", "")
     for key, tag in MIMICS.items():
@@ -150,7 +146,7 @@ def test_a_chain_of_mimics_is_the_robot_whose_joints_stand_where_it_puts_them(
     assert_same_tensions_and_work(led, every, lambda angles: follow(angles)[order], motion)
 
 
-def test_a_ring_of_mimics_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_ring_of_mimics_is_refused_by_name(tmp_path):
     ring = CHAIN.replace("TYPE", "revolute").replace("THREE", MIMICS["THREE"])
     ring = ring.replace("TWO", MIMICS["TWO"].replace("one", "three"))
     with pytest.raises(RobotFileError, match="joint 'two' mimics itself, through others"):
@@ -158,9 +154,7 @@ def test_a_ring_of_mimics_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("of_urdf", [True, False])
-def test_a_prefix_is_that_of_names_in_messages_and_where_it_has_it_of_the_urdf(
-    of_urdf: bool, tmp_path: Path
-) -> None:
+def test_a_prefix_is_that_of_names_in_messages_and_where_it_has_it_of_the_urdf(of_urdf, tmp_path):
     plain = robot(tmp_path)
     text = f"prefix: arm1_\n{ROBOT}"
     text = text.replace("{urdf: arm.urdf}", "{urdf: arm.urdf, joints: [elbow, shoulder, slide]}")
@@ -178,7 +172,7 @@ def test_a_prefix_is_that_of_names_in_messages_and_where_it_has_it_of_the_urdf(
     )
 
 
-def test_lengths_are_those_of_the_chain_of_transformations(tmp_path: Path) -> None:
+def test_lengths_are_those_of_the_chain_of_transformations(tmp_path):
     model = prepare(robot(tmp_path), check_range=False)
     generator = np.random.default_rng(0)
     for elbow, shoulder, slide in generator.uniform([-2, -0.5, 0.1], [2, 0.9, 0.2], (50, 3)):
@@ -202,16 +196,14 @@ def test_lengths_are_those_of_the_chain_of_transformations(tmp_path: Path) -> No
         np.testing.assert_allclose(found.length, expected, atol=1e-14)
 
 
-def test_joints_that_are_not_listed_stand_still(tmp_path: Path) -> None:
+def test_joints_that_are_not_listed_stand_still(tmp_path):
     text = ROBOT.replace("{urdf: arm.urdf}", "{urdf: arm.urdf, joints: [elbow]}")
     found = robot(tmp_path, text)
     assert [joint.name for joint in found.joints] == ["elbow"]
     assert {f.motion for f in found.frames if f.joint is None} == {"fixed"}
 
 
-def test_a_package_is_found_through_the_ament_index(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_is_found_through_the_ament_index(tmp_path, monkeypatch):
     share = tmp_path / "install" / "share" / "arm_description" / "urdf"
     share.mkdir(parents=True)
     (share / "arm.urdf").write_text(URDF)
@@ -225,7 +217,7 @@ def test_a_package_is_found_through_the_ament_index(
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "latin-1", "utf-8-sig"])
-def test_a_document_type_is_refused_in_every_encoding(encoding: str, tmp_path: Path) -> None:
+def test_a_document_type_is_refused_in_every_encoding(encoding, tmp_path):
     declared = "utf-16" if "16" in encoding else encoding.removesuffix("-sig")
     entities = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
     xml = f'<?xml version="1.0" encoding="{declared}"?>{entities}<robot name="&b;"/>'
@@ -233,7 +225,7 @@ def test_a_document_type_is_refused_in_every_encoding(encoding: str, tmp_path: P
         parsed_urdf(xml.encode(encoding), tmp_path / "arm.urdf")
 
 
-def test_only_a_regular_file_of_bounded_size_is_read(tmp_path: Path) -> None:
+def test_only_a_regular_file_of_bounded_size_is_read(tmp_path):
     pipe, large = tmp_path / "pipe", tmp_path / "large"
     os.mkfifo(pipe)
     with large.open("wb") as file:
@@ -260,7 +252,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_in_the_urdf_is_one_clear_line(name: str, tmp_path: Path) -> None:
+def test_a_mistake_in_the_urdf_is_one_clear_line(name, tmp_path):
     right, wrong, message = MISTAKES[name]
     text = ROBOT.replace("[{name: elbow, range: [-2, 2]}]", "[]") if name == "no limits" else ROBOT
     assert right in URDF
@@ -270,7 +262,7 @@ def test_a_mistake_in_the_urdf_is_one_clear_line(name: str, tmp_path: Path) -> N
     assert "\n" not in str(caught.value)
 
 
-def test_a_listed_joint_that_the_urdf_lacks_is_named_with_those_that_it_has(tmp_path: Path) -> None:
+def test_a_listed_joint_that_the_urdf_lacks_is_named_with_those_that_it_has(tmp_path):
     text = ROBOT.replace("{name: elbow, range: [-2, 2]}", "{name: knee}")
     with pytest.raises(RobotFileError, match="no joint 'knee'; its moving joints are elbow, fol"):
         robot(tmp_path, text)
@@ -286,16 +278,14 @@ def test_a_listed_joint_that_the_urdf_lacks_is_named_with_those_that_it_has(tmp_
         ("{urdf: arm.urdf, joints: elbow}", "frames.joints must be a list of names"),
     ],
 )
-def test_a_mistake_in_the_frames_is_one_clear_line(
-    frames: str, message: str, tmp_path: Path
-) -> None:
+def test_a_mistake_in_the_frames_is_one_clear_line(frames, message, tmp_path):
     with pytest.raises(RobotFileError) as caught:
         robot(tmp_path, ROBOT.replace("{urdf: arm.urdf}", frames))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path: Path) -> None:
+def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path):
     here, there = tmp_path / "here", tmp_path / "far" / "there"
     for folder in (here, there):
         folder.mkdir(parents=True)
@@ -314,7 +304,7 @@ def test_a_file_that_moves_to_another_folder_finds_its_urdf(tmp_path: Path) -> N
         "\n  - name: pip\n    noise: 1.0e-4   # counts\n  - {name: mcp}\n",
     ],
 )
-def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed: str) -> None:
+def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed):
     path = ROBOTS / "finger3d.yaml"
     text = path.read_text().replace("joints: []", f"joints: {listed}")
     values = {"joints.abduction.reference_angle": 0.01, "joints.pip.reference_angle": 0.02}
@@ -329,7 +319,7 @@ def test_numbers_of_joints_that_only_the_urdf_lists_can_be_written(listed: str) 
     assert written.count("#") == text.count("#")
 
 
-def test_a_number_of_the_urdf_itself_is_not_written() -> None:
+def test_a_number_of_the_urdf_itself_is_not_written():
     path = ROBOTS / "finger3d.yaml"
     with pytest.raises(RobotFileError, match=r"^frames\.palm\.origin\.2 is a number of the URDF"):
         with_numbers_in_text(path.read_text(), {"frames.palm.origin.2": 0.001}, str(path))
@@ -338,6 +328,6 @@ def test_a_number_of_the_urdf_itself_is_not_written() -> None:
 @pytest.mark.parametrize(
     "urdf", ["robot_description", "package://arm/arm.urdf", "/opt/arm/arm.urdf"]
 )
-def test_a_place_that_no_folder_changes_is_kept(urdf: str) -> None:
+def test_a_place_that_no_folder_changes_is_kept(urdf):
     text = ROBOT.replace("arm.urdf", urdf)
     assert moved(text, "/here/arm.yaml", "/there/arm.yaml") == text

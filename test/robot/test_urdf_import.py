@@ -1,7 +1,5 @@
 """A robot file begun from a URDF with ros2_control: names, gears, limits, and what is open."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path
@@ -95,9 +93,7 @@ def with_a_cable(text: str) -> str:
     )
 
 
-def test_names_gears_and_limits_are_those_of_the_urdf(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_names_gears_and_limits_are_those_of_the_urdf(tmp_path, capsys):
     text = begun(tmp_path)
     said = capsys.readouterr().out
     (tmp_path / "arm.yaml").write_text(with_a_cable(text))
@@ -126,7 +122,7 @@ def test_names_gears_and_limits_are_those_of_the_urdf(
     assert found.text.startswith(", ".join(guesses))
 
 
-def test_transmissions_alone_name_the_motors(tmp_path: Path) -> None:
+def test_transmissions_alone_name_the_motors(tmp_path):
     old = URDF.replace("<ros2_control", "<gazebo").replace("</ros2_control", "</gazebo")
     (tmp_path / "arm.yaml").write_text(with_a_cable(begun(tmp_path, old)))
     robot = load_robot(tmp_path / "arm.yaml")
@@ -141,9 +137,7 @@ def test_transmissions_alone_name_the_motors(tmp_path: Path) -> None:
         ('<child link="upper"/>', '<child link="up"/>', "names no link: 'up'"),
     ],
 )
-def test_a_urdf_that_cannot_be_read_is_one_clear_line(
-    right: str, wrong: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_urdf_that_cannot_be_read_is_one_clear_line(right, wrong, message, tmp_path, capsys):
     path = tmp_path / "arm.urdf"
     path.write_text(URDF.replace(right, wrong, 1))
     assert import_robot.main([str(path), "--out", str(tmp_path / "arm.yaml")]) == 2
@@ -153,9 +147,7 @@ def test_a_urdf_that_cannot_be_read_is_one_clear_line(
     assert not (tmp_path / "arm.yaml").exists()
 
 
-def test_mjcf_without_mujoco_is_answered_with_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mjcf_without_mujoco_is_answered_with_what_to_install(tmp_path, monkeypatch, capsys):
     (tmp_path / "mujoco.py").write_text("raise ImportError('no such package')")
     (tmp_path / "arm.xml").write_text("<mujoco/>")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -164,13 +156,13 @@ def test_mjcf_without_mujoco_is_answered_with_what_to_install(
     assert "pip install mujoco" in capsys.readouterr().err
 
 
-def test_the_file_is_refused_until_it_has_a_cable(tmp_path: Path) -> None:
+def test_the_file_is_refused_until_it_has_a_cable(tmp_path):
     text = begun(tmp_path)
     with pytest.raises(RobotFileError, match="cables needs at least 1 entries, got 0"):
         parse_robot(text, str(tmp_path / "arm.yaml"))
 
 
-def test_why_mujoco_cannot_be_imported_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_why_mujoco_cannot_be_imported_is_said(monkeypatch):
     """It may be there, but without one of its parts."""
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(UsageError, match=r"needs the package mujoco \(import of mujoco halted"):
@@ -210,9 +202,7 @@ def imported_document(text: str, folder: Path) -> Any:
     return load_yaml(out.read_text(), str(out))
 
 
-def test_joints_and_actuators_of_a_transmission_of_another_kind_have_no_gear(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_joints_and_actuators_of_a_transmission_of_another_kind_have_no_gear(tmp_path, capsys):
     text = LINKED[: LINKED.index("<ros2_control")] + (
         '<transmission name="w" type="some_robot/WristTransmission">'
         '<rightActuator mechanicalReduction="60" name="r"/><leftActuator name="l"/>'
@@ -227,9 +217,7 @@ def test_joints_and_actuators_of_a_transmission_of_another_kind_have_no_gear(
     assert "Transmission of some_robot is not known: none of its reductions is in the file" in said
 
 
-def test_floating_and_planar_joints_are_held_and_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_floating_and_planar_joints_are_held_and_named(tmp_path, capsys):
     imported_document(LINKED, tmp_path)
     said = capsys.readouterr().out
     held = "is a floating or planar joint: it is held at its place in the model"
@@ -238,9 +226,7 @@ def test_floating_and_planar_joints_are_held_and_named(
 
 @pytest.mark.parametrize("limit", ["", '<limit effort="1"/>', '<limit lower="1" upper="-1"/>'])
 @pytest.mark.parametrize(("kind", "words"), [("revolute", "one turn"), ("prismatic", "2 m")])
-def test_limits_that_are_none_are_assumed_and_named(
-    kind: str, words: str, limit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_limits_that_are_none_are_assumed_and_named(kind, words, limit, tmp_path, capsys):
     text = (
         '<robot name="r"><link name="a"/><link name="b"/>'
         f'<joint name="j" type="{kind}"><parent link="a"/><child link="b"/>{limit}</joint></robot>'
@@ -274,9 +260,7 @@ UNREADABLE = {
 
 
 @pytest.mark.parametrize("name", UNREADABLE)
-def test_a_model_that_cannot_be_begun_names_what_to_do(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_that_cannot_be_begun_names_what_to_do(name, tmp_path, capsys):
     text, message = UNREADABLE[name]
     (tmp_path / name).write_text(text)
     assert import_robot.main([str(tmp_path / name), "--out", str(tmp_path / "out.yaml")]) == 2
@@ -285,14 +269,12 @@ def test_a_model_that_cannot_be_begun_names_what_to_do(
     assert said.count("\n") == 1
 
 
-def test_remarks_of_one_kind_are_said_once_with_all_names() -> None:
+def test_remarks_of_one_kind_are_said_once_with_all_names():
     remarks = ["a is left out: b", "c is left out: b", "d: doubled", "e: doubled", "one more"]
     assert said_once(remarks) == ["each of a, c is left out: b", "d, e: doubled", "one more"]
 
 
-def test_a_prefix_that_all_names_share_is_offered(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_prefix_that_all_names_share_is_offered(tmp_path, capsys):
     text = URDF
     for name in ("winch/1", "m1", "m2", "shoulder", "el-bow", "claw"):
         text = text.replace(f'"{name}"', f'"left_{name}"')

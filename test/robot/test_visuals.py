@@ -1,7 +1,5 @@
 """Shapes of bodies: from a URDF or the robot file to points in the base, in every pose."""
 
-from __future__ import annotations
-
 import re
 import struct
 from pathlib import Path
@@ -54,7 +52,7 @@ def model(tmp_path: Path) -> Model:
     return prepare(load_robot(tmp_path / "arm.yaml"))
 
 
-def test_the_shapes_of_a_urdf_move_with_its_links(model: Model) -> None:
+def test_the_shapes_of_a_urdf_move_with_its_links(model):
     assert [one.shape for one in model.robot.visuals] == ["cylinder", "box", "mesh"]
     for angle in (-0.7, 0.0, 0.9):
         cylinder, box, part = scene_of(model, np.array([angle])).visuals
@@ -73,7 +71,7 @@ def test_the_shapes_of_a_urdf_move_with_its_links(model: Model) -> None:
         assert np.linalg.norm(part.points - tip, axis=1).min() < 1e-7
 
 
-def test_a_robot_file_may_have_shapes_of_its_own(tmp_path: Path) -> None:
+def test_a_robot_file_may_have_shapes_of_its_own(tmp_path):
     text = ROBOT.replace("frames: {urdf: arm.urdf}", """
 frames: [{name: upper, motion: revolute, joint: q, origin: [0, 0, 0.2]}]
 visuals:
@@ -97,7 +95,7 @@ visuals:
 
 
 @pytest.mark.parametrize("kind", ["text", "huge", "folder", "other"])
-def test_a_file_that_is_no_mesh_is_left_out(kind: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_mesh_is_left_out(kind, tmp_path):
     path = tmp_path / ("a.stl" if kind != "other" else "a.yaml")
     if kind == "folder":
         path.mkdir()

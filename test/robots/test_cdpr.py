@@ -1,7 +1,5 @@
 """The suspended parallel robot against closed forms: lengths over swivelling pulleys, weight."""
 
-from __future__ import annotations
-
 from math import acos, atan2, hypot, pi, sqrt
 
 import numpy as np
@@ -51,7 +49,7 @@ def cable(pulley: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
     return float(pulley[2]) - WINCH + RADIUS * wrap + free, (leaves - anchor) / free
 
 
-def test_lengths_are_those_of_the_literature() -> None:
+def test_lengths_are_those_of_the_literature():
     model = load_model("cdpr")
     generator = np.random.default_rng(0)
     lower = np.array([joint.lower for joint in model.robot.joints])
@@ -63,7 +61,7 @@ def test_lengths_are_those_of_the_literature() -> None:
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_the_preloads_carry_the_platform() -> None:
+def test_the_preloads_carry_the_platform():
     """At the reference pose; the file gives them to 0.1 N."""
     model = load_model("cdpr")
     pose = model.robot.reference_pose

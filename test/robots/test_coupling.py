@@ -1,7 +1,5 @@
 """Finger and wrist against their coupling matrices, in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -16,7 +14,7 @@ WRIST = np.array([[IDLER, -JAW, 0], [IDLER, JAW, 0], [-IDLER, 0, -JAW], [-IDLER,
 
 
 @pytest.mark.parametrize(("name", "coupling"), [("finger", FINGER), ("wrist", WRIST)])
-def test_cables_follow_the_coupling_matrix_everywhere(name: str, coupling: np.ndarray) -> None:
+def test_cables_follow_the_coupling_matrix_everywhere(name, coupling):
     model = load_model(name)
     joints, parts = model.robot.joints, model.robot.parts
 
@@ -31,6 +29,6 @@ def test_cables_follow_the_coupling_matrix_everywhere(name: str, coupling: np.nd
         assert per_cable(found.lever_arm) == pytest.approx(coupling, abs=1e-14)
 
 
-def test_the_preloads_of_the_finger_balance_both_joints() -> None:
+def test_the_preloads_of_the_finger_balance_both_joints():
     preload = np.array([cable.preload for cable in load_model("finger").robot.cables])
     np.testing.assert_allclose(-FINGER.T @ preload, 0.0, atol=1e-12)

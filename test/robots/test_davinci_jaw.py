@@ -1,9 +1,5 @@
 """The identified robot file of a real instrument, and the estimator's errors on its bags."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.places import ROBOTS, ROOT
@@ -52,16 +48,14 @@ def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
 
 
 @recordings
-def test_held_out_runs_are_explained(held_out: list[BagComparison]) -> None:
+def test_held_out_runs_are_explained(held_out):
     spindle, jaw = r2_of(held_out)
     assert spindle >= 0.991
     assert jaw >= 0.992
 
 
 @recordings
-def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(
-    held_out: list[BagComparison], tmp_path: Path
-) -> None:
+def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(held_out, tmp_path):
     """A fifth of the spindle's squared error is learned, and less of the jaw's, which drifts."""
     out = tmp_path / "corrected.yaml"
     bags = sorted(str(entry) for entry in (RECORDINGS / "train").iterdir() if entry.is_dir())
@@ -78,9 +72,7 @@ def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(
 
 
 @recordings
-def test_the_standard_deviation_covers_runs_that_were_not_fitted(
-    held_out: list[BagComparison],
-) -> None:
+def test_the_standard_deviation_covers_runs_that_were_not_fitted(held_out):
     assert len(held_out) >= 6
     for name in ("effort/spindle", "effort/jaw"):
         inside = []

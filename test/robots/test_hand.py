@@ -1,7 +1,5 @@
 """config/robots/hand.yaml: what its comments state, and the variant without encoders."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -36,7 +34,7 @@ def lengths(model: Model, pose: Vector) -> dict[str, float]:
     }
 
 
-def test_the_two_cables_of_a_motor_change_by_opposite_lengths_in_all_poses(hand: Model) -> None:
+def test_the_two_cables_of_a_motor_change_by_opposite_lengths_in_all_poses(hand):
     rest = lengths(hand, hand.robot.reference_pose)
     for pose in poses(hand, 20):
         now = lengths(hand, pose)
@@ -48,7 +46,7 @@ def test_the_two_cables_of_a_motor_change_by_opposite_lengths_in_all_poses(hand:
                 assert abs(grown) < 0.02
 
 
-def test_a_joint_of_a_finger_moves_its_own_two_cables_alone(hand: Model) -> None:
+def test_a_joint_of_a_finger_moves_its_own_two_cables_alone(hand):
     joints = [joint.name for joint in hand.robot.joints]
     for pose in poses(hand, 5):
         for finger in FINGERS:
@@ -65,7 +63,7 @@ def test_a_joint_of_a_finger_moves_its_own_two_cables_alone(hand: Model) -> None
                     assert slope == pytest.approx(sign * arm, abs=beside + 1e-5)
 
 
-def test_the_efforts_tell_the_angles_of_a_hand_without_encoders_at_the_distal_joints() -> None:
+def test_the_efforts_tell_the_angles_of_a_hand_without_encoders_at_the_distal_joints():
     text = (ROBOTS / "hand.yaml").read_text(encoding="utf-8")
     blind = text.replace("measured: true", "measured: false")
     model = prepare(parse_robot(blind))

@@ -1,7 +1,5 @@
 """The prototype described by positions, compared with Table I and with its file of tables."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -22,7 +20,7 @@ def model() -> Model:
     return prepare(load_robot(ROBOTS / "prototype_positions.yaml"))
 
 
-def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model: Model) -> None:
+def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model):
     for angle in np.linspace(-LIMIT, LIMIT, 201):
         wraps = np.degrees(shape_at(model, np.array([angle])).wrap).reshape(2, 7)
         share = (angle + LIMIT) / (2.0 * LIMIT)
@@ -31,7 +29,7 @@ def test_all_wrap_angles_agree_with_table_one_over_the_whole_range(model: Model)
             np.testing.assert_allclose(wraps[cable], expected, atol=0.05)
 
 
-def test_the_strands_across_the_joint_are_those_of_equation_two(model: Model) -> None:
+def test_the_strands_across_the_joint_are_those_of_equation_two(model):
     arcs = 0.5 * PULLEY_SIX * np.pi
     for angle in np.linspace(-LIMIT, LIMIT, 41):
         shape = shape_at(model, np.array([angle]))

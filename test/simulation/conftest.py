@@ -1,7 +1,5 @@
 """Small robots for the tests of the rig."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,9 +1,6 @@
 """Commands to the live rig: refusals, their causes, and that refused commands have no effect."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace as Robots
-from typing import Any
 
 import numpy as np
 import pytest
@@ -49,21 +46,19 @@ def turn(drives: Drives, steps: int, first: int = 0) -> np.ndarray:
         ("effort", [0.0, -1e6], "out of range"),
     ],
 )
-def test_an_invalid_command_is_refused_with_its_cause(
-    limits: DriveLimits, mode: Any, values: Any, cause: str
-) -> None:
+def test_an_invalid_command_is_refused_with_its_cause(limits, mode, values, cause):
     with pytest.raises(CommandError) as caught:
         checked_command(limits, mode, values)
     assert caught.value.cause == cause
     assert cause in CAUSES
 
 
-def test_a_rotor_too_light_for_the_step_is_refused(robots: Robots) -> None:
+def test_a_rotor_too_light_for_the_step_is_refused(robots):
     with pytest.raises(UsageError, match="rotor_inertia must be at least"):
         drive_limits(robots.finger(), 1000.0, rotor_inertia=1e-9)
 
 
-def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
+def test_the_first_command_ends_the_program(limits):
     drives = Drives(limits, lambda step: np.full(2, 1e-3 * step))
     np.testing.assert_allclose(turn(drives, 50)[-1], 0.05)
     drives.command(checked_command(limits, "position", [0.0, 0.05]), 0.05)
@@ -72,7 +67,7 @@ def test_the_first_command_ends_the_program(limits: DriveLimits) -> None:
     np.testing.assert_allclose(turn(drives, 50)[-1], 0.05)
 
 
-def test_every_output_stays_finite_whatever_is_commanded(robots: Robots) -> None:
+def test_every_output_stays_finite_whatever_is_commanded(robots):
     robot = robots.finger()
     limits = drive_limits(robot, 1000.0, command_timeout=0.02)
     load = make_load("pendulum", 0.05, 0.01)

@@ -1,7 +1,5 @@
 """Contact cells reproduce Grashof's arcs, and take cable as it is laid on."""
 
-from __future__ import annotations
-
 from math import degrees, exp, log, pi
 
 import numpy as np
@@ -56,7 +54,7 @@ def segments(model: Model, angle: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("law", ["euler", "elastoplastic"])
-def test_grashofs_sliding_arc_forms_by_itself(law: str) -> None:
+def test_grashofs_sliding_arc_forms_by_itself(law):
     # winding in pulls the first element; cells near the winch slide, those behind them hold
     fine = prepare(divide_contacts(half_turn(law), CELLS))
     estimates = wound(fine, np.linspace(0.0, 0.03, 6001))
@@ -100,9 +98,7 @@ cables:
 
 @pytest.mark.parametrize("rise", [0.0, 0.03])
 @pytest.mark.parametrize("cells", [2, 8, 31])
-def test_cable_that_is_laid_on_and_taken_off_along_an_involute_keeps_its_tension(
-    cells: int, rise: float
-) -> None:
+def test_cable_that_is_laid_on_and_taken_off_along_an_involute_keeps_its_tension(cells, rise):
     """In a plane, and along a helix."""
     time = np.arange(4001) * 1e-3
     angle = -0.6 + 0.5 * (1.0 - np.cos(pi * time))

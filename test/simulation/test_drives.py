@@ -1,9 +1,6 @@
 """Any number of motors, joints and cables, by tables or by positions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from types import SimpleNamespace as Robots
 
 import numpy as np
 import pytest
@@ -31,7 +28,7 @@ def _frictionless(robot: Robot) -> Robot:
     return replace(robot, cables=tuple(replace(cable, law="none") for cable in robot.cables))
 
 
-def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robots: Robots) -> None:
+def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robots):
     def fixed(robot: Robot) -> list[bool]:
         cables = divide_contacts(robot, 8).cables
         return [pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys]
@@ -43,9 +40,7 @@ def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robo
 
 
 @pytest.mark.parametrize("name", ["prototype", "finger", "parallel"])
-def test_following_motors_keep_the_preload_of_frictionless_cables(
-    robots: Robots, name: str
-) -> None:
+def test_following_motors_keep_the_preload_of_frictionless_cables(robots, name):
     robot = _frictionless(getattr(robots, name)())
     truth = simulate(robot, TIME, _moving(robot), cells=4)
     element = 0
@@ -55,7 +50,7 @@ def test_following_motors_keep_the_preload_of_frictionless_cables(
             element += 1
 
 
-def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots) -> None:
+def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots):
     robot = robots.finger()
     single = replace(robot.cables[1].nodes[0], motors=(("flexor_motor", 1.0),), winding=1)
     cables = (
@@ -69,7 +64,7 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots: Robots)
     assert np.ptp(truth.tension[:, 0]) > 1.0
 
 
-def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
+def test_several_motors_balance_one_joint_together(robots):
     robot = robots.finger()
     joints = np.zeros((TIME.size, 2))
     joints[:, 1] = sine(0.2, 0.5, 0.2)(TIME)
@@ -85,7 +80,7 @@ def test_several_motors_balance_one_joint_together(robots: Robots) -> None:
     np.testing.assert_allclose(beyond, np.outer(beyond @ way, way) / (way @ way), atol=1e-9)
 
 
-def test_a_weight_is_balanced_wherever_it_starts(robots: Robots) -> None:
+def test_a_weight_is_balanced_wherever_it_starts(robots):
     robot = robots.hoist()
     height = 0.3 + sine(0.05, 0.5, 0.2)(TIME)
     load = make_load("lift", 2.0)
@@ -97,7 +92,7 @@ def test_a_weight_is_balanced_wherever_it_starts(robots: Robots) -> None:
     assert truth.motor_angle[0, 0] + 0.5 > 0.3 / 0.03, "ten radians from the reference"
 
 
-def test_a_motor_keeps_to_its_limits_and_the_motion_waits_for_it(robots: Robots) -> None:
+def test_a_motor_keeps_to_its_limits_and_the_motion_waits_for_it(robots):
     robot = robots.prototype()
     angle = sine(0.5, 0.5, 0.2)(TIME)
     torque = make_load("rolling", 0.3, gravity=0.0).torque(*differences(TIME, angle))

@@ -1,7 +1,5 @@
 """Faults change the truth where they occur and leave the encoder readings unchanged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace as Robots
 
@@ -34,9 +32,7 @@ def sound(robots: Robots) -> Truth:
 
 
 @pytest.mark.parametrize("kind", [Slack, Snap, Slip])
-def test_a_fault_loosens_its_own_cable_alone_and_no_encoder_measures_it(
-    robots: Robots, kind: type[CableFault], sound: Truth
-) -> None:
+def test_a_fault_loosens_its_own_cable_alone_and_no_encoder_measures_it(robots, kind, sound):
     broken = _followed(robots, kind(AT, cable="lower"))
     np.testing.assert_array_equal(broken.tension[:, UPPER], sound.tension[:, UPPER])
     loss = sound.tension[:, LOWER] - broken.tension[:, LOWER]
@@ -52,7 +48,7 @@ def test_a_fault_loosens_its_own_cable_alone_and_no_encoder_measures_it(
     assert error[AFTER].max() > 3.0, "the estimator does not notice the fault"
 
 
-def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots) -> None:
+def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots):
     robot = robots.prototype("none")
     amount = 1e-3
     snapped = _followed(robots, Snap(AT, amount, "lower"), robot=robot)
@@ -77,7 +73,7 @@ def test_a_snap_reduces_the_tension_by_stiffness_times_its_length(robots: Robots
         (Slack(1.0, cable="bare"), "needs an amount"),
     ],
 )
-def test_an_impossible_fault_is_refused(robots: Robots, fault: CableFault, words: str) -> None:
+def test_an_impossible_fault_is_refused(robots, fault, words):
     robot = robots.prototype()
     bare = replace(robot.cables[0], name="bare", preload=0.0)
     if fault.cable == "bare":
@@ -87,6 +83,6 @@ def test_an_impossible_fault_is_refused(robots: Robots, fault: CableFault, words
 
 
 @pytest.mark.parametrize(("kind", "amount"), [(Snap, np.nan), (Snap, -1.0), (Slip, 1e9)])
-def test_an_impossible_amount_is_refused(kind: type[CableFault], amount: float) -> None:
+def test_an_impossible_amount_is_refused(kind, amount):
     with pytest.raises(UsageError, match=rf"amount of {kind.kind} must be in \(0, 1(00)?\]"):
         kind(1.0, amount)

@@ -1,9 +1,6 @@
 """A joint that moves by its dynamics under the cables."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from types import SimpleNamespace as Robots
 
 import numpy as np
 import pytest
@@ -50,7 +47,7 @@ def _total_energy(robot: Robot, truth: Truth, load: Load) -> np.ndarray:
 
 
 @pytest.mark.parametrize("bedding", [0.0, 0.002])
-def test_a_frictionless_swing_keeps_its_energy(robots: Robots, bedding: float) -> None:
+def test_a_frictionless_swing_keeps_its_energy(robots, bedding):
     robot = robots.prototype("none")
     cables = [replace(one, bedding_strain=bedding, bedding_tension=20.0) for one in robot.cables]
     robot = replace(robot, cables=tuple(cables))
@@ -62,7 +59,7 @@ def test_a_frictionless_swing_keeps_its_energy(robots: Robots, bedding: float) -
     assert abs(drift) < 1e-3 * np.ptp(swung)
 
 
-def test_friction_and_damping_only_dissipate_energy(robots: Robots) -> None:
+def test_friction_and_damping_only_dissipate_energy(robots):
     robot = robots.prototype()
     for load in (LOAD, make_load("rolling", 0.3, damping=0.1)):
         truth = simulate(robot, TIME, motor_angle=STILL, load=load, cells=2, start=0.03)
@@ -72,9 +69,7 @@ def test_friction_and_damping_only_dissipate_energy(robots: Robots) -> None:
         assert np.diff(total).max() < bristles
 
 
-def test_forward_dynamics_return_the_motion_that_was_balanced(
-    robots: Robots,
-) -> None:
+def test_forward_dynamics_return_the_motion_that_was_balanced(robots):
     robot = robots.prototype()
     time = np.arange(3_001) / 1000.0
     angle = sine(0.3, 0.5, 0.2)(time)
@@ -85,8 +80,6 @@ def test_forward_dynamics_return_the_motion_that_was_balanced(
     assert np.abs(forward.tension - inverse.tension).mean() < 0.2
 
 
-def test_a_joint_that_runs_out_of_its_range_is_refused_with_the_time(
-    robots: Robots,
-) -> None:
+def test_a_joint_that_runs_out_of_its_range_is_refused_with_the_time(robots):
     with pytest.raises(UsageError, match=r"elbow leaves its range .* at t = "):
         simulate(robots.prototype("none"), TIME, motor_angle=3.0 * TIME, load=LOAD, cells=1)

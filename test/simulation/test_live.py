@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace as Robots
 from typing import Any
 
 import numpy as np
@@ -65,7 +64,7 @@ def run_of(robot: Robot, load: Load = LOAD, **limits: float) -> Run:
     return Run(live(robot, load), Drives(drive_limits(robot, RATE, **limits)))
 
 
-def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robots) -> None:
+def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots):
     robot = robots.prototype("none")
     load = make_load("rolling", 0.3)
     rig = live(robot, load, cells=1)
@@ -92,7 +91,7 @@ def test_rotor_joint_and_cables_keep_their_energy_without_friction(robots: Robot
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_stop_ends_the_motion_and_releases_the_joint(robots: Robots, side: float) -> None:
+def test_a_stop_ends_the_motion_and_releases_the_joint(robots, side):
     rig = live(robots.prototype(), lower=-0.02, upper=0.02)
     rig.push(side * 60.0, 0.3)
     for _ in range(200):
@@ -106,7 +105,7 @@ def test_a_stop_ends_the_motion_and_releases_the_joint(robots: Robots, side: flo
     assert rig.unsolved == rig.stalled == 0
 
 
-def test_a_motor_never_turns_faster_than_it_can(robots: Robots) -> None:
+def test_a_motor_never_turns_faster_than_it_can(robots):
     for mode, value in (("position", 1.0), ("velocity", 2.0), ("effort", 1.5)):
         run = run_of(robots.prototype(), max_speed=2.0).tell(mode, value).steps(300)
         speed = np.diff(run.truth()[2][:, 0]) * RATE
@@ -114,7 +113,7 @@ def test_a_motor_never_turns_faster_than_it_can(robots: Robots) -> None:
 
 
 @pytest.mark.parametrize("mode", ["velocity", "effort"])
-def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mode: str) -> None:
+def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots, mode):
     run = run_of(robots.prototype(), command_timeout=0.1).tell(mode, 0.9).steps(105)
     held = run.rig.motor_angle[0]
     assert held > 0.01
@@ -123,14 +122,14 @@ def test_a_motor_that_is_no_longer_commanded_holds_its_angle(robots: Robots, mod
     assert (run.drives.mode, run.drives.timeouts) == ("position", 1)
 
 
-def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots: Robots) -> None:
+def test_a_motor_stalls_where_it_would_need_more_than_its_torque(robots):
     run = run_of(robots.prototype(), max_torque=0.5).tell("position", 50.0).steps(2_000)
     settled = np.abs(run.truth()[3][-200:, 0])
     assert settled.max() < 0.7
     assert run.rig.motor_angle[0] < 6.0
 
 
-def test_a_cable_that_would_be_wound_in_entirely_stalls_its_motor(robots: Robots) -> None:
+def test_a_cable_that_would_be_wound_in_entirely_stalls_its_motor(robots):
     rig = live(robots.prototype())
     before = rig.motor_angle
     for _ in range(3):
@@ -142,7 +141,7 @@ def test_a_cable_that_would_be_wound_in_entirely_stalls_its_motor(robots: Robots
 
 
 @pytest.mark.parametrize("cable", ["upper", "lower"])
-def test_a_cable_whose_anchor_breaks_away_never_pulls_again(robots: Robots, cable: str) -> None:
+def test_a_cable_whose_anchor_breaks_away_never_pulls_again(robots, cable):
     robot, faults = robots.prototype(), (Snap(0.02, 1.0, cable),)
     run = Run(live(robot, faults=faults), Drives(drive_limits(robot, RATE))).steps(40)
     run.tell("position", 1.0).steps(200).tell("position", -1.0).steps(400)
@@ -151,7 +150,7 @@ def test_a_cable_whose_anchor_breaks_away_never_pulls_again(robots: Robots, cabl
     assert run.rig.unsolved == 0
 
 
-def test_after_a_reset_pushes_are_gone_and_faults_happen_again(robots: Robots) -> None:
+def test_after_a_reset_pushes_are_gone_and_faults_happen_again(robots):
     robot, faults = robots.prototype(), (Snap(0.1, 1e-4, "upper"),)
     run = Run(live(robot, faults=faults), Drives(drive_limits(robot, RATE)))
     first = run.tell("velocity", 1.0).steps(200).truth()
@@ -167,7 +166,7 @@ def test_after_a_reset_pushes_are_gone_and_faults_happen_again(robots: Robots) -
 
 @pytest.mark.parametrize("push", [(np.nan, 1.0), (2 * MOST_TORQUE, 1.0), (1.0, 0.0),
                                   (1.0, np.inf), (1.0, 2 * LONGEST_PUSH)])  # fmt: skip
-def test_an_impossible_push_is_refused(robots: Robots, push: tuple[float, float]) -> None:
+def test_an_impossible_push_is_refused(robots, push):
     rig = live(robots.prototype())
     with pytest.raises(UsageError, match="must be in"):
         rig.push(*push)
@@ -181,8 +180,6 @@ def test_an_impossible_push_is_refused(robots: Robots, push: tuple[float, float]
         ({"lower": -2.0}, "the stops of elbow"),
     ],
 )
-def test_impossible_settings_are_refused(
-    robots: Robots, settings: dict[str, Any], words: str
-) -> None:
+def test_impossible_settings_are_refused(robots, settings, words):
     with pytest.raises(UsageError, match=words):
         live(robots.prototype(), **settings)

@@ -1,7 +1,5 @@
 """Motions are continuous, rest before they begin, and stay within their range and band."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,9 +10,7 @@ TIME = np.arange(12_001) / 1000.0
 
 
 @pytest.mark.parametrize("kind", motion.MOTIONS)
-def test_a_motion_rests_until_it_begins_and_uses_its_range_without_jumps(
-    kind: motion.MotionKind,
-) -> None:
+def test_a_motion_rests_until_it_begins_and_uses_its_range_without_jumps(kind):
     angle = motion.named_motion(kind, AMPLITUDE, FREQUENCY, 7, BEGIN, CENTRE)(TIME)
     assert not np.any(angle[TIME <= BEGIN] - CENTRE)
     assert np.abs(angle - CENTRE).max() <= AMPLITUDE * (1.0 + 1e-9)
@@ -25,7 +21,7 @@ def test_a_motion_rests_until_it_begins_and_uses_its_range_without_jumps(
     assert resting.mean() == pytest.approx(0.5 if kind == "dwell" else 0.0, abs=0.01)
 
 
-def test_random_motion_has_no_frequency_above_its_band() -> None:
+def test_random_motion_has_no_frequency_above_its_band():
     time = np.arange(200_001) / 1000.0
     angle = motion.random(1.0, FREQUENCY, 11)(time)[10_000:]
     power = np.abs(np.fft.rfft(angle * np.hanning(angle.size))) ** 2
@@ -33,7 +29,7 @@ def test_random_motion_has_no_frequency_above_its_band() -> None:
     assert power[frequency > 1.1 * FREQUENCY].sum() < 1e-6 * power.sum()
 
 
-def test_differences_are_the_derivatives_of_the_angle() -> None:
+def test_differences_are_the_derivatives_of_the_angle():
     _, speed, acceleration = motion.differences(TIME, np.sin(3.0 * TIME))
     inside = slice(3, -3)
     np.testing.assert_allclose(speed[inside], 3.0 * np.cos(3.0 * TIME)[inside], atol=1e-4)

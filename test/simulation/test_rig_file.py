@@ -1,7 +1,5 @@
 """Rig files: the shipped ones, what every key sets, and messages for invalid ones."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import fields, replace
@@ -28,12 +26,12 @@ from cdrj_ros.simulation.sensors import (
 SHIPPED = sorted(path.stem for path in (ROOT / "config" / "rigs").glob("*.yaml"))
 
 
-def test_the_default_is_the_ideal_rig() -> None:
+def test_the_default_is_the_ideal_rig():
     assert load_rig("ideal") == load_rig("") == RigDescription()
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_shipped_file_suits_the_prototype(name: str) -> None:
+def test_every_shipped_file_suits_the_prototype(name):
     rig, model = load_rig(name), load_model("prototype")
     assert encoder_groups(model, rig.sensors, 0)
     CellGroup(model, rig.sensors, 0)
@@ -41,7 +39,7 @@ def test_every_shipped_file_suits_the_prototype(name: str) -> None:
     drive_limits(model.robot, 1000.0, **rig.drives)
 
 
-def test_every_key_sets_what_it_says() -> None:
+def test_every_key_sets_what_it_says():
     rig = parse_rig("""
     motors: {counts: 100, rate: 10, phase: 0.1, noise: 0.2, bias_deg: 90, jitter: 0.3, dropout: 0.4,
              latency: 0.6}
@@ -102,7 +100,7 @@ def test_every_key_sets_what_it_says() -> None:
         ("ros2_control: {update_rate: 0}", "ros2_control.update_rate must be at least 1, got 0"),
     ],
 )  # fmt: skip
-def test_a_mistake_is_explained_by_the_key(text: str, words: str) -> None:
+def test_a_mistake_is_explained_by_the_key(text, words):
     with pytest.raises(CdrjError, match=re.escape(words)):
         parse_rig(text)
 
@@ -110,7 +108,7 @@ def test_a_mistake_is_explained_by_the_key(text: str, words: str) -> None:
 SCHEMA = json.loads((Path(cdrj_ros.simulation.__file__).parent / "rig.schema.json").read_text())
 
 
-def test_the_schema_has_every_fault() -> None:
+def test_the_schema_has_every_fault():
     entry = SCHEMA["properties"]["faults"]["items"]["properties"]
     assert entry["kind"]["enum"] == list(KINDS)
     assert set(entry) - {"kind", "at"} == {
@@ -118,7 +116,7 @@ def test_the_schema_has_every_fault() -> None:
     }
 
 
-def test_the_page_lists_every_key() -> None:
+def test_the_page_lists_every_key():
     page = (ROOT / "docs" / "simulation.md").read_text()
     rows = re.findall(r"^\| `(\w+)` \| (.+?) \|", page, re.MULTILINE)
     listed = {section: set(re.findall(r"`(\w+)`", keys)) for section, keys in rows}

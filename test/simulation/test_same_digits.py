@@ -1,7 +1,5 @@
 """The live rig has the digits of ``simulate``: every robot, before faults and after them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -61,13 +59,13 @@ def assert_same_digits(robot: Robot, load: Load) -> None:
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_robot_of_the_package(name: str) -> None:
+def test_every_robot_of_the_package(name):
     robot = load_robot(ROBOTS / f"{name}.yaml")
     kind = usual_load(robot, 0)
     assert_same_digits(robot, make_load(kind, usual_payload(robot, 0, kind, 9.81), 0.05))
 
 
-def test_geodesics_that_are_solved_together() -> None:
+def test_geodesics_that_are_solved_together():
     """Two cables over cylinders and spheres, which no robot of the package has."""
     sides = (("one", "", "cw"), ("other", "-", "ccw"))
     cables = [

@@ -1,7 +1,5 @@
 """Sensor errors of the requested size, and groups of sensors that read a truth as it comes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -47,21 +45,21 @@ def schedule(sensor: Sampling, end: float, seed: int = 5) -> Schedule:
     return ReadingTimes(sensor, [seed]).until(end)
 
 
-def test_every_reading_is_a_whole_number_of_counts() -> None:
+def test_every_reading_is_a_whole_number_of_counts():
     for encoder in (ENCODER, replace(ENCODER, noise=3e-3, bias=0.01)):
         read = _read(encoder)
         counts = read / STEP
         np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
 
 
-def test_noise_and_bias_have_the_requested_size() -> None:
+def test_noise_and_bias_have_the_requested_size():
     encoder = replace(ENCODER, noise=2e-3, bias=0.01)
     error = _read(encoder) - SWING
     assert error.mean() == pytest.approx(0.01, abs=1e-4)
     assert error.std() == pytest.approx(np.hypot(2e-3, STEP / np.sqrt(12.0)), rel=0.03)
 
 
-def test_jitter_moves_stamps_and_keeps_their_order() -> None:
+def test_jitter_moves_stamps_and_keeps_their_order():
     for jitter in (1e-4, 1e-2):
         encoder = replace(ENCODER, jitter=jitter)
         plan = schedule(encoder, 20.0)
@@ -71,7 +69,7 @@ def test_jitter_moves_stamps_and_keeps_their_order() -> None:
         assert off.std() == pytest.approx(jitter, rel=0.03) if jitter < 1e-3 else off.std() > 2e-4
 
 
-def test_the_requested_share_of_readings_is_lost_and_steps_lose_the_same_ones() -> None:
+def test_the_requested_share_of_readings_is_lost_and_steps_lose_the_same_ones():
     encoder = replace(ENCODER, jitter=1e-4, dropout=0.1, phase=3e-4)
     plan = schedule(encoder, 100.0)
     assert plan.times.size == pytest.approx(90_000, rel=0.01)
@@ -84,7 +82,7 @@ def test_the_requested_share_of_readings_is_lost_and_steps_lose_the_same_ones() 
     assert np.any(schedule(encoder, 1.0, 6).stamps[:500] != stamps[:500])
 
 
-def test_a_reading_with_a_period_starts_again_and_stays_within_it() -> None:
+def test_a_reading_with_a_period_starts_again_and_stays_within_it():
     sensor = Sensor(period=1.0)
     angle = 2.0 * LONG / LONG[-1]
     read = counted(ENCODER, angle, 0.0, sensor)
@@ -141,7 +139,7 @@ def in_steps(group: EncoderGroup) -> Messages:
 
 
 @pytest.mark.parametrize("update_rate", [None, 400.0])
-def test_a_truth_in_steps_gives_the_readings_of_the_whole(update_rate: float | None) -> None:
+def test_a_truth_in_steps_gives_the_readings_of_the_whole(update_rate):
     settings = SensorSettings(
         replace(NOISY, rate=700.0),
         Encoder(counts=4096, rate=300.0, phase=0.0004, noise=1e-3), 0.01,
@@ -162,7 +160,7 @@ def test_a_truth_in_steps_gives_the_readings_of_the_whole(update_rate: float | N
         )
 
 
-def test_messages_of_a_broadcaster_have_all_axes_at_one_rate_with_speeds_and_efforts() -> None:
+def test_messages_of_a_broadcaster_have_all_axes_at_one_rate_with_speeds_and_efforts():
     model = model_of(scale=-0.02, offset=0.3)
     (group,) = encoder_groups(model, SensorSettings(effort_noise=0.0, update_rate=500.0), 0)
     read = group.take(TIME, TRUTH)
@@ -176,7 +174,7 @@ def test_messages_of_a_broadcaster_have_all_axes_at_one_rate_with_speeds_and_eff
     assert np.isnan(read.effort[:, 2:]).all(), "the joints have no drives"
 
 
-def test_a_message_has_the_axes_of_one_clock() -> None:
+def test_a_message_has_the_axes_of_one_clock():
     model = model_of(clock_offset=0.25)
     groups = encoder_groups(model, SensorSettings(), 0)
     assert [(one.names, one.clock_offset_ns) for one in groups] == [
@@ -186,7 +184,7 @@ def test_a_message_has_the_axes_of_one_clock() -> None:
         encoder_groups(model, SensorSettings(update_rate=500.0), 0)
 
 
-def test_corrected_readings_are_the_true_angles() -> None:
+def test_corrected_readings_are_the_true_angles():
     """The estimator's own conversion undoes what the simulated sensor does."""
     correction = "{angle: [-1.0, -0.4, 0.3, 1.1], value: [0.05, -0.1, 0.2, -0.02]}"
     model = model_of(scale=-0.5, offset=0.1, period=3.0, correction=correction)
@@ -204,7 +202,7 @@ def test_corrected_readings_are_the_true_angles() -> None:
     assert np.abs(uncorrected - ANGLE[:, 0]).max() > 0.09, "the correction is not negligible"
 
 
-def test_a_frozen_encoder_repeats_its_last_reading_until_a_restart() -> None:
+def test_a_frozen_encoder_repeats_its_last_reading_until_a_restart():
     faults = (Freeze(0.1, "ma"), Freeze(3.0, "mb"))
     group, _ = encoder_groups(MODEL, SensorSettings(faults=faults), 0)
     read = group.take(TIME[:2_000], TRUTH[:2_000]).position
@@ -220,7 +218,7 @@ def test_a_frozen_encoder_repeats_its_last_reading_until_a_restart() -> None:
         encoder_groups(MODEL, SensorSettings(faults=(Freeze(0.0, "thumb"),)), 0)
 
 
-def test_load_cells_read_the_truth_with_their_noise_and_resolution() -> None:
+def test_load_cells_read_the_truth_with_their_noise_and_resolution():
     cells = LoadCells(rate=100.0, bias=0.5)
     settings = SensorSettings(elements=("b/1", "a/2"), load_cells=cells)
     stamps, values = CellGroup(MODEL, settings, 1).take(TIME, TRUTH)

@@ -1,7 +1,5 @@
 """Slack caused by a motion must be detected in time from the encoders alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,8 +106,8 @@ def watch(
 
 @pytest.mark.parametrize(("frequency", "duration", "changes"), HEAVY)
 def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
-    frequency: float, duration: float, changes: int
-) -> None:
+    frequency, duration, changes
+):
     # 0.9 kg: the lower cable cannot keep its tension
     watched = watch(LOW, 0.9, sine(AMPLITUDE, frequency, 1.0), duration, 2e-3, motor_speed=20.0)
     slack = watched.slack
@@ -119,7 +117,7 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
     assert not np.any(~watched.flags & ~watched.around(~watched.slack))
 
 
-def test_no_alarm_in_a_minute_of_a_motion_that_leaves_every_cable_nearly_slack_but_taut() -> None:
+def test_no_alarm_in_a_minute_of_a_motion_that_leaves_every_cable_nearly_slack_but_taut():
     """Truth every 6 ms, encoders at 1000 and 500 Hz; nothing repeats."""
     watched = watch(LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), 60.0, step_s=6e-3)
     assert COUNT_N < watched.tension.min() < COUNT_N + 1.0

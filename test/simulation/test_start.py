@@ -1,7 +1,5 @@
 """Where the free joint is at the start: held by its cables or on an end stop, in every robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.places import ROBOTS, shipped_once
@@ -18,7 +16,7 @@ def rig_of(model: Model, joint: int, payload: float, gravity: float = 9.81) -> L
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in ROBOTS.glob("*.yaml")))
-def test_every_joint_of_every_robot_rests_at_the_start_and_then_moves(name: str) -> None:
+def test_every_joint_of_every_robot_rests_at_the_start_and_then_moves(name):
     model = prepare(shipped_once(name))
     for place, axis in enumerate(model.robot.joints):
         if axis.name.startswith("segment_") and axis.name not in ("segment_1", "segment_8"):
@@ -38,7 +36,7 @@ def test_every_joint_of_every_robot_rests_at_the_start_and_then_moves(name: str)
         assert np.allclose(angles[0], [motor.reference_angle for motor in model.robot.motors])
 
 
-def test_a_load_that_the_cables_do_not_hold_rests_on_an_end_stop() -> None:
+def test_a_load_that_the_cables_do_not_hold_rests_on_an_end_stop():
     """Gravity against positive angles presses it to the lower stop, and along them to the upper."""
     robot = load_model("prototype").robot
     for gravity, stop in ((9.81, -0.2), (-9.81, 0.3)):

@@ -1,10 +1,7 @@
 """The simulated rig: truth with contact cells beside the lumped estimator."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,7 @@ from cdrj_ros.simulation.truth import simulate
 ROBOT = load_robot(PROTOTYPE)
 
 
-def test_contact_cells_of_a_stiffening_cable_give_the_lumped_tensions() -> None:
+def test_contact_cells_of_a_stiffening_cable_give_the_lumped_tensions():
     cables = [replace(one, bedding_strain=0.003, bedding_tension=15.0) for one in ROBOT.cables]
     robot = replace(ROBOT, cables=tuple(cables))
     time = np.arange(3_000) / 500.0
@@ -54,14 +51,12 @@ ONES = np.ones(4)
         ([0.0, 0.1, 0.2, 0.3], ONES[:3], "joint_angle must have the shape"),
     ],
 )
-def test_a_motion_that_is_none_is_refused_in_a_line(
-    time: list[float], angle: Any, words: str
-) -> None:
+def test_a_motion_that_is_none_is_refused_in_a_line(time, angle, words):
     with pytest.raises(UsageError, match=words):
         simulate(ROBOT, np.array(time), np.array(angle))
 
 
-def test_a_sample_takes_the_memory_of_its_truth_and_not_of_all_contact_cells() -> None:
+def test_a_sample_takes_the_memory_of_its_truth_and_not_of_all_contact_cells():
     """An hour at 1 kHz with the cells of the prototype would take 25 GB."""
     samples = 10_000
     time = np.arange(samples) / 1000.0

@@ -1,7 +1,5 @@
 """A headless Chromium that renders in software; tests are skipped where there is none."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

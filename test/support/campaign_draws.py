@@ -1,7 +1,5 @@
 """Random faults, one of each kind or several together, and the motions in which they happen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Final
 

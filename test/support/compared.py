@@ -1,7 +1,5 @@
 """Comparison of estimates that are there as a whole."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

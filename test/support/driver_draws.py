@@ -1,7 +1,5 @@
 """Random faults of drivers for the campaign: one of each kind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Energy of the load of the rig."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cdrj_ros.simulation.load import Load

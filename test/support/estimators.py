@@ -1,7 +1,5 @@
 """Estimator nodes in this process, and the messages sent to them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace

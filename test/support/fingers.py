@@ -1,7 +1,5 @@
 """Robots of some fingers, with as many cables as wanted, beside each other or on a wrist."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The law of linear maps: joints that follow others are those of the robot that measures them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """HTML as the standard library reads it, and texts as a page shows them."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}

@@ -1,7 +1,5 @@
 """Recordings of a robot computed by the estimator itself."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run

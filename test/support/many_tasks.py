@@ -1,7 +1,5 @@
 """Tasks that other processes can import: they work, fail, die, or wait to be killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Robots with joints without encoder, and their motions."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Any
 

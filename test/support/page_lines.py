@@ -1,7 +1,5 @@
 """Blocks and lines of the pages."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import sys

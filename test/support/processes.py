@@ -1,7 +1,5 @@
 """Ends of processes that tests start, and what these print."""
 
-from __future__ import annotations
-
 import codecs
 import contextlib
 import os

@@ -4,8 +4,6 @@ One message has the motors and joints of several robots, with prefixes; counts o
 geared motor that turns the other way, currents as its efforts, and turns of the joint.
 """
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Random robots, and streams of messages as their sensors, networks and clocks spoil them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random

@@ -1,7 +1,5 @@
 """Copies of bags with other stamps in the headers, as drivers and other clocks make them."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from pathlib import Path

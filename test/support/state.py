@@ -1,7 +1,5 @@
 """The parts of a state by name: ``State`` of the core, whose values are opaque to the package."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 from cdrj_ros.foundation.arrays import Vector

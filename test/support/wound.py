@@ -1,7 +1,5 @@
 """Robots whose readings are tested: axes as a test describes them, and one cable on a winch."""
 
-from __future__ import annotations
-
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 

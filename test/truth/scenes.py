@@ -4,8 +4,6 @@ The geometry is the estimator's, which test_reference.py holds to one of its own
 of ``truth.surface``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -17,8 +17,6 @@ number on the surface; what is laid onto it has the strain of the straight span 
 The cable on a drum does not slip and comes back with the strain with which it was wound.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

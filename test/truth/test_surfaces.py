@@ -5,8 +5,6 @@ many cells leave next to nothing of the difference.  The cells of the rig are fi
 where a joint moves an end of the arc.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -45,7 +43,7 @@ def errors(robot: Robot, made: Scene, truth: Truth) -> tuple[float, float, float
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_tensions_and_efforts_are_those_of_cells_on_the_surfaces(name: str) -> None:
+def test_tensions_and_efforts_are_those_of_cells_on_the_surfaces(name):
     made, truth = known(name)
     mean, _, effort = errors(made.robot, made, truth)
     assert mean <= 0.001
@@ -53,7 +51,7 @@ def test_tensions_and_efforts_are_those_of_cells_on_the_surfaces(name: str) -> N
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_many_contacts_a_body_give_the_truth_itself(name: str) -> None:
+def test_many_contacts_a_body_give_the_truth_itself(name):
     made, truth = known(name)
     mean, largest, effort = errors(with_cells(made.robot, 12), made, truth)
     assert mean <= 0.0002
@@ -62,7 +60,7 @@ def test_many_contacts_a_body_give_the_truth_itself(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_the_rig_is_the_truth_from_the_first_sample_on(name: str) -> None:
+def test_the_rig_is_the_truth_from_the_first_sample_on(name):
     made, truth = known(name)
     rig = simulate(made.robot, made.time, made.joint, motor_angle=truth.motor, cells=32)
     off = np.abs(rig.tension - truth.tension)
@@ -75,7 +73,7 @@ def test_the_rig_is_the_truth_from_the_first_sample_on(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_no_material_is_lost_as_cells_of_the_rig_come_and_leave(name: str) -> None:
+def test_no_material_is_lost_as_cells_of_the_rig_come_and_leave(name):
     made, truth = known(name)
     model = make_rig(made.robot, 24).fine
     state, states = initial_state(model), []

@@ -1,10 +1,7 @@
 """Texts of others reach the page as plain text, through whichever door they come."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -86,9 +83,7 @@ def assert_plain(read: Html, payload: str) -> None:
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
-def test_every_door_of_the_page_shows_a_payload_as_its_characters(
-    page: Page, own: list[Any], payload: str
-) -> None:
+def test_every_door_of_the_page_shows_a_payload_as_its_characters(page, own, payload):
     nothing = nothing_known(page.model)
     player = Player(MagicMock(watched=True), MagicMock(duration_s=1.0), payload)
     player.page.gui.add_slider.return_value.max = 1.0  # type: ignore[attr-defined]
@@ -113,7 +108,7 @@ def test_every_door_of_the_page_shows_a_payload_as_its_characters(
     assert_plain(Html(table_of(page.model, nothing, odd, payload)), payload)
 
 
-def test_no_payload_runs_in_a_browser(page: Page, tmp_path: Path) -> None:
+def test_no_payload_runs_in_a_browser(page, tmp_path):
     with chromium(tmp_path, 1100, 620) as browser:
         browser.get(page.address)
         words = [f"{k}: {payload}" for k, payload in enumerate(PAYLOADS)]

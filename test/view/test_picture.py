@@ -1,7 +1,5 @@
 """What is drawn follows from estimates alone: colours, meshes, curves, the table and the page."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -41,7 +39,7 @@ def shown(model: Model) -> Snapshot:
     )  # fmt: skip
 
 
-def test_flags_and_tension_decide_colour_width_and_dashes(model: Model, shown: Snapshot) -> None:
+def test_flags_and_tension_decide_colour_width_and_dashes(model, shown):
     shown.tension[:3] = model.robot.cables[0].maximum_tension, 0.0, np.nan
     shown.status[1:6] = SLACK, 0, UNSURE, STALE, INVALID
     high, slack, unknown, unsure, stale, invalid = picture_of(model, shown).cables[:6]
@@ -57,9 +55,7 @@ def test_flags_and_tension_decide_colour_width_and_dashes(model: Model, shown: S
     assert stale.label == "deep/5 ?"
 
 
-def test_a_pulley_is_coloured_by_slip_and_an_unknown_force_has_no_arrow(
-    model: Model, shown: Snapshot
-) -> None:
+def test_a_pulley_is_coloured_by_slip_and_an_unknown_force_has_no_arrow(model, shown):
     shown.slip_speed[0] = -1e-3
     shown.pulley_status[1] = INVALID
     picture = picture_of(model, shown)
@@ -71,9 +67,7 @@ def test_a_pulley_is_coloured_by_slip_and_an_unknown_force_has_no_arrow(
     assert np.isfinite(ends[model.layout.pulleys[0]]).all()
 
 
-def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(
-    model: Model, shown: Snapshot
-) -> None:
+def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(model, shown):
     history = History(4)
     for stamp in (10, 20, 20, 30, 40, 50):
         history.add(shown._replace(stamp_ns=stamp, tension=shown.tension + stamp))
@@ -88,7 +82,7 @@ def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(
     assert np.isnan(table.curves(model.layout, "element deep/1", 0).tension).all()
 
 
-def test_columns_follow_the_names_and_not_the_order_of_a_message() -> None:
+def test_columns_follow_the_names_and_not_the_order_of_a_message():
     class Message:
         name = ("b", "a", "x")
         tension = (2.0, 1.0, 9.0)
@@ -99,14 +93,14 @@ def test_columns_follow_the_names_and_not_the_order_of_a_message() -> None:
     assert np.isnan(found["stddev"]).all()
 
 
-def test_the_table_says_tension_and_status(model: Model, shown: Snapshot) -> None:
+def test_the_table_says_tension_and_status(model, shown):
     shown.status[0] = INVALID
     text = table_of(model, shown, picture_of(model, shown), "deep/2")
     assert "INVALID" in text
     assert "18.0 ± 1.0 N" in text
 
 
-def test_the_table_of_a_hand_has_a_line_per_cable_the_worst_first() -> None:
+def test_the_table_of_a_hand_has_a_line_per_cable_the_worst_first():
     hand = load_model("hand")
     names = hand.layout.elements
     still = nothing_known(hand)
@@ -125,7 +119,7 @@ def test_the_table_of_a_hand_has_a_line_per_cable_the_worst_first() -> None:
     assert len(lines) == len(cables) + 2
 
 
-def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
+def test_shapes_of_bodies_follow_the_joints_in_the_browser():
     viser = pytest.importorskip("viser")
     robot = load_model("finger3d")
     server = viser.ViserServer(host="localhost", port=0, verbose=False)
@@ -153,7 +147,7 @@ def test_shapes_of_bodies_follow_the_joints_in_the_browser() -> None:
     assert proximal.any()
 
 
-def test_the_first_estimate_appears_in_table_and_picture_at_once() -> None:
+def test_the_first_estimate_appears_in_table_and_picture_at_once():
     pytest.importorskip("viser")
     model = load_model("davinci_jaw")
     page = Page(model, "localhost", 0, "title", TimeAxis("t", 0.0, 1.0))

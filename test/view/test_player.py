@@ -1,7 +1,5 @@
 """A recording plays at its rate, stops at its end, and is drawn only while somebody watches."""
 
-from __future__ import annotations
-
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -36,7 +34,7 @@ def drawn(player: Player) -> list[int]:
     return [call.args[3] for call in page.show.call_args_list]
 
 
-def test_time_passes_at_the_chosen_rate_up_to_the_end(player: Player, clock: list[float]) -> None:
+def test_time_passes_at_the_chosen_rate_up_to_the_end(player, clock):
     for _ in range(5):
         clock[0] += 0.5
         player.tick()
@@ -49,9 +47,7 @@ def test_time_passes_at_the_chosen_rate_up_to_the_end(player: Player, clock: lis
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, -1e308])
-def test_what_a_page_may_send_leaves_the_time_within_the_recording(
-    value: float, player: Player, clock: list[float]
-) -> None:
+def test_what_a_page_may_send_leaves_the_time_within_the_recording(value, player, clock):
     """A page of its own may send any number for the slider, and any text for the rate."""
     page: Any = player.page
     slider, rate = page.gui.add_slider.return_value, page.gui.add_dropdown.return_value
@@ -66,9 +62,7 @@ def test_what_a_page_may_send_leaves_the_time_within_the_recording(
     assert 0.0 <= slider.value <= 4.0
 
 
-def test_a_picture_that_does_not_change_is_not_drawn_again(
-    player: Player, clock: list[float]
-) -> None:
+def test_a_picture_that_does_not_change_is_not_drawn_again(player, clock):
     player.play(False)
     for _ in range(3):
         clock[0] += 1.0
@@ -79,7 +73,7 @@ def test_a_picture_that_does_not_change_is_not_drawn_again(
     assert drawn(player) == [0, 0]
 
 
-def test_nothing_is_drawn_while_nobody_watches(player: Player, clock: list[float]) -> None:
+def test_nothing_is_drawn_while_nobody_watches(player, clock):
     player.page.watched = False  # type: ignore[misc]
     clock[0] += 1.0
     player.tick()

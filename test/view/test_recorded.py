@@ -1,9 +1,6 @@
 """A bag is shown with the estimates that the validation computes."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
 from support.places import SAMPLE
 
 from cdrj_ros.evaluation.estimating import estimate
@@ -14,9 +11,7 @@ from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.view import recorded
 
 
-def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(monkeypatch):
     model = load_model("prototype")
     recording = read_inputs(str(SAMPLE), Topics(), model)
     conditioned = condition_recording(model, recording)
@@ -40,7 +35,7 @@ def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(
     np.testing.assert_array_equal(last.tension, film.tension[-1])
 
 
-def test_a_reference_is_unknown_outside_and_in_gaps() -> None:
+def test_a_reference_is_unknown_outside_and_in_gaps():
     second = 1_000_000_000
     times = np.array([0, 50_000_000, 2 * second])
     series = Series(times, times, np.array([1.0, 2.0, 3.0]))

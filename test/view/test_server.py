@@ -1,7 +1,5 @@
 """The page's server answers its own pages only, and the address is checked before it waits."""
 
-from __future__ import annotations
-
 import http.client
 import socket
 import subprocess
@@ -59,9 +57,7 @@ def server() -> Iterator[Any]:
         ("::", "example.org", None, False),
     ],
 )
-def test_a_request_needs_the_own_origin_and_a_name_of_this_machine(
-    host: str, asked: str | None, origin: str | None, answer: bool
-) -> None:
+def test_a_request_needs_the_own_origin_and_a_name_of_this_machine(host, asked, origin, answer):
     assert allowed(host, asked, origin) is answer
 
 
@@ -78,14 +74,14 @@ def answer_of(server: Any, **headers: str) -> int:
     return asked_of(server, {**HANDSHAKE, **headers}).status
 
 
-def test_the_server_refuses_pages_of_others_and_foreign_names(server: Any) -> None:
+def test_the_server_refuses_pages_of_others_and_foreign_names(server):
     own = address_of(server, "localhost")
     assert answer_of(server, Origin=own) == 101
     assert answer_of(server, Origin="http://example.org") == 403
     assert answer_of(server, Host="example.org", Origin="http://example.org") == 403
 
 
-def test_viser_itself_listens_where_no_page_can_find_it(server: Any) -> None:
+def test_viser_itself_listens_where_no_page_can_find_it(server):
     import viser
 
     from cdrj_ros.view.server import secret_address
@@ -99,14 +95,14 @@ def test_viser_itself_listens_where_no_page_can_find_it(server: Any) -> None:
     socket.create_connection((secret, port), timeout=5.0).close()
 
 
-def test_what_is_no_file_of_the_page_is_not_found(server: Any) -> None:
+def test_what_is_no_file_of_the_page_is_not_found(server):
     for path in ("/no", "/../../secret", "http://example.org/", "/%zz\x7f"):
         with socket.create_connection(("localhost", server.get_port()), timeout=30.0) as client:
             client.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
             assert client.recv(4096).split(b" ")[1] in (b"400", b"404"), path
 
 
-def test_a_port_that_is_taken_is_passed_over() -> None:
+def test_a_port_that_is_taken_is_passed_over():
     pytest.importorskip("viser")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -117,7 +113,7 @@ def test_a_port_that_is_taken_is_passed_over() -> None:
             other.stop()
 
 
-def test_the_page_may_neither_ask_other_servers_nor_be_framed(server: Any) -> None:
+def test_the_page_may_neither_ask_other_servers_nor_be_framed(server):
     answer = asked_of(server, {})
     assert answer.status == 200
     rules = dict(
@@ -131,21 +127,19 @@ def test_the_page_may_neither_ask_other_servers_nor_be_framed(server: Any) -> No
     )
 
 
-def test_the_tunnel_to_a_public_server_is_off(server: Any) -> None:
+def test_the_tunnel_to_a_public_server_is_off(server):
     assert server.request_share_url() is None
     assert server._share_tunnel is None
 
 
 @pytest.mark.parametrize("host", ["203.0.113.1", "no such host"])
-def test_an_address_of_another_machine_is_refused(host: str) -> None:
+def test_an_address_of_another_machine_is_refused(host):
     pytest.importorskip("viser")
     with pytest.raises(UsageError, match="cannot listen on host"):
         open_server(host, 0)
 
 
-def test_the_command_ends_with_code_2_without_viser(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_ends_with_code_2_without_viser(monkeypatch, capsys):
     from cdrj_ros.commands.view import main
 
     monkeypatch.setitem(sys.modules, "viser", None)
@@ -155,7 +149,7 @@ def test_the_command_ends_with_code_2_without_viser(
     assert errors.count("\n") == 1
 
 
-def test_neither_estimator_nor_markers_nor_the_commands_help_import_viser() -> None:
+def test_neither_estimator_nor_markers_nor_the_commands_help_import_viser():
     program = (
         "import sys\n"
         "import cdrj_ros.nodes.estimator, cdrj_ros.nodes.markers, cdrj_ros.commands.view\n"
