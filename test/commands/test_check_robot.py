@@ -90,7 +90,6 @@ def test_a_hand_is_shown_in_a_line_per_cable_the_worst_first(capsys):
     shown = [line.split()[0] for line in lines if "%" in line]
     model = load_model("hand")
     shares, checks = uncertainty_shares(model), inspect_robot(model).cables
-    assert shares is not None
     relative = {
         check.name: shares.stddev[part].max() / check.followed.high
         for check, part in zip(checks, model.robot.parts, strict=True)
@@ -129,8 +128,6 @@ def test_another_finger_changes_nothing_that_is_found_about_the_first():
         assert after.worst.high_at[:2] == before.worst.high_at
         assert after.length.low == before.length.low
     found = [uncertainty_shares(model) for model in (one, two)]
-    assert found[0] is not None
-    assert found[1] is not None
     size = len(one.layout.elements)
     assert np.array_equal(found[1].stddev[:size], found[0].stddev)
     shares = {cause.what: cause.share for cause in found[1].causes}
@@ -357,7 +354,6 @@ def test_the_contribution_of_one_number_is_its_effect():
     loose = with_numbers(document, {"friction.mu_c": 0.0, "friction.mu_s": 0.0,
                                     "friction.bearing_friction": 0.0})  # fmt: skip
     shares = uncertainty_shares(prepare(build_robot(loose, "test")))
-    assert shares is not None
     assert shares.stddev[:8] == pytest.approx(0.4, rel=0.02)
     assert np.all(shares.stddev[8:] == 0.0)
     assert [cause.what for cause in shares.causes] == ["cables.upper.preload"]

@@ -73,7 +73,6 @@ def covered(model: Model, stamps: np.ndarray, motors: dict[str, np.ndarray],
     series = [{name: Series(stamps, stamps, np.ascontiguousarray(read)) for name, read in
                axes.items()} for axes in (motors, joints)]  # fmt: skip
     found = estimate(model, condition(model.robot, *series), uncertainty=True)
-    assert found.stddev is not None
     late = found.stamp_ns > stamps[len(stamps) // 5]
     true = np.stack([np.interp(found.stamp_ns, stamps, one) for one in tension.T], axis=1)[late]
     error = np.abs(found.values[late][:, model.layout.tension] - true)
@@ -126,7 +125,6 @@ def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold():
     now = steps.drums_measured(steps.begin(fresh, ROBOT), {"winch": 0.0302})
     robot = now.model.robot
     known = robot.uncertainty
-    assert known is not None
     at = [known.parameters.index(f"cables.{c.name}.nodes.1.radius") for c in robot.cables]
     np.testing.assert_allclose(known.covariance[np.ix_(at, at)], 5e-5**2, err_msg="one cause")
     assert [cable.nodes[0].radius for cable in robot.cables] == [0.0151, 0.0151]

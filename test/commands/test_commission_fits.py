@@ -75,11 +75,8 @@ def test_the_file_of_a_hand_says_of_a_finger_what_its_own_would(two, fits):
         parse_robot(with_section(text_of(robot), "uncertainty", section_of(robot, found)))
         for robot, found in ((alone, held[:1]), (two, [other, held[1]]))
     )
-    assert whole.uncertainty is not None
     assert whole.uncertainty.may_slip == ("a_0", "a_1")
     known, part = own.uncertainty, build_robot(part_of(whole, (2, 3)), "b").uncertainty
-    assert known is not None
-    assert part is not None
     assert known.may_slip == part.may_slip == ()
     assert known.model_error == part.model_error
     stated = known.parameters[: known.stated]
@@ -113,7 +110,6 @@ def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two):
     friction = [cable.pulleys[0].friction.mu_c for cable in robot.cables]
     assert friction[0] == friction[1] != friction[2] == friction[3]
     known = robot.uncertainty
-    assert known is not None
     at = [known.parameters.index(f"cables.a_{k}.friction.mu_c") for k in range(2)]
     variance = known.covariance[np.ix_(at, at)]
     np.testing.assert_allclose(variance, variance[0, 0], err_msg="one cause")

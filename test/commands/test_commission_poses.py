@@ -115,7 +115,6 @@ def covered(model: Model, recorded: Recorded, tension: np.ndarray) -> float:
     found = estimate(
         model, condition(model.robot, recorded.motors, recorded.joints), uncertainty=True
     )
-    assert found.stddev is not None
     late = slice(len(tension) // 5, None)
     error = np.abs(found.values[:, model.layout.tension] - tension)[late]
     return float(np.mean(error <= 2.0 * found.stddev[late, : tension.shape[1]]))
@@ -130,7 +129,6 @@ def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds():
     assert after.ok > 0.3 > before.ok
     assert all(after.relative[name] < 0.75 * before.relative[name] for name in before.relative)
     known = three.model.robot.uncertainty
-    assert known is not None
     k = known.parameters.index("cables.upper.nodes.1.radius")
     stddev = float(np.sqrt(known.covariance[k, k]))
     assert stddev < 0.25e-3
@@ -165,7 +163,6 @@ def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readi
     radii = []
     for one in (before, after):
         known = one.model.robot.uncertainty
-        assert known is not None
         k = known.parameters.index("cables.upper.nodes.1.radius")
         radii.append(np.sqrt(known.covariance[k, k]))
     assert radii[1] < 1.1 * radii[0]
@@ -188,7 +185,6 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
     now = steps.preloaded(steps.begin(FRESH, str(PROTOTYPE)), [{"upper": 30.0, "lower": 20.0}])
     robot = now.model.robot
     known = robot.uncertainty
-    assert known is not None
     unknowns = unknowns_of(robot, now.base)
     size = len(unknowns)
     found = Identification(

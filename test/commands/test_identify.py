@@ -89,7 +89,6 @@ def test_the_written_file_keeps_its_comments_and_says_where_its_numbers_come_fro
         if "#" in line:
             assert line.partition("#")[2] in text
     robot = load_robot(out)
-    assert robot.uncertainty is not None
     assert robot.uncertainty.parameters == (
         "friction.rho", "cables.upper.preload", "cables.lower.preload",
         "cables.upper.axial_stiffness", "cables.lower.axial_stiffness", "friction.mu_c",

@@ -125,7 +125,6 @@ def test_readings_at_full_rate_leave_nothing_unseen(model, course):
     """With readings at full rate the unseen deviation is empty and has no effect."""
 
     def unseen(live: LiveEstimator) -> None:
-        assert live.sample is not None
         assert live.sample.unseen.size == 0
         assert live.conditioner.steps == 0
         assert live.conditioner.lagging == {}
@@ -276,7 +275,6 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
     faults = Faults(slips=slip, restart_ns=BEGIN, stop_ns=stop_ns)
 
     def confirm(live: LiveEstimator) -> None:
-        assert live.ensemble is not None
         assert (live.ensemble.core.least_variance > 0.0).any()
         live.reset()
         assert not live.ensemble.core.least_variance.any()
@@ -313,7 +311,6 @@ def test_a_sensor_that_becomes_wrong_is_named_and_leaves_the_estimate_to_the_oth
     right: dict[str, float] = {}
 
     def watch(live: LiveEstimator) -> None:
-        assert live.corrections is not None
         right.update(live.corrections.right)
 
     faults = Faults(quarter_rate(), sensors=(CELL, EFFORT), lies=lies)
@@ -329,7 +326,6 @@ def test_a_long_gap_beside_a_stuck_sensor_leaves_no_standard_deviation_too_small
     """In an hour the preloads drift by more than the ensemble's initial spread."""
 
     def consistent(live: LiveEstimator) -> None:
-        assert live.ensemble is not None
         assert np.allclose(live.ensemble.variance, (live.ensemble.deviation**2).mean(axis=0))
 
     begin = 3 * SECOND

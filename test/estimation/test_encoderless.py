@@ -49,7 +49,6 @@ def test_efforts_give_the_angle_of_a_joint_without_encoder(name, joints, most):
     truth, efforts = truth_of(model, samples)
     estimates = EncoderlessEstimator(model, members=8).run(only_measured(model, samples), efforts)
     angles = estimates.angles
-    assert angles is not None
     assert angles.names == joints
     error = angles.value - samples.joint_angle[:, list(model.robot.unmeasured)]
     settled = slice(300, None)
@@ -70,7 +69,6 @@ def test_without_efforts_there_are_no_numbers_and_the_next_effort_starts_anew(pr
     layout = prototype.layout
     assert np.all(np.isnan(found.values[20:40, layout.tension]))
     assert np.all(found.values[20:40, layout.status] == INVALID)
-    assert found.angles is not None
     assert np.all(np.isnan(found.angles.value[20:40]))
     again = EncoderlessEstimator(prototype, members=8).run(read.part(slice(40, 60)), efforts[40:])
     assert found.values[40:].tobytes() == again.values.tobytes()

@@ -52,7 +52,6 @@ def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
     model = load_model(ROBOT, preload)
     path = _path(model, bag)
     known = model.robot.uncertainty
-    assert known is not None
     drawn = draw_members(model.robot, known, runs, Streams(seed), lambda one: prepare(one, False))
     truths = [one or model for one in drawn]
     generator.shuffle(truths)
@@ -171,7 +170,6 @@ def test_an_impossible_draw_is_replaced_and_not_reduced():
     """The idlers of the wrist are closer together than the default accuracy of their positions."""
     model = load_model(str(ROBOTS / "wrist.yaml"))
     known = model.robot.uncertainty
-    assert known is not None
     drawn = draw_members(model.robot, known, MEMBERS, Streams(0), lambda one: prepare(one, False))
     robots = [one.robot for one in drawn if one is not None]
     stddev = np.sqrt(np.diag(known.covariance))

@@ -72,7 +72,6 @@ def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(mode
     right: dict[str, float] = {}
 
     def watch(live: LiveEstimator) -> None:
-        assert live.corrections is not None
         right.update(live.corrections.right)
 
     outputs = run(model, fast, faults, watch=watch)
@@ -116,7 +115,6 @@ def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders():
             given += live.feed("motors", stamp, motors, read.motor_angle[k])[1]
             if k % 20 == 0:
                 given += live.feed("joints", stamp, joints, read.joint_angle[k])[1]
-        assert live.encoderless is not None
         live.encoderless.solver.roll_back()
         found.append(
             (live.last_ns, live.encoderless.solver.state.tobytes(), live.state.values.tobytes())

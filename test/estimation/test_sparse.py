@@ -30,7 +30,6 @@ def test_five_readings_a_second_are_named_with_a_rate_that_is_enough():
     (note,) = doubts_of(model, read_at(model, 5.0, 0.5))
     assert note.startswith("winch, elbow read at 5 Hz: too sparse for this motion, which between")
     found = re.search(r"worth (\d+)% of a preload; (\d+) Hz do\.$", note)
-    assert found is not None
     share, enough = map(int, found.groups())
     assert share > 10, "alone makes them UNSURE"
     assert 5 < enough < 200

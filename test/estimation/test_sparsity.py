@@ -38,7 +38,6 @@ def angles(model: Model, angle: Vector) -> Table:
 def feed(model: Model, rate: float, rows: Table) -> tuple[list[int], LiveEstimator]:
     """The steps of cables that every sample takes after the first one."""
     live = LiveEstimator(model)
-    assert live.ensemble is not None
     core, taken = live.ensemble.core, []
     for k, row in enumerate(rows):
         before = core.cable_steps
@@ -112,7 +111,6 @@ def followed(model: Model, unseen: dict[int, float]) -> tuple[Vector, Ensemble, 
     for sample in samples(model, 30, unseen):  # without a turning point
         before = ensemble.core.cable_steps
         state, estimate = ensemble.step(state, sample)
-        assert estimate.stddev is not None
         stddev = estimate.stddev
     return stddev, ensemble, ensemble.core.cable_steps - before
 
@@ -193,7 +191,6 @@ def results(model: Model, rate: float, rows: Table) -> dict[str, Vector]:
     for k, row in enumerate(rows):
         found += live.feed("both", START_NS + round(k * 1e9 / rate), names, row)[1]
     columns = [*layout.elements, *(f"force {name}" for name in layout.pulleys), *names]
-    assert live.ensemble is not None
     values = np.array([one.values[live.ensemble.columns] for one in found])
     stddev = np.array([one.stddev for one in found])
     assert len(found) > 10
@@ -224,8 +221,6 @@ def test_an_unrelated_finger_changes_no_bit_of_joints_without_encoder():
 
     def estimated(model: Model, motor: Table, joint: Table, effort: Table) -> tuple[Vector, ...]:
         found = EncoderlessEstimator(model).run(Samples(stamps, motor, joint), effort)
-        assert found.angles is not None
-        assert found.stddev is not None
         own = [k for k, name in enumerate(model.layout.elements) if name.startswith("b")]
         return (
             found.angles.value[:, -1], found.angles.stddev[:, -1],

@@ -78,7 +78,6 @@ def test_a_signature_is_what_the_robot_with_this_number_alone_does(name):
     """Whatever other unknowns its robots show, half the difference of one unit to either side."""
     model = _free(name)
     known = model.robot.uncertainty
-    assert known is not None
     group = Group(model, range(len(model.robot.cables)), {})
     samples = _course(model, 12)
     slopes = []
@@ -140,7 +139,6 @@ def test_few_modes_stand_for_all_numbers_of_a_file():
     """They give the tensions the variances that all independent causes of error give."""
     model = _free("finger")
     known = model.robot.uncertainty
-    assert known is not None
     group = Group(model, range(len(model.robot.cables)), {})
     samples, tensions = _course(model, 1), np.arange(len(model.layout.elements))
     nominal = _values(model, np.zeros(len(model.robot.axes)), samples, tensions)

@@ -112,7 +112,6 @@ def report_of(live: LiveEstimator) -> Report:
 def found(live: LiveEstimator) -> dict[str, float]:
     """Amounts of the changes in the verdict, by name."""
     verdict = corrections_of(live).groups[0].verdict
-    assert verdict is not None
     return {one.change.what: one.amount for one in verdict.found if one.matters}
 
 
@@ -164,7 +163,6 @@ def test_friction_of_the_motor_is_told_from_that_of_the_cables_by_load_cells(mod
     live = heard(model, motion, readings)
     assert found(live) == {"friction of the axis winch": pytest.approx(0.06, abs=0.015)}
     alone = corrections_of(heard(model, motion, readings, ("effort",))).groups[0].verdict
-    assert alone is not None
     assert any("of all cables" in other for one in alone.found for other in one.others)
 
 
@@ -179,7 +177,6 @@ def test_a_broken_cable_is_an_error_and_its_elements_are_unsure_at_once(model, m
     assert report_of(live).level == "error"
     assert "cable upper carries nothing" in report_of(live).message
     doubted = corrections_of(live).doubted
-    assert doubted is not None
     assert doubted[UPPER].all()
     assert not doubted[LOWER].any()
     silent = motion.part(slice(until, until + 500))

@@ -128,7 +128,6 @@ def test_values_come_back_as_they_were_sent(bench):
     np.testing.assert_array_equal(answers.estimates.values, np.tile(expected, (count, 1)))
     assert np.ptp(expected[layout.magnitude]) > 1.0
     stddev = answers.estimates.stddev
-    assert stddev is not None
     told = len(layout.elements) + len(layout.pulleys)  # efforts are published without
     assert np.array_equal(stddev[:, :told], np.tile(1.0 + np.arange(told), (count, 1)))
     assert np.isnan(stddev[:, told:]).all()
@@ -147,7 +146,6 @@ def test_passes_are_counted_and_their_difference_is_noted(model, off):
         outcome.add(bench.run.finish(), whole=True)
     assert (outcome.passes, outcome.whole_passes) == (2, 2)
     assert outcome.difference == pytest.approx(off)
-    assert outcome.answers is not None
     assert outcome.answers.estimates.stamp_ns.size == 5
     assert outcome.tally.received == 10
     assert ["should be identical" in note for note in outcome.notes()] == [True] * (off > 0.0)
@@ -176,8 +174,6 @@ def test_what_is_known_of_standard_deviations_counts_for_the_coverage(model, rec
     recording = read_inputs(str(SAMPLE), Topics(), model)
     errors = errors_of([outcome.comparison("bag", recording)]).pooled
     half, whole = errors["tension/upper/8"].coverage, errors["nodal_force/upper/8"].coverage
-    assert half is not None
-    assert whole is not None
     assert 0.0 < half < 1.0
     assert 0.0 < whole < 1.0
     stddev[: count // 2, :16] = 0.05

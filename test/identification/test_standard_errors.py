@@ -112,7 +112,6 @@ def test_a_file_that_says_that_all_others_are_exact_is_believed(fresh):
 
 def test_causes_are_independent_and_leave_out_what_is_fitted(fresh):
     known = build_robot(fresh, "test").uncertainty
-    assert known is not None
     causes = nuisance_causes(known, parse_unknowns(fresh, FIT + ",preload,EA"))
     named = [set(cause) for cause in causes]
     assert {"friction.mu_c", "friction.mu_s"} in named, "they deviate together"
@@ -132,7 +131,6 @@ def test_stated_correlations_give_causes_with_the_same_covariance(fresh):
         "correlation": [[1.0, 0.6, 0.2], [0.6, 1.0, 0.0], [0.2, 0.0, 1.0]], "others": "exact",
     }  # fmt: skip
     known = build_robot({**fresh, "uncertainty": stated}, "test").uncertainty
-    assert known is not None
     causes = nuisance_causes(known, parse_unknowns(fresh, "rho"))
     root = np.array([[cause.get(path, 0.0) for cause in causes] for path in paths])
     np.testing.assert_allclose(root @ root.T, known.covariance, rtol=1e-9, atol=1e-12)
@@ -224,7 +222,6 @@ def test_errors_of_fitted_numbers_go_with_those_left_alone_as_stated(fresh):
         )
         for one in (fresh, real)
     )
-    assert right.others is not None
     column = right.others.paths.index(arms[0])
     assert right.others.stddev[column] == pytest.approx(DRAWN_RADIUS)
     expected = 0.3 * np.sign(size[arms[0]]) * right.others.with_fitted[:, column] * right.stddev

@@ -417,7 +417,6 @@ def _prepared(
     stretch = 1 + strain_of(cable, cable.preload)
     wrap, shift = pose.wrap[pulleys], np.zeros(length.size - 1)
     if history is not None:
-        assert earlier is not None
         strained = np.maximum(history.length[own] / history.material[own], 1.0)
         shift = _shift(robot, c, earlier, pose, strained)
         bodies = [pulley.kind in ("cylinder", "sphere") for pulley in cable.pulleys]
@@ -443,7 +442,6 @@ def _prepared(
             given[end] = -rate * angle
         else:
             e, old = (own.start, own.stop - 1)[end], history.drums[2 * c + end]
-            assert old is not None
             strained = max(history.length[e] / history.material[e], 1.0)
             new = turn(old, angle, reel / strained)
             drums.append(new)

@@ -113,7 +113,6 @@ def nearest(a: Vector, b: Vector) -> tuple[Vector, float]:
 def way_round(node: Node, a: Vector, b: Vector, axis: Vector, side: Vector) -> tuple[bool, float]:
     """Whether the cable touches a round body, and its sense about the axis."""
     place = node.place
-    assert place is not None
     at = min(max(nearest(a, b)[1], 0.0), 1.0)
     close = a + at * (b - a)
     through = bool(np.linalg.norm(close) <= node.radius)
@@ -140,7 +139,6 @@ def arc(
 
 def grooved(node: Node, a: Vector, b: Vector, near: float) -> Contact:
     """A grooved pulley; ``near``: its wrap in the reference pose [rad]."""
-    assert node.place is not None
     flat, sense = np.array([1.0, 1.0, 0.0]), float(node.place.turn)
     first, last, found, _, _ = arc(node, a * flat, b * flat, Z, sense)
     found = near + (found - near + np.pi) % (2 * np.pi) - np.pi
@@ -151,7 +149,6 @@ def grooved(node: Node, a: Vector, b: Vector, near: float) -> Contact:
 
 def cylinder(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
     """(G5), or (G6) where the cable runs through a ring."""
-    assert node.place is not None
     flat = np.array([1.0, 1.0, 0.0])
     if node.place.inside:
         return through_ring(node, a, b, Z, a * flat, b * flat)
@@ -170,7 +167,6 @@ def cylinder(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
 
 def sphere(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
     """A great circle."""
-    assert node.place is not None
     axis = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
     if node.place.inside:
         return through_ring(node, a, b, axis, a, b)
@@ -289,7 +285,6 @@ def path(robot: Robot, cable: Cable, q: Vector, touches: Any, rest: Path | None)
 
 def wound(node: Node, now: tuple[float, float], rest: Path, end: int) -> float:
     """(G8): angle of cable that has come onto an end since the reference pose [rad]."""
-    assert node.place is not None
     (angle_now, turn), (angle_then, turn_then) = now, rest.ends[end]
     grown = angle_now - angle_then + turn - turn_then
     grown = (grown + np.pi) % (2 * np.pi) - np.pi - (turn - turn_then)
@@ -380,7 +375,6 @@ def by_positions(robot: Robot, cable: Cable, q: Vector, found: Path, rest: Path)
     for k, (node, one) in enumerate(zip(cable.pulleys, found.contacts[1:-1], strict=True)):
         if not one.touches:
             continue
-        assert node.place is not None
         wrap[k], arcs[k] = one.wrap, one.arc
         if node.place.kind == "sheath":
             wrap[k], arcs[k] = bend_of(robot, node, q), node.place.length
@@ -390,7 +384,6 @@ def by_positions(robot: Robot, cable: Cable, q: Vector, found: Path, rest: Path)
     length[1:] += 0.5 * arcs
     laid, levers = np.zeros((2, 2))
     for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
-        assert node.place is not None
         reel = node.reel if isinstance(node, Winch) else node.radius
         levers[end] = reel
         if node.place.kind == "pulley":

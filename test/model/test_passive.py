@@ -146,7 +146,6 @@ def test_a_cable_that_stays_slack_has_no_tension_wherever_its_material_lies():
 
 def test_its_standard_deviation_follows_from_rest_length_and_stiffness():
     uncertainty = passive().robot.uncertainty
-    assert uncertainty is not None
     assert uncertainty.stddev["cables.c.rest_length"] == pytest.approx(0.01 * REST)
     assert "cables.c.preload" not in uncertainty.stddev
 

@@ -244,7 +244,6 @@ def check(robot: Robot, course: Course) -> None:
         reading = Sample((k + 1) * STEP_NS, course.motor[k], course.joint[k])
         state, estimate = step(model, state, reading)
         after = history_of(model, state)
-        assert after is not None
         assert estimate.solved
         if (estimate.values[model.layout.iterations] > NEWTON_ALONE).any():
             divided += 1

@@ -138,8 +138,6 @@ def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_el
     plain, both = (
         Ensemble(model).follow(MOTION, estimates_of(model)) for model in (PLAIN, corrected)
     )
-    assert plain.stddev is not None
-    assert both.stddev is not None
     trust = both.values[:, corrected.layout.trust.start]
     known = dict(PLAIN.robot.uncertainty.model_error)["effort/spindle"]  # type: ignore[union-attr]
     spread = plain.stddev[:, column] ** 2 - known**2

@@ -205,7 +205,6 @@ def until(process: subprocess.Popen[str], *words: str) -> str:
     """Read the output until every word has occurred, then interrupt; returns the whole output."""
     said = ""
     try:
-        assert process.stdout is not None
         while not all(word in said for word in words):
             line = process.stdout.readline()
             assert line, said

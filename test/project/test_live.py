@@ -44,7 +44,6 @@ def test_no_program_is_left_behind(by):
         "sys.exit(live['main']())",
     )
     with subprocess.Popen([sys.executable, "-c", "\n".join(lines)], stdout=subprocess.PIPE) as live:
-        assert live.stdout is not None
         pid = int(live.stdout.readline())
         live.send_signal(by)
         assert live.wait(30.0) == 130

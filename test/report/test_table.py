@@ -27,7 +27,6 @@ def test_channels_are_grouped_by_quantity_with_their_mean_last():
     ]
     assert [row.label for row in tension.rows] == ["upper/7", "upper/8"]
     assert tension.rows[1].cells == ("0.400", "0.80 %", "0.500", "2.500", "0.9970")
-    assert tension.summary is not None
     assert tension.summary.label == "all elements"
     assert tension.summary.cells == ("0.300", "0.60 %", "0.400", "2.500", "0.9980")
     assert effort.summary is None

@@ -162,7 +162,6 @@ def test_shares_and_offsets_are_numbers_of_the_file_with_default_standard_deviat
     assert matching_paths(robot.document, "joints.hinge.coupled.*") == (
         ("joints.hinge.coupled.a", "joints.hinge.coupled.b"),
     )
-    assert robot.uncertainty is not None
     stddev = robot.uncertainty.stddev
     assert stddev["joints.hinge.coupled.a"] == pytest.approx(0.021)
     assert stddev["joints.one.offset"] == pytest.approx(np.pi / 180.0)

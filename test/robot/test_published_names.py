@@ -58,7 +58,6 @@ def test_numbers_are_found_and_written_under_any_name():
     assert changed.joints[0].sensor.clock_offset_ns == 1_000_000
     stated = f"uncertainty: {{parameters: ['joints.{JOINT}.offset'], stddev: [0.01]}}\n"
     known = parse_robot(with_section(text, "uncertainty", stated), "robot").uncertainty
-    assert known is not None
     assert known.parameters[0] == f"{joint}.offset"
     (one,) = parse_unknowns(dict(robot.document), "effort_scale")
     assert one.paths == (f"{motor}.effort_scale",)

@@ -36,7 +36,6 @@ ELSEWHERE = {
 
 def stddevs(robot: Robot) -> dict[str, float]:
     known = robot.uncertainty
-    assert known is not None
     return dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
 
 
@@ -71,7 +70,6 @@ def test_every_number_has_a_standard_deviation_or_a_reason_for_none(name):
 
 def test_numbers_with_one_cause_deviate_together():
     known = parse_robot(FRESH).uncertainty
-    assert known is not None
     i, j = (known.parameters.index(f"cables.{c}.nodes.1.radius") for c in ("upper", "lower"))
     assert known.covariance[i, j] == pytest.approx(known.covariance[i, i])
     i, j = (known.parameters.index(f"cables.{c}.spans.6.sine") for c in ("upper", "lower"))
@@ -81,7 +79,6 @@ def test_numbers_with_one_cause_deviate_together():
 def test_a_stated_standard_deviation_replaces_the_default():
     stated = "uncertainty:\n  parameters: [cables.upper.preload]\n  stddev: [0.25]\n"
     known = parse_robot(with_section(FRESH, "uncertainty", stated)).uncertainty
-    assert known is not None
     assert known.stated == 1
     assert known.parameters.count("cables.upper.preload") == 1
     assert known.covariance[0, 0] == pytest.approx(0.25**2)
@@ -105,7 +102,6 @@ def test_a_static_coefficient_stays_above_a_stated_coulomb_coefficient():
 )
 def test_drums_may_slip_unless_the_file_says_of_them_that_they_hold(stated, slips):
     known = parse_robot(with_section(FRESH, "uncertainty", f"uncertainty:\n  {stated}")).uncertainty
-    assert known is not None
     assert known.may_slip == slips
 
 
@@ -135,7 +131,6 @@ def test_others_may_be_exact(stated):
 def test_the_models_error_names_channels_of_the_robot():
     text = with_section(FRESH, "uncertainty", "uncertainty:\n  model_error: {effort/winch: 0.01}")
     known = parse_robot(text).uncertainty
-    assert known is not None
     assert known.model_error == (("effort/winch", 0.01),)
     with pytest.raises(RobotFileError, match=r"effort/wench.*effort/winch"):
         parse_robot(text.replace("effort/winch", "effort/wench"))
@@ -147,7 +142,6 @@ def test_a_tare_leaves_the_error_of_the_encoder_and_measured_numbers_are_known_b
     drums = [f"cables.{name}.nodes.1.radius" for name in ("upper", "lower")]
     changed = {reference: 0.1, "cables.lower.preload": 30.0, **dict.fromkeys(drums, 0.0151)}
     before, known = stddevs(robot), narrowed(robot, changed)
-    assert known is not None
     both = [known.parameters.index(path) for path in (zero, reference)]
     error = known.covariance[np.ix_(both, both)]
     np.testing.assert_allclose(error, ZERO_BY_EYE**2, err_msg="the encoder's error is that of both")

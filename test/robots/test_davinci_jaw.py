@@ -42,8 +42,6 @@ def held_out(model: Model) -> list[BagComparison]:
 def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
     errors = pooled_errors(comparisons)
     spindle, jaw = errors["effort/spindle"].r2, errors["effort/jaw"].r2
-    assert spindle is not None
-    assert jaw is not None
     return spindle, jaw
 
 
@@ -66,7 +64,6 @@ def test_a_learned_correction_explains_more_of_runs_that_were_not_fitted(held_ou
     assert 1.0 - jaw < 0.95 * (1.0 - jaw_before)
     for one in after:
         channel = next(channel for channel in one.channels if channel.name == "effort/spindle")
-        assert channel.stddev is not None
         error = np.abs(channel.estimate - channel.reference)
         assert np.mean(error <= 2.0 * channel.stddev) >= 0.85
 
@@ -78,7 +75,6 @@ def test_the_standard_deviation_covers_runs_that_were_not_fitted(held_out):
         inside = []
         for one in held_out:
             channel = next(channel for channel in one.channels if channel.name == name)
-            assert channel.stddev is not None
             error = np.abs(channel.estimate - channel.reference)
             inside.append(float(np.mean(error <= 2.0 * channel.stddev)))
         assert np.mean(inside) >= 0.90, (name, inside)

@@ -179,7 +179,6 @@ def recorded(model: Model, truth: Truth) -> Course:
 def _other(model: Model, seed: int) -> Model:
     """A robot whose numbers differ from the file's as its standard deviations allow."""
     known, document = model.robot.uncertainty, dict(model.robot.document)
-    assert known is not None
     generator = np.random.default_rng([seed, 1])
     paths = known.parameters[: known.stated]
     stddev = np.sqrt(np.diag(known.covariance))

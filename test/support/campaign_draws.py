@@ -112,7 +112,6 @@ def _slip(axis: Axis) -> Draw:
 def _slip_in_a_restart(axis: Axis) -> Draw:
     def drawn(faults: Faults, generator: np.random.Generator) -> None:
         _restart(faults, generator)
-        assert faults.restart_ns is not None
         at = faults.restart_ns + faults.stop_ns // 2
         faults.slips.append((axis, at, _size(generator, 1e-3, 1.0 if axis == "winch" else 0.3)))
 

@@ -36,8 +36,6 @@ def command_lines(page: Path) -> list[str]:
 def loaded_tool(path: Path, **constants: object) -> ModuleType:
     """A script as a module, some of whose constants are replaced."""
     spec = importlib.util.spec_from_file_location(f"tool_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)

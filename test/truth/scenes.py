@@ -295,7 +295,6 @@ def contacts_of(cable: Cable) -> tuple[Contact, ...]:
     def cell(pulley: Pulley) -> float:
         if pulley.kind != "sheath":
             return float(CELL * pulley.radius)
-        assert pulley.place is not None
         return float(pulley.place.length / np.ceil(pulley.wrap[0].value[0] / CELL))
 
     return tuple(Contact(pulley.friction.mu_c, cell(pulley)) for pulley in cable.pulleys)

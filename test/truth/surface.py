@@ -247,7 +247,6 @@ def _carried(cable: Cable, state: State, course: Course) -> list[Cells | None]:
 def _numbers(state: State, b: int, place: Array, laid: Array) -> Array:
     """Numbers of the cable above places of body b; what is laid has the strains ``laid``."""
     old, was = state.cells[b], state.course
-    assert old is not None
     strain = state.strain[[state.spans[b], state.spans[b + 1]]]
     first, last = was.first[b], was.last[b]
     begin = old.number[0] - (old.middle[0] - first) / (1.0 + strain[0])

@@ -72,12 +72,10 @@ def test_the_history_keeps_the_last_values_and_begins_again_if_time_goes_back(mo
     for stamp in (10, 20, 20, 30, 40, 50):
         history.add(shown._replace(stamp_ns=stamp, tension=shown.tension + stamp))
     table = history.table()
-    assert table is not None
     np.testing.assert_array_equal(table.stamp_ns, [20, 30, 40, 50])
     np.testing.assert_array_equal(table.tension[:, 0], [38.0, 48.0, 58.0, 68.0])
     history.add(shown._replace(stamp_ns=5, status=shown.status | np.uint8(STALE)))
     table = history.table()
-    assert table is not None
     assert table.stamp_ns.tolist() == [5]
     assert np.isnan(table.curves(model.layout, "element deep/1", 0).tension).all()
 
