@@ -3,7 +3,6 @@
 
 python tools/commission_table.py prototype --draws 20    the rig, whose joint a motor balances
 python tools/commission_table.py wrist --draws 20        four cables in space, three joints
-python tools/commission_table.py finger --draws 20       three cables, two joints, see below
 
 Three causes of error are drawn for every truth among the documented defaults, each with its own
 standard deviation.  The truth has eight contact cells per pulley.  It is recorded at rest, and for
@@ -13,18 +12,12 @@ then says.  The scale is read in the reference pose, then near the ends of all j
 after five motions to and fro, in the reference pose again.  Angles are read 500 times a second,
 motors and joints in one message, as joint_state_broadcaster publishes them.  The file of every step
 is then judged on another motion.
-
-The finger is commissioned by a tare, preloads in one pose and a motion alone, each draw by another
-of ``WAYS``: random, sine or dwell, of both joints or one, at 1000 or 200 Hz, with torques (3 mN m)
-or currents, whose factor is 3 % off.  It is judged on random motions of both joints, also live: by
-the estimator that hears the efforts, whose share of OK is compared with what commission foretells.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -32,9 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from cdrj_ros.api import Estimator
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Estimates
@@ -51,7 +42,7 @@ from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import differences, named_motion, random
+from cdrj_ros.simulation.motion import differences, random
 from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,7 +59,7 @@ PULL: Final = 0.05
 """Angle by which every motor of the wrist turns beyond what the joints ask for [rad]."""
 START_S: Final = 5.0
 """Beginning of a judged motion, in which the friction history is unknown [s]."""
-EFFORT_NOISE: Final = {"prototype": 0.02, "wrist": 0.002, "finger": 0.003}
+EFFORT_NOISE: Final = {"prototype": 0.02, "wrist": 0.002}
 """Standard deviation of the motors' efforts [N m]: some 5 % of what the preloads make of them."""
 CELL_NOISE: Final = 0.1
 SCALE_GAIN: Final = 0.0283
@@ -78,10 +69,6 @@ POSES: Final = {"prototype": ((-0.8,), (0.8,)),
 """Further poses for the spring scale, as fractions of the ranges beside the reference pose."""
 MOVE_S, REST_S, CYCLES = 2.5, 3.0, 5
 CALLIPER_NOISE: Final = 5e-5
-WAYS: Final = tuple(product(("random", "sine", "dwell"), (2, 1), (1000.0, 200.0), (False, True)))
-"""Motion, joints that move, rate [Hz] and whether efforts are currents, for the finger."""
-CURRENT: Final = 0.03
-"""Standard deviation of the factor from a current to a torque, as of catalogues."""
 EPOCH_NS: Final = 1_700_000_000_000_000_000
 
 
@@ -126,35 +113,6 @@ class Moved(NamedTuple):
     joints: dict[str, Series]
 
 
-def finger_moved(robot: Robot, seed: int, kind: str, moving: int, rate: float) -> Moved:
-    """A motion of the finger's first joints, the others at rest in their reference pose."""
-    time = np.arange(0.0, SECONDS, 1.0 / rate)
-    joints = np.tile([joint.reference_angle for joint in robot.joints], (time.size, 1))
-    for k, joint in enumerate(robot.joints[:moving]):
-        amplitude = 0.45 * (joint.upper - joint.lower)
-        middle = 0.5 * (joint.upper + joint.lower)
-        frequency = {"random": 0.5, "sine": 0.2 + 0.07 * k, "dwell": 0.1 + 0.03 * k}[kind]
-        joints[:, k] = named_motion(kind, amplitude, frequency, seed + 100 * k, 0.5, middle)(time)
-    motors = follow_joints(prepare(robot), joints).motor_angle
-    truth = simulate(robot, time, joints, motor_angle=motors, allow_slack=True)
-    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
-    return Moved(stamps, truth, *_read(robot, stamps, truth.motor_angle, truth.joint_angle))
-
-
-def with_efforts(robot: Robot, motion: Moved, currents: bool, seed: int) -> Recorded:
-    """The motion with the motors' efforts, as torques or as currents with an unknown factor."""
-    generator = np.random.default_rng([seed, 10])
-    size = motion.truth.motor_effort.shape
-    factor = 1.0 + (CURRENT * generator.standard_normal(size[1]) if currents else 0.0)
-    read = factor * motion.truth.motor_effort
-    read += generator.normal(0.0, EFFORT_NOISE[robot.name], size)
-    efforts = {
-        f"effort/{motor.name}": Series(motion.stamp_ns, motion.stamp_ns, column.copy())
-        for motor, column in zip(robot.motors, read.T, strict=True)
-    }
-    return Recorded("motion", motion.motors, motion.joints, efforts)
-
-
 def moved(robot: Robot, seed: int) -> Moved:
     """A random motion over most of the joints' ranges, and what the encoders read."""
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
@@ -175,24 +133,22 @@ def moved(robot: Robot, seed: int) -> Moved:
         motors = follow_joints(prepare(robot), joints).motor_angle
         for k in range(len(robot.motors)):  # a controller changes the tensions by some 4 N
             motors[:, k] += random(PULL, 0.5, seed + 1000 + k, 0.5)(time)
+    return _read(robot, time, joints, motors)
+
+
+def _read(robot: Robot, time: Vector, joints: Vector, motors: Vector) -> Moved:
+    """The truth of a motion, and the readings of all encoders."""
     truth = simulate(robot, time, joints, motor_angle=motors, allow_slack=True)
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
-    return Moved(stamps, truth, *_read(robot, stamps, truth.motor_angle, truth.joint_angle))
-
-
-def _read(
-    robot: Robot, stamps: NDArray[np.int64], motors: Vector, joints: Vector
-) -> tuple[dict[str, Series], dict[str, Series]]:
-    """Readings of all encoders."""
     found: list[dict[str, Series]] = []
-    for axes, angles in ((robot.motors, motors), (robot.joints, joints)):
+    for axes, angles in ((robot.motors, truth.motor_angle), (robot.joints, truth.joint_angle)):
         own = {}
         for axis, angle in zip(axes, angles.T, strict=True):
             reading = (angle - axis.sensor.offset) / axis.sensor.scale
             count = axis.sensor.resolution or 1e-5
             own[axis.name] = Series(stamps, stamps, np.round(reading / count) * count)
         found.append(own)
-    return found[0], found[1]
+    return Moved(stamps, truth, *found)
 
 
 def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorded, ...]:
@@ -203,9 +159,7 @@ def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorde
     layout = prepare(robot).layout
     efforts = {
         f"effort/{name}": Series(
-            at,
-            at,
-            column[::2] + generator.normal(0.0, EFFORT_NOISE[robot.name], at.size),
+            at, at, column[::2] + generator.normal(0.0, EFFORT_NOISE[robot.name], at.size)
         )
         for name, column in zip(layout.motors, motion.truth.motor_effort.T, strict=True)
     }
@@ -238,18 +192,12 @@ def in_poses(robot: Robot) -> tuple[Recorded, Truth]:
     angles = np.concatenate(parts)
     time = np.arange(len(angles)) / RATE
     motors = follow_joints(prepare(robot), angles).motor_angle
-    truth = simulate(robot, time, angles, motor_angle=motors, allow_slack=True)
-    stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
-    read = _read(robot, stamps, truth.motor_angle, truth.joint_angle)
-    return Recorded("poses", *read, {}), truth
+    made = _read(robot, time, angles, motors)
+    return Recorded("poses", made.motors, made.joints, {}), made.truth
 
 
 def scale_read(
-    robot: Robot,
-    recorded: Recorded,
-    truth: Truth,
-    generator: np.random.Generator,
-    rate: float = RATE,
+    robot: Robot, recorded: Recorded, truth: Truth, generator: np.random.Generator
 ) -> list[dict[str, float]]:
     """What a spring scale reads at the last element of every cable, in every pose."""
     gain = 1.0 + SCALE_GAIN * float(generator.standard_normal())
@@ -259,7 +207,7 @@ def scale_read(
     found = []
     samples = samples_of(prepare(robot), recorded)
     for pose in rest_poses(robot, samples, recorded.name):
-        at = round((pose.stamp_ns - EPOCH_NS) * 1e-9 * rate)
+        at = round((pose.stamp_ns - EPOCH_NS) * 1e-9 * RATE)
         errors = gain * (1.0 + SCALE_NOISE * generator.standard_normal(len(ends)))
         values = truth.tension[at, columns] * errors
         found.append(dict(zip(ends, values.tolist(), strict=True)))
@@ -281,38 +229,14 @@ class Figures(NamedTuple):
 
 def compared(model: Model, motion: Moved) -> Figures:
     """Estimates of another motion beside the truth."""
-    found: Estimates = estimate(
-        model, condition(model.robot, motion.motors, motion.joints), uncertainty=True
-    )
-    assert found.stddev is not None
-    return _figures(model, motion, found.stamp_ns, found.values, found.stddev)
-
-
-def live(model: Model, motion: Moved, recorded: Recorded) -> Figures:
-    """The same of the estimator that hears the motors' efforts."""
-    estimator = Estimator(model)
-    motors = np.stack([one.value for one in motion.motors.values()], axis=1).tolist()
-    joints = np.stack([one.value for one in motion.joints.values()], axis=1).tolist()
-    names = [name.removeprefix("effort/") for name in recorded.references]
-    efforts = np.stack([one.value for one in recorded.references.values()], axis=1).tolist()
-    made = []
-    for k, stamp in enumerate(motion.stamp_ns.tolist()):
-        heard = dict(zip(names, efforts[k], strict=True))
-        estimator.update(stamp, motors[k], joints[k], efforts=heard)
-        made += estimator.estimates
-    stamps = np.array([one.stamp_ns for one in made])
-    values = np.stack([one.values for one in made])
-    return _figures(model, motion, stamps, values, np.stack([one.stddev for one in made]))
-
-
-def _figures(
-    model: Model, motion: Moved, stamps: NDArray[np.int64], values: Vector, stddev: Vector
-) -> Figures:
+    conditioned = condition(model.robot, motion.motors, motion.joints)
+    found: Estimates = estimate(model, conditioned, uncertainty=True)
+    stamps = found.stamp_ns
     late = stamps >= motion.stamp_ns[0] + round(START_S * 1e9)
     true = np.stack([np.interp(stamps, motion.stamp_ns, column)
                      for column in motion.truth.tension.T], axis=1)[late]  # fmt: skip
     elements = true.shape[1]
-    values, stddev = values[late], stddev[late][:, :elements]
+    values, stddev = found.values[late], found.stddev[late][:, :elements]
     error = np.abs(values[:, model.layout.tension] - true)
     ok = values[:, elements : 2 * elements] == 0.0
     off = error / np.maximum(stddev, 1e-12)
@@ -322,32 +246,6 @@ def _figures(
         float(np.mean(ok & (off > 2.0))), float(np.mean(ok & (off > 5.0))),
         float(np.mean(error / np.maximum(true, 1.0))),
     )  # fmt: skip
-
-
-def finger_course(seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
-    """The steps for one true finger, in one of ``WAYS``."""
-    text, source = file_text("finger", hold), str(ROOT / "config" / "robots" / "finger.yaml")
-    truth, wrong = drawn(load_document(source)[0], seed)
-    robot = build_robot(truth, "truth")
-    kind, moving, rate, currents = WAYS[(7 * seed) % len(WAYS)]
-    unit = "currents" if currents else "torques"
-    words = f"{kind}, {moving} joints, {rate:g} Hz, {unit}; {', '.join(wrong)}"
-    print(f"  {seed}: {words}", flush=True)
-    motion = finger_moved(robot, seed, kind, moving, rate)
-    other = finger_moved(robot, seed + 50_000, "random", 2, rate)
-    here = finger_moved(robot, seed, "random", 0, rate)
-    rest = Recorded("rest", here.motors, here.joints, {})
-    generator = np.random.default_rng([seed, 9])
-    reading = scale_read(robot, rest, here.truth, generator, rate)[0]
-    now = steps.preloaded(steps.tared(steps.begin(text, source), rest), [reading])
-    yield "tare, preloads", compared(now.model, other)
-    before = foretold(now, "motion").ok
-    now = steps.fitted(now, [with_efforts(robot, motion, currents, seed)])
-    yield "+ efforts", compared(now.model, other)
-    found = live(now.model, other, with_efforts(robot, other, currents, seed))
-    yield "live", found
-    after = judged(now.model, now.heard).ok
-    print(f"    OK foretold {before:.1%}, of the file {after:.1%}, live {found.ok:.1%}")
 
 
 def course(name: str, seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
@@ -389,16 +287,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("robot", choices=("prototype", "wrist", "finger"))
+    parser.add_argument("robot", choices=("prototype", "wrist"))
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument("--hold", action="store_true", help="the file states that drums hold")
     arguments = parser.parse_args()
     rows: dict[str, list[Figures]] = {}
     for seed in range(arguments.first, arguments.first + arguments.draws):
-        taken = (finger_course(seed, arguments.hold) if arguments.robot == "finger" else
-                 course(arguments.robot, seed, arguments.hold))  # fmt: skip
-        for what, figures in taken:
+        for what, figures in course(arguments.robot, seed, arguments.hold):
             rows.setdefault(what, []).append(figures)
             print(f"    {what}: " + ", ".join(f"{k} {v:.1%}" for k, v in
                                               figures._asdict().items()), flush=True)  # fmt: skip
