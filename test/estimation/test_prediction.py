@@ -12,7 +12,6 @@ from support.campaign import (
     course_of,
     judge,
     run,
-    sine,
 )
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
 
@@ -80,22 +79,6 @@ def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(mode
     assert verdict.ratio.size > 0.25 * verdict.judged
     assert verdict.beyond(2.0) <= 0.04
     assert verdict.beyond(5.0) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("moves", "faults"),
-    [
-        (sine(1.0), Faults(lost={"winch": 0.7, "elbow": 0.9}, mode="predict")),
-        (motions.ramps(0.5, 1.0), Faults(late_ns={"elbow": 20 * MS}, mode="predict")),
-    ],
-    ids=["lost", "late"],
-)
-def test_fast_motions_that_are_predicted_keep_to_the_law(moves, faults, model):
-    """At 150 degrees per second an angle of 20 ms ago is 3 degrees behind."""
-    course = course_of(model, 8.0, moves, seed=1)
-    verdict = judge(course, run(model, course, faults))
-    assert verdict.judged > 16 * 300 * 7
-    assert verdict.beyond(5.0) <= 0.001
 
 
 def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders():

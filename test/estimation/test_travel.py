@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from cdrj_ros.estimation.conditioner import Conditioned
-from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.travel import MotorTravel, travel_suspicion
-from cdrj_ros.evaluation.inputs import doubts_of
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
@@ -44,11 +41,6 @@ MOTOR = JOINT @ np.array([[3.0, 2.0], [0.0, -5.0]])
 """Slopes over the drums' radius times the angles: what keeps the cables' lengths [rad]."""
 
 
-def motion(motor: np.ndarray, joint: np.ndarray) -> Conditioned:
-    stamps = np.arange(len(motor)) * 5_000_000
-    return Conditioned((Samples(stamps, motor, joint),), {}, len(motor), 0, 0)
-
-
 def said(model: Model, motor: np.ndarray, joint: np.ndarray) -> str:
     return travel_suspicion(model, motor, joint)
 
@@ -75,15 +67,6 @@ def test_swapped_axes_are_named_as_a_swap_through_their_scales(model):
     words = "the readings of {} and {} seem to be swapped: exchange their names"
     assert said(model, swapped, JOINT) == words.format("one", "two")
     assert said(model, MOTOR, JOINT[:, ::-1]) == words.format("near", "far")
-
-
-def test_a_recording_gets_a_note_of_what_does_not_fit(model):
-    assert doubts_of(model, motion(MOTOR, JOINT)) == []
-    (note,) = doubts_of(model, motion(MOTOR, JOINT[:, ::-1]))
-    assert note == (
-        "Readings do not fit the robot file: the readings of near and far seem to be swapped: "
-        "exchange their names."
-    )
 
 
 def test_one_wrong_gear_is_still_a_scale(model):

@@ -1,12 +1,10 @@
 """Wraps without a jump, and geometries that are refused."""
 
 from math import pi
-from typing import Any
 
 import numpy as np
-import pytest
+from support.refusal import refusal
 
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
@@ -71,14 +69,6 @@ def test_a_wrap_that_rests_at_zero_is_never_negative():
     assert min(wraps) >= 0.0
 
 
-def refusal(make: Any, *arguments: Any) -> str:
-    with pytest.raises(RobotFileError) as error:
-        prepare(make(*arguments)) if make is tabled else make(*arguments)
-    message = str(error.value)
-    assert "\n" not in message
-    return message
-
-
 def test_a_pulley_that_its_cable_would_leave_is_refused_with_the_angle():
     message = refusal(
         routed,
@@ -96,8 +86,8 @@ def test_a_pulley_that_its_cable_would_leave_is_refused_with_the_angle():
 
 
 def test_a_span_that_shrinks_to_nothing_is_refused():
-    message = refusal(tabled, "{joint: q, offset: 0.5, slope: -1}")
+    message = refusal(lambda text: prepare(tabled(text)), "{joint: q, offset: 0.5, slope: -1}")
     assert message.startswith("cables[0]: element c/2 has the length")
-    message = refusal(tabled, "{joint: q, offset: -0.5, slope: 0.1}")
+    message = refusal(lambda text: prepare(tabled(text)), "{joint: q, offset: -0.5, slope: 0.1}")
     assert "element c/2 has the length" in message
     assert "reference pose" in message

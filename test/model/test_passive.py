@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from support.refusal import refusal
 
 import cdrj_ros
 from cdrj_ros import _core
 from cdrj_ros.commands import simulate, validate
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import INVALID, SLACK
 from cdrj_ros.model.prepared import Model, load_model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
@@ -198,6 +198,4 @@ def test_preloads_given_to_a_command_leave_it_as_it_is(tmp_path):
 )  # fmt: skip
 def test_a_wrong_passive_cable_is_one_clear_line(tension, first, message):
     text = ROBOT.format(motors="{name: m}", reference=0.3, ea=30.0, tension=tension, first=first)
-    with pytest.raises(RobotFileError) as error:
-        parse_robot(text)
-    assert message in str(error.value)
+    assert message in refusal(parse_robot, text)

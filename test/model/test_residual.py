@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.places import ROBOTS
+from support.refusal import refusal
 
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, Estimates, Samples, initial_state, run
@@ -169,9 +170,7 @@ def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_el
     ],
 )
 def test_a_wrong_entry_is_refused_by_name(text, complaint):
-    with pytest.raises(RobotFileError) as refused:
-        model_of(text)
-    assert complaint in str(refused.value)
+    assert complaint in refusal(model_of, text)
 
 
 def test_a_joint_without_encoder_excludes_corrections():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.refusal import refusal
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare
@@ -54,12 +55,9 @@ def changed(old: str, new: str, count: int = 1) -> str:
     return SMALL.replace(old, new, count)
 
 
-def refusal(text: str) -> str:
+def refused(text: str) -> str:
     """The one-line message with which a text is refused."""
-    with pytest.raises(RobotFileError) as error:
-        prepare(parse_robot(text, "arm.yaml"))
-    message = str(error.value)
-    assert message.splitlines() == [message]
+    message = refusal(lambda: prepare(parse_robot(text, "arm.yaml")))
     assert "arm.yaml" in message
     assert len(message) < 500
     return message
@@ -183,22 +181,22 @@ REFUSED = {
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_a_mistake_is_refused_in_one_line_with_key_value_and_allowed_values(mistake):
     old, new, *parts = REFUSED[mistake]
-    message = refusal(changed(old, new))
+    message = refused(changed(old, new))
     for part in parts:
         assert part in message
 
 
 def test_a_bearing_that_cannot_turn_is_refused():
     text = changed("mu_c: 0.1", "mu_c: 0.1\n  bearing_friction: 0.9")
-    assert "cables[0].nodes[1].bearing_diameter times bearing_friction 0.9" in refusal(
+    assert "cables[0].nodes[1].bearing_diameter times bearing_friction 0.9" in refused(
         text.replace("bearing_diameter: 0.01", "bearing_diameter: 0.03")
     )
 
 
 def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice():
     # converting degrees twice would make the wrap angle 57 times too small
-    refusal(changed(WRAP, "wrap_angle_deg: {joint: q, offset_deg: 90}"))
-    refusal(
+    refused(changed(WRAP, "wrap_angle_deg: {joint: q, offset_deg: 90}"))
+    refused(
         changed(
             "spans: [0.5, {joint: q, offset: 0.4,", "spans_mm: [500, {joint: q, offset_mm: 400,"
         )
@@ -206,10 +204,7 @@ def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice():
 
 
 def load_refusal(path: Path) -> str:
-    with pytest.raises(RobotFileError) as error:
-        load_robot(path)
-    message = str(error.value)
-    assert message.splitlines() == [message]
+    message = refusal(load_robot, path)
     assert str(path) in message
     return message
 
@@ -238,7 +233,7 @@ def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal():
         changed("name: small", '"\\ud800": 1'),
         changed("motor: m", 'motor: "\\ud800m"'),
     ):
-        assert refusal(text).isprintable()
+        assert refused(text).isprintable()
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device"])

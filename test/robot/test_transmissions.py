@@ -281,13 +281,6 @@ def test_a_transmission_whose_axes_are_not_published_is_named(tmp_path, capsys):
     assert "a2 is not published: none of its reductions is in the file" in said
 
 
-def test_a_kind_that_is_not_known_is_named(tmp_path, capsys):
-    begun(driven("a1", "a2") + measured("j1", "j2") + ros2("ScrewTransmission"), tmp_path)
-    said = capsys.readouterr().out
-    assert "transmission t (ScrewTransmission) couples j1, j2 to a1, a2" in said
-    assert "ScrewTransmission is not known: none of its reductions is in the file" in said
-
-
 def test_transmissions_left_out_for_one_reason_share_a_line(tmp_path, capsys):
     both = ros2("ScrewTransmission") + ros2("ScrewTransmission").replace('"t"', '"u"')
     begun(driven("a1", "a2") + measured("j1", "j2") + both, tmp_path)
