@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -24,14 +23,13 @@ from hypothesis import HealthCheck, settings
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 if TYPE_CHECKING:
-    from cdrj_ros.estimation.estimator import Samples
-    from cdrj_ros.model.prepared import Model
+    pass
 
 DOMAINS = 101
 """Domains 1 to 101; Linux may give the ports of higher domains to any program."""
 
 
-def _domain() -> int:
+def _domain():
     """Domain of this worker; runs that are started at the same time have different domains."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     run = os.getppid() if worker else os.getpid()  # the workers' parent is their run
@@ -66,17 +64,17 @@ LONGEST_FIRST = (
 three neighbours one waits for messages a good part of its time, and two calculate."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Begin with the longest files; a single process with the shortest, to fail early."""
 
-    def rank(item: pytest.Item) -> int:
+    def rank(item):
         file = "/".join(item.path.parts[-2:])
         return LONGEST_FIRST.index(file) if file in LONGEST_FIRST else len(LONGEST_FIRST)
 
     items.sort(key=rank, reverse="PYTEST_XDIST_WORKER" not in os.environ)
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     """Collect garbage again, but neither modules nor tests, and after 20 000 new objects."""
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
@@ -87,13 +85,13 @@ SAMPLE = Path(__file__).parents[1] / "bags" / "prototype_preload_36_26"
 
 
 @pytest.fixture(scope="session")
-def recorded() -> Callable[[Model, int], Samples]:
+def recorded():
     """Angles of the sample recording, six cycles at 1.5 kHz, of which every n-th is kept."""
     from cdrj_ros.estimation.estimator import Samples
     from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
     from cdrj_ros.recordings.recording import Topics
 
-    def every(model: Model, step: int) -> Samples:
+    def every(model, step):
         recording = read_inputs(str(SAMPLE), Topics(), model)
         samples = condition_recording(model, recording).segments[0]
         return Samples(*(column[::step].copy() for column in vars(samples).values()))
@@ -102,13 +100,13 @@ def recorded() -> Callable[[Model, int], Samples]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def drawn_once() -> None:
+def drawn_once():
     """Members of one robot are drawn once: to read 32 robot files takes 40 ms and more."""
     from cdrj_ros.estimation import encoderless, ensemble
 
     draw, drawn = ensemble.draw, {}
 
-    def again(model: Any, members: int, seed: int = 0, known: Any = None) -> Any:
+    def again(model, members, seed=0, known=None):
         unsure = known and (known.parameters, known.covariance.tobytes(), known.stated)
         key = id(model), members, seed, unsure
         if key not in drawn:
@@ -119,7 +117,7 @@ def drawn_once() -> None:
 
 
 @pytest.fixture
-def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_pictures(monkeypatch):
     """Reports have the pictures of a few channels only, where a test does not look at them.
 
     Drawing those of all channels of the prototype takes five seconds.
@@ -130,7 +128,7 @@ def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_members(monkeypatch):
     """Ensembles have eight members, where a test does not look at standard deviations.
 
     Drawing the 32 of a robot whose cables have a path in space takes up to 0.3 s.
@@ -145,7 +143,7 @@ def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def short_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_fits(monkeypatch):
     """Fits end after two steps, where a test does not look at what they find."""
     from cdrj_ros.identification import solver
 

@@ -1,8 +1,6 @@
 """Tests of the command check_robot and of its suspicions."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +13,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.shares import uncertainty_shares
 from cdrj_ros.inspection.suspicions import find_suspicions
-from cdrj_ros.model.impossible import Suspicion
 from cdrj_ros.model.prepared import load_model, prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_robot, parse_robot
 from cdrj_ros.robot.writer import with_section
@@ -54,16 +50,15 @@ cables:
 """
 
 
-def found(text: str) -> tuple[Suspicion, ...]:
+def found(text):
     return find_suspicions(inspect_robot(prepare(parse_robot(text))))
 
 
-def written(path: Path) -> dict[str, Any]:
-    def refuse(text: str) -> float:
+def written(path):
+    def refuse(text):
         raise AssertionError(f"{text} is no JSON number")
 
-    document: dict[str, Any] = json.loads(path.read_text(), parse_constant=refuse)
-    return document
+    return json.loads(path.read_text(), parse_constant=refuse)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -109,13 +104,13 @@ def test_one_cable_is_shown_in_detail(capsys):
     assert "there are deep, extensor, superficial" in capsys.readouterr().err
 
 
-def fingers(count: int) -> Robot:
+def fingers(count):
     """The shipped finger several times."""
     finger = yaml.safe_load((ROBOTS / "finger.yaml").read_text(encoding="utf-8"))
     kinds = ("motors", "joints", "frames", "cables")
     uses = [{"prefix": f"f{k}_"} for k in range(count)]
     part = {kind: finger[kind] for kind in kinds} | {"name": "finger", "used": uses}
-    empty: dict[str, Any] = {kind: [] for kind in kinds}
+    empty = {kind: [] for kind in kinds}
     document = {"name": "fingers", "friction": finger["friction"], "parts": [part]}
     return parse_robot(yaml.safe_dump(empty | document))
 
@@ -320,7 +315,7 @@ def test_an_unknown_argument_is_escaped_on_the_terminal(capsys):
 TEXT = PROTOTYPE.read_text(encoding="utf-8")
 
 
-def report(tmp_path: Path, uncertainty: str | None) -> Any:
+def report(tmp_path, uncertainty):
     robot, out = tmp_path / "robot.yaml", tmp_path / "figures.json"
     robot.write_text(with_section(TEXT, "uncertainty", uncertainty), encoding="utf-8")
     assert check_robot.main([str(robot), "--json", str(out)]) == 0
@@ -347,7 +342,7 @@ def test_an_exact_file_has_nothing_to_reduce(tmp_path):
 def test_the_contribution_of_one_number_is_its_effect():
     """A preload known to 0.4 N changes every tension of a frictionless cable by as much."""
     model = load_model(ROBOT)
-    document: Any = dict(model.robot.document)
+    document = dict(model.robot.document)
     document["uncertainty"] = {
         "others": "exact", "parameters": ["cables.upper.preload"], "stddev": [0.4],
     }  # fmt: skip

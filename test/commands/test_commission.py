@@ -2,8 +2,6 @@
 
 import re
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
@@ -38,7 +36,7 @@ TRUTH = {
 
 
 @cache
-def moved(seed: int) -> tuple[np.ndarray, Any, dict[str, np.ndarray]]:
+def moved(seed):
     """Stamps, truth of the rig with eight contact cells per pulley, and what the encoders read."""
     document = load_document(PROTOTYPE)[0]
     robot = build_robot(with_numbers(document, TRUTH), "truth")
@@ -53,8 +51,8 @@ def moved(seed: int) -> tuple[np.ndarray, Any, dict[str, np.ndarray]]:
     return EPOCH_NS + np.round(time * 1e9).astype(np.int64), truth, readings
 
 
-def write(path: Path, stamps: np.ndarray, readings: dict[str, np.ndarray],
-          effort: np.ndarray | None = None, cell: np.ndarray | None = None) -> str:  # fmt: skip
+def write(path, stamps, readings,
+          effort = None, cell = None):  # fmt: skip
     """A bag as a robot's drivers fill it."""
     topics = Topics()
     with BagWriter(path) as bag:
@@ -67,8 +65,8 @@ def write(path: Path, stamps: np.ndarray, readings: dict[str, np.ndarray],
     return str(path)
 
 
-def covered(model: Model, stamps: np.ndarray, motors: dict[str, np.ndarray],
-            joints: dict[str, np.ndarray], tension: np.ndarray) -> float:  # fmt: skip
+def covered(model, stamps, motors,
+            joints, tension):  # fmt: skip
     """Share of true tensions within two standard deviations, after the first fifth."""
     series = [{name: Series(stamps, stamps, np.ascontiguousarray(read)) for name, read in
                axes.items()} for axes in (motors, joints)]  # fmt: skip
@@ -152,7 +150,7 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds():
     """The truth is a solver of its own, with contact cells fixed to the bodies."""
     scene, off = scenes.scene("skew cylinders"), np.radians(1.2)
     read, truth = scene.joint - np.array([off, 0.0]), scenes.truth_of(scene)
-    document: Any = dict(scene.robot.document)
+    document = dict(scene.robot.document)
     for joint, angles in zip(document["joints"], read.T, strict=True):
         joint["range"] = [float(angles.min()) - 0.1, float(angles.max()) + 0.1]
     generator = np.random.default_rng(0)
@@ -168,7 +166,7 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds():
         ),
     }
 
-    def series(angles: dict[str, np.ndarray], rest: bool) -> dict[str, Series]:
+    def series(angles, rest):
         return {name: Series(stamps, stamps, np.full(stamps.size, one[0]) if rest else one.copy())
                 for name, one in angles.items()}  # fmt: skip
 

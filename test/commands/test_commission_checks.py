@@ -16,7 +16,7 @@ from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
@@ -29,14 +29,14 @@ RADIUS = 0.006
 """Of the drums of both cables [m]."""
 
 
-def read_as(first: float, second: float) -> Model:
+def read_as(first, second):
     """A finger whose two cables were read on a spring scale [N]."""
     document = dict(hand(finger("a")).document)
     values = {"cables.a_0.preload": first, "cables.a_1.preload": second}
     return prepare(build_robot(with_numbers(document, values), "finger"))
 
 
-def pulled(first: float, second: float, sign: float = -1.0) -> Recorded:
+def pulled(first, second, sign=-1.0):
     """Efforts of motors that pull with some tensions on the whole [N]."""
     stamps = EPOCH_NS + 5_000_000 * np.arange(400)
     swing = 0.1 * np.sin(np.arange(400) / 30.0)
@@ -60,7 +60,7 @@ def test_readings_of_two_cables_that_were_swapped_are_named():
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
     noise = np.random.default_rng(0).normal(0.0, 0.002, truth.motor_effort.shape)
 
-    def series(names: list[str], columns: np.ndarray) -> dict[str, Series]:
+    def series(names, columns):
         table = zip(names, np.ascontiguousarray(columns.T), strict=True)
         return {name: Series(stamps, stamps, column) for name, column in table}
 
@@ -102,7 +102,7 @@ def test_a_recording_at_rest_is_a_pose_however_its_stamps_lie(seconds, rate):
 def test_a_second_at_rest_before_a_motion_is_a_pose_and_less_is_named():
     robot = hand(finger("a"))
 
-    def poses(rest: float) -> int:
+    def poses(rest):
         time = np.arange(0.0, rest + 1.0, 0.005)
         angle = np.clip(time - rest, 0.0, None)[:, None] * np.ones(2)
         stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)

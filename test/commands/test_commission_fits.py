@@ -15,19 +15,18 @@ from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.alternatives import DrumFinding
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
 from cdrj_ros.robot.writer import with_section
 
 
-def text_of(robot: Robot) -> str:
+def text_of(robot):
     return yaml.safe_dump(dict(robot.document), sort_keys=False)
 
 
 @pytest.fixture(scope="module")
-def two() -> Robot:
+def two():
     return hand(finger("a"), finger("b"))
 
 
@@ -47,7 +46,7 @@ Fits = Mapping[str, PartFit]
 
 
 @pytest.fixture(scope="module")
-def fits(two: Robot) -> Fits:
+def fits(two):
     """Of two fingers, and of the second one alone."""
     alone = hand(finger("b"))
     (whole,) = fit_parts(alone, text_of(alone), [recorded(alone)])

@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,13 +18,13 @@ from cdrj_ros.commands.commission_judged import judged
 from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.conditioner import condition
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded, samples_of
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
@@ -48,7 +47,7 @@ TRUTH = {
 ENDS = ("upper/8", "lower/8")
 
 
-def at_rest_in(degrees: tuple[float, ...], rest_s: float = 2.5) -> np.ndarray:
+def at_rest_in(degrees, rest_s=2.5):
     """Angles of a joint that moves from each to the next, and rests where one follows itself."""
     way = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, round(2.0 * RATE) + 1) / round(2.0 * RATE))
     parts = [np.full(round(rest_s * RATE), np.radians(degrees[0]))]
@@ -64,13 +63,13 @@ COURSE = (0.0, -32.0, -32.0, 32.0, 32.0, *(-32.0, 32.0) * 4, 0.0, 0.0)
 """The reference pose, both ends, to and fro, and the reference pose again [degrees]."""
 
 
-def series(name: str, angle: np.ndarray) -> dict[str, Series]:
+def series(name, angle):
     stamps = EPOCH_NS + np.round(np.arange(len(angle)) / RATE * 1e9).astype(np.int64)
     return {name: Series(stamps, stamps, np.ascontiguousarray(angle))}
 
 
 @cache
-def rig(course: tuple[float, ...]) -> tuple[Recorded, Any]:
+def rig(course):
     """What the encoders read of a rig with eight contact cells per pulley, and its tensions."""
     robot = build_robot(with_numbers(load_document(PROTOTYPE)[0], TRUTH), "truth")
     joint = at_rest_in(course)[:, None]
@@ -83,7 +82,7 @@ def rig(course: tuple[float, ...]) -> tuple[Recorded, Any]:
 
 
 @cache
-def slipping() -> np.ndarray:
+def slipping():
     """Tensions of the same motion if the cable slipped on its drum."""
     robot = build_robot(with_numbers(load_document(PROTOTYPE)[0], TRUTH), "truth")
     model, (_, truth) = prepare(divide_contacts(robot, 4)), rig(COURSE)
@@ -93,11 +92,11 @@ def slipping() -> np.ndarray:
     return found.values[:, model.layout.tension]
 
 
-def rests(model: Model, recorded: Recorded) -> tuple[Sample, ...]:
+def rests(model, recorded):
     return rest_poses(model.robot, samples_of(model, recorded), recorded.name)
 
 
-def scale_readings(tension: np.ndarray | None = None) -> list[dict[str, float]]:
+def scale_readings(tension=None):
     """A spring scale whose gain is 3 % too high, in all poses; each reading errs by 1 %."""
     recorded, truth = rig(COURSE)
     generator = np.random.default_rng(1)
@@ -110,7 +109,7 @@ def scale_readings(tension: np.ndarray | None = None) -> list[dict[str, float]]:
     return found
 
 
-def covered(model: Model, recorded: Recorded, tension: np.ndarray) -> float:
+def covered(model, recorded, tension):
     """Share of true tensions within two standard deviations."""
     found = estimate(
         model, condition(model.robot, recorded.motors, recorded.joints), uncertainty=True
@@ -204,7 +203,7 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
 def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion():
     model = prepare(parse_robot(FRESH, "fresh"))
 
-    def poses(joint: np.ndarray) -> list[float]:
+    def poses(joint):
         recorded = Recorded("bag", series("winch", 8.0 * joint), series("elbow", joint), {})
         return [float(np.degrees(one.joint_angle[0])) for one in rests(model, recorded)]
 
@@ -214,7 +213,7 @@ def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion():
         poses(at_rest_in((0.0, 20.0, 0.0))[round(3.0 * RATE) :])
 
 
-def write(path: Path) -> str:
+def write(path):
     recorded, _ = rig(COURSE)
     topics = Topics()
     with BagWriter(path) as bag:
@@ -224,7 +223,7 @@ def write(path: Path) -> str:
     return str(path)
 
 
-def words(readings: list[dict[str, float]]) -> list[str]:
+def words(readings):
     return [",".join(f"{name}={value:.3f}" for name, value in row.items()) for row in readings]
 
 
@@ -235,13 +234,13 @@ def test_the_dialogue_asks_for_every_pose_and_says_the_same_as_options(
     robot.write_text(FRESH, encoding="utf-8")
     given = words(scale_readings())
     answers = iter(["live", *given])
-    asked: list[str] = []
+    asked = []
 
-    def answer(question: str) -> str:
+    def answer(question):
         asked.append(question)
         return next(answers, "")
 
-    def record(path: Path, topics: Topics, duration_s: float, on: bool) -> None:
+    def record(path, topics, duration_s, on):
         assert on
         write(path)
 

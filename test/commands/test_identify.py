@@ -1,7 +1,6 @@
 """Tests of the command identify, run in this process on bags of the simulated rig."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.robot.reader import load_document, load_robot
 
 
-def rig_bag(path: Path, amplitude: str, frequency: str, seconds: str) -> Path:
+def rig_bag(path, amplitude, frequency, seconds):
     """A bag of the simulated rig, whose truth has four contact cells per pulley."""
     motion = ["--amplitude", amplitude, "--frequency", frequency, "--duration", seconds]
     assert simulate.main([str(path), "--robot", ROBOT, *motion, "--cells", "4"]) == 0
@@ -25,12 +24,12 @@ def rig_bag(path: Path, amplitude: str, frequency: str, seconds: str) -> Path:
 
 
 @pytest.fixture(scope="session")
-def fitted_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fitted_bag(tmp_path_factory):
     return rig_bag(tmp_path_factory.mktemp("rig") / "slow", "0.62", "0.125", "11")
 
 
 @pytest.fixture(scope="session")
-def other_motion(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def other_motion(tmp_path_factory):
     return rig_bag(tmp_path_factory.mktemp("rig") / "fast", "0.45", "0.25", "9")
 
 
@@ -177,10 +176,10 @@ def test_the_shipped_settings_are_the_defaults_and_name_every_key():
 
 
 @pytest.fixture
-def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def nothing_is_read(monkeypatch):
     """Make the test fail if a bag is read before the arguments are refused."""
 
-    def fail(*_: object) -> None:
+    def fail(*_):
         raise AssertionError("a bag is read before the refusal")
 
     monkeypatch.setattr("cdrj_ros.commands.identify._read", fail)
@@ -230,11 +229,11 @@ def test_force_replaces_the_robot_file_itself_whole_or_not_at_all(
     assert load_robot(robot).uncertainty is not None
 
 
-def _full_disc(_: int) -> None:
+def _full_disc(_):
     raise OSError(28, "No space left on device")
 
 
-def alone(folder: Path) -> Path:
+def alone(folder):
     """Settings by which the named numbers alone are fitted."""
     path = folder / "settings.yaml"
     path.write_text("only: true")

@@ -1,7 +1,5 @@
 """``identify --from FILE``: a file for another pose from the file of one pose."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -29,7 +27,7 @@ CHANGED = {
 """The spindle's correction was fitted to the readings of the file's pose."""
 
 
-def bag_of(path: Path, frequency: float, stretch: float) -> Path:
+def bag_of(path, frequency, stretch):
     """A bag of the robot in another pose; ``stretch`` is the mean turn of the jaw beyond tight."""
     document, source = load_document(ROBOT)
     model = prepare(build_robot(with_numbers(document, CHANGED), source))
@@ -53,7 +51,7 @@ def bag_of(path: Path, frequency: float, stretch: float) -> Path:
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pose")
     return bag_of(folder / "slow", 0.3, 0.1), bag_of(folder / "fast", 0.5, 0.18)
 

@@ -3,14 +3,11 @@
 The simulated robot has friction that its file lacks: of a bearing, and of one pulley.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.places import PROTOTYPE, ROBOT
 
 from cdrj_ros.commands import identify, simulate
-from cdrj_ros.evaluation.channels import Channel
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
@@ -25,7 +22,7 @@ OUTPUTS = ("effort/winch", "tension/upper/8")
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def bags(tmp_path_factory):
     """Four motions of the robot; the last one is left to the tests."""
     folder = tmp_path_factory.mktemp("rig")
     text = PROTOTYPE.read_text(encoding="utf-8")
@@ -41,26 +38,26 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def settings(tmp_path_factory: pytest.TempPathFactory) -> str:
+def settings(tmp_path_factory):
     path = tmp_path_factory.mktemp("settings") / "settings.yaml"
     path.write_text(f"channels: [{', '.join((*OUTPUTS, 'tension/lower/1'))}]\n", encoding="utf-8")
     return str(path)
 
 
 @pytest.fixture(scope="module")
-def corrected(bags: list[str], settings: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corrected(bags, settings, tmp_path_factory):
     out = tmp_path_factory.mktemp("corrected") / "robot.yaml"
     words = ["--robot", ROBOT, "--settings", settings, "--residual", "--out", str(out)]
     assert identify.main([*bags[:-1], *words]) == 0
     return out
 
 
-def compared(robot: Path, bag: str) -> dict[str, Channel]:
+def compared(robot, bag):
     model = load_model(str(robot))
     return {one.name: one for one in validate_bag(model, bag, Topics(), uncertainty=True).channels}
 
 
-def rms(channel: Channel) -> float:
+def rms(channel):
     return float(np.sqrt(np.mean((channel.estimate - channel.reference) ** 2)))
 
 

@@ -1,13 +1,11 @@
 """The block ``uncertainty`` that ``identify`` writes."""
 
-from typing import Any
-
 import numpy as np
 import yaml
 
 from cdrj_ros.commands.identify_entries import COVARIANCE_LIMIT, uncertainty_section
 from cdrj_ros.identification.fit import Identification
-from cdrj_ros.identification.nuisance import Nuisance, nuisance_correlation
+from cdrj_ros.identification.nuisance import nuisance_correlation
 from cdrj_ros.identification.unknowns import Unknown
 
 FITTED = (
@@ -24,19 +22,19 @@ ABSORBED = np.array([[0.06, 0.05, 1e-6], [-1e-4, 0.0, 0.0]])
 """Change of the fitted numbers by one standard deviation of each cause."""
 
 
-def found(others: Nuisance | None) -> Identification:
+def found(others):
     return Identification(
         FITTED, np.array([0.2, 0.01]), STDDEV, np.array([[1.0, -0.3], [-0.3, 1.0]]), (), (), 1, 1,
         0.0, 1, (False, False), others,
     )  # fmt: skip
 
 
-def written(others: Nuisance | None, before: dict[str, Any]) -> dict[str, Any]:
-    block: dict[str, Any] = yaml.safe_load(uncertainty_section(found(others), before, {}))
+def written(others, before):
+    block = yaml.safe_load(uncertainty_section(found(others), before, {}))
     return dict(block["uncertainty"])
 
 
-def covariance(block: dict[str, Any]) -> dict[tuple[str, str], float]:
+def covariance(block):
     names, stddev = block["parameters"], block["stddev"]
     return {
         (a, b): block["correlation"][i][j] * stddev[i] * stddev[j]

@@ -6,9 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from pathlib import Path
 from threading import Event
-from typing import Any
 
 import psutil
 from support.places import ROBOT, SAMPLE
@@ -19,12 +17,12 @@ from cdrj_ros.recordings.writer import BagWriter
 PROGRAM = "from cdrj_ros.commands.entry import validate; validate()"
 
 
-def command(*arguments: object) -> list[str]:
+def command(*arguments):
     return [sys.executable, "-c", PROGRAM, *map(str, arguments), "--robot", ROBOT]
 
 
-def figures(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(path.read_text())
+def figures(path):
+    found = json.loads(path.read_text())
     for bag in found["bags"]:
         del bag["facts"]["time"]
     return found
@@ -77,7 +75,7 @@ def test_ctrl_c_leaves_no_process_behind():
     assert error.splitlines().count("validate: interrupted") == 1
 
 
-def children(family: psutil.Process) -> list[psutil.Process]:
+def children(family):
     found = []
     for child in family.children(recursive=True):
         try:

@@ -11,23 +11,23 @@ from support.places import PROTOTYPE, ROBOT, SAMPLE
 from cdrj_ros.commands.simulate import main
 from cdrj_ros.messages.topics import TENSION_SENSORS, in_namespace
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
 
 QUICK = ("--duration", "4", "--cells", "1", "--frequency", "0.25", "--amplitude", "20deg")
 
 
-def run(path: Path, *options: str) -> Recording:
+def run(path, *options):
     assert main([str(path), "--robot", ROBOT, *QUICK, *options]) == 0
     return read_recording(path)
 
 
-def rig(folder: Path, text: str) -> tuple[str, str]:
+def rig(folder, text):
     """The options that name a rig file of this content."""
     (folder / "rig.yaml").write_text(text)
     return "--rig", str(folder / "rig.yaml")
 
 
-def refused(capsys: pytest.CaptureFixture[str], path: Path, *options: str) -> str:
+def refused(capsys, path, *options):
     assert main([str(path), "--robot", ROBOT, *QUICK, *options]) == 2
     assert not path.exists(), "nothing is left behind"
     text = capsys.readouterr().err.strip().splitlines()[-1]
@@ -36,11 +36,11 @@ def refused(capsys: pytest.CaptureFixture[str], path: Path, *options: str) -> st
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def plain(tmp_path_factory):
     return run(tmp_path_factory.mktemp("plain") / "bag")
 
 
-def _tensions(recording: Recording) -> np.ndarray:
+def _tensions(recording):
     return np.stack(
         [s.value for name, s in recording.references.items() if name.startswith("tension/")]
     )
@@ -126,7 +126,7 @@ def test_a_rig_file_acts_on_load_cells_latency_and_frozen_encoders(tmp_path):
     assert _delays_ns(tmp_path / "bag", "/cdrj/motor_states") == {0}
 
 
-def _delays_ns(bag: Path, topic: str) -> set[int]:
+def _delays_ns(bag, topic):
     """Log times of a topic after the stamps of its messages."""
     with next(bag.glob("*.mcap")).open("rb") as stream:
         messages = [one for *_, one in make_reader(stream).iter_messages([topic])]

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.places import ROBOT
@@ -20,17 +19,16 @@ APART = (
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+def bag(tmp_path_factory):
     path = str(tmp_path_factory.mktemp("stamps") / "bag")
     assert simulate.main([path, "--robot", ROBOT, "--duration", "4", "--cells", "1"]) == 0
     return path
 
 
-def figures(bag: str, folder: Path) -> dict[str, Any]:
+def figures(bag, folder):
     out = folder / f"{Path(bag).name}.json"
     assert validate.main([bag, "--robot", ROBOT, "--json", str(out)]) == 0
-    found: dict[str, Any] = json.loads(out.read_text())
-    return found
+    return json.loads(out.read_text())
 
 
 def test_stamps_of_zero_are_replaced_by_log_times_which_is_said_once_per_topic(

@@ -2,10 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,18 +28,11 @@ MEASURED = {
 """Topics by their own names."""
 
 
-def refuse(text: str) -> float:
+def refuse(text):
     raise AssertionError(f"{text} is no JSON number")
 
 
-def write(
-    path: Path,
-    bag: Path = SAMPLE,
-    *,
-    until_s: float = 4.0,
-    topics: Mapping[str, str] = MEASURED,
-    shifts_ns: Sequence[int] = (0,),
-) -> Path:
+def write(path, bag=SAMPLE, *, until_s=4.0, topics=MEASURED, shifts_ns=(0,)):
     """Write the first seconds of topics by other names, once for every shift of the log times."""
     with BagWriter(path) as writer:
         for one, other in topics.items():
@@ -54,18 +44,18 @@ def write(
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short(tmp_path_factory):
     return write(tmp_path_factory.mktemp("bags") / "short")
 
 
-def run(out: Path, *arguments: object) -> tuple[int, dict[str, Any]]:
+def run(out, *arguments):
     """Exit code and figures."""
     json_file = out / "figures.json"
     code = validate.main([*map(str, arguments), "--robot", ROBOT, "--json", str(json_file)])
     return code, json.loads(json_file.read_text()) if json_file.exists() else {}
 
 
-def one_line(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> None:
+def one_line(capsys, words):
     error = capsys.readouterr().err
     lines = [line for line in error.splitlines() if not line.startswith("validating: ")]
     assert len(lines) == 1, error
@@ -139,7 +129,7 @@ def test_limits_decide_the_exit_code_and_violations_are_listed(short, tmp_path, 
 
 
 @pytest.fixture(scope="module")
-def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def second(tmp_path_factory):
     return write(tmp_path_factory.mktemp("bags") / "second", until_s=1.0)
 
 

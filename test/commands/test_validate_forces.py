@@ -1,7 +1,6 @@
 """validate compares nodal forces as vectors where the reference has components."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ CHORD = 2.0 * np.sin(np.radians(DEGREES) / 2.0)
 """Relative vector error of a force turned by DEGREES."""
 
 
-def turned_bag(folder: Path, robot: str, frame_id: str) -> Path:
+def turned_bag(folder, robot, frame_id):
     """Two seconds of the rig whose recorded forces are the estimates, turned in the plane."""
     inputs, topics, model = folder / "inputs", Topics(), load_model(robot)
     words = ["--duration", "2", "--cells", "1"]

@@ -6,7 +6,6 @@ of identification, of validations, of the tutorial and of the README.
 
 import re
 import subprocess
-from pathlib import Path
 
 import yaml
 from support.page_lines import PAGES, ROOT, blocks, fenced, shown_files, write_files
@@ -55,25 +54,25 @@ def test_settings_of_every_page_are_taken_by_their_reader(tmp_path):
             reader(text)
 
 
-def _saved(folder: Path, text: str) -> str:
+def _saved(folder, text):
     path = folder / "settings.yaml"
     path.write_text(text)
     return str(path)
 
 
-def _gripper(folder: Path, text: str) -> None:
+def _gripper(folder, text):
     write_files(shown_files("docs/tutorial.md"), folder)
     parse_robot(text, str(folder / "gripper.yaml"))
 
 
-def _with_uncertainty(text: str) -> None:
+def _with_uncertainty(text):
     source = ROOT / "config" / "robots" / "davinci_jaw.yaml"
     document = yaml.safe_load(source.read_text())
     document["uncertainty"] = yaml.safe_load(text)["uncertainty"]
     parse_robot(yaml.safe_dump(document), str(source))
 
 
-def _prefixed(text: str) -> None:
+def _prefixed(text):
     source = (ROOT / "config" / "robots" / "prototype.yaml").read_text()
     document = yaml.safe_load(source.replace("joint: elbow", "joint: left/elbow"))
     within_tables = yaml.safe_load(text.replace("[-50, 50]", "[-40, 40]"))

@@ -28,7 +28,7 @@ PARSERS: dict[str, Callable[[], ArgumentParser]] = {
 }
 
 
-def sources() -> list[Path]:
+def sources():
     """Text files of the project; without a repository, as in an archive, the pages alone."""
     done = subprocess.run(
         ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False

@@ -4,7 +4,6 @@ import ast
 import inspect
 import pkgutil
 import re
-from pathlib import Path
 
 from support.places import ROOT
 
@@ -25,15 +24,15 @@ SOURCES = [
 CITATION = re.compile(r"\((E?)(\d{1,2})\)(?:\s?[-–]\s?\(E?(\d{1,2})\))?")
 
 
-def equations(text: str) -> set[str]:
+def equations(text):
     """Numbers of all equations cited, ranges written out: (4), (29)-(31), (E2)."""
-    found: set[str] = set()
+    found = set()
     for letter, first, last in CITATION.findall(text):
         found |= {f"{letter}{n}" for n in range(int(first), int(last or first) + 1)}
     return found
 
 
-def remarks(path: Path) -> str:
+def remarks(path):
     """All docstrings of modules, classes, functions and fields, or all comments in C++."""
     if path.suffix != ".py":
         return "\n".join(re.findall(r"//.*", path.read_text(encoding="utf-8")))
@@ -47,7 +46,7 @@ def remarks(path: Path) -> str:
     )
 
 
-def remarks_on(name: str) -> str:
+def remarks_on(name):
     """What is said about a function, or in a file of the core, such as ``core/cable.hpp``."""
     if "/" in name:
         return remarks(ROOT / "cdrj_ros" / name)
@@ -56,14 +55,14 @@ def remarks_on(name: str) -> str:
     return inspect.getdoc(found) or ""
 
 
-def resolved(name: str) -> object:
+def resolved(name):
     """The object of a dotted name below ``cdrj_ros``, or below ``examples``."""
     return pkgutil.resolve_name(name if name.startswith("examples.") else f"cdrj_ros.{name}")
 
 
-def computed() -> dict[str, list[str]]:
+def computed():
     """Functions by equation, from the tables of both pages."""
-    table: dict[str, list[str]] = {}
+    table = {}
     sections = "".join(page[page.rindex(HEADING) :] for page in PAGES)
     for line in sections.splitlines():
         cells = line.split("|")

@@ -8,7 +8,6 @@ import json
 import re
 import shlex
 import subprocess
-from pathlib import Path
 
 import pytest
 from support.page_lines import ROOT, command_lines
@@ -22,7 +21,7 @@ from cdrj_ros.recordings.recording import read_recording
 SHORT = ["--duration", "3", "--cells", "1"]
 
 
-def lines(page: str, command: str) -> list[str]:
+def lines(page, command):
     """Lines of a page that begin with a command."""
     found = command_lines(ROOT / "docs" / page)
     return [line for line in found if line.startswith(f"{command} ")]
@@ -45,7 +44,7 @@ def test_checks_of_the_page_on_uncertainty_run(line, monkeypatch, capsys):
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lab(tmp_path_factory):
     """A folder with the files that the pages on recordings speak of."""
     folder = tmp_path_factory.mktemp("lab")
     robot = (ROOT / "config" / "robots" / "prototype.yaml").read_text()
@@ -63,7 +62,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def arguments_of(line: str, lab: Path) -> list[str]:
+def arguments_of(line, lab):
     """The words after the command; those that stand for recordings are replaced."""
     both = [str(lab / "recordings" / name) for name in ("one", "two")]
     meant = {"BAG...": both[:1], "BAG": both[:1], "OTHER_BAG": [str(lab / "other")]}

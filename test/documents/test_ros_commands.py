@@ -28,14 +28,14 @@ LINES = [
 ]
 
 
-def arguments_of_launch(file: str) -> list[str]:
+def arguments_of_launch(file):
     text = (ROOT / "launch" / file).read_text()
     if "IncludeLaunchDescription(" in text:
         text += (ROOT / "launch" / "estimator.launch.py").read_text()
     return re.findall(r'DeclareLaunchArgument\(\s*"(\w+)"', text)
 
 
-def is_known(words: list[str]) -> bool:
+def is_known(words):
     """Whether the names of a line exist; those of assignments are checked for every line."""
     known = True
     match words:

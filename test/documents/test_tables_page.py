@@ -11,7 +11,7 @@ from cdrj_ros.commands import validate
 def test_the_programs_and_the_command_of_the_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = "docs/tables.md"
-    scope: dict[str, object] = {}
+    scope = {}
     for program in blocks(page, "python"):
         exec(program, scope)  # noqa: S102
     assert capsys.readouterr().out == blocks(page, "text")[0]

@@ -15,13 +15,13 @@ FILES = shown_files("docs/tutorial.md")
 RUN_HERE = "import_robot", "check_robot", "python -c"
 
 
-def lines(page: str, *begins: str) -> list[list[str]]:
+def lines(page, *begins):
     """The words of the lines of a page that begin so."""
     found = command_lines(ROOT / "docs" / page)
     return [shlex.split(line, comments=True) for line in found if line.startswith(begins)]
 
 
-def run_line(words: list[str]) -> None:
+def run_line(words):
     """Run a command in this process, and a line of Python likewise."""
     if words[0] == "python":
         exec(words[2], {})  # noqa: S102 our own page
@@ -77,7 +77,7 @@ SHOWN = dict(
 )  # fmt: skip
 
 
-def largest_at_rest(estimator: cdrj.Estimator, begin_s: int) -> float:
+def largest_at_rest(estimator, begin_s):
     """Largest standard deviation after four seconds at rest in the reference pose [N]."""
     for k in range(400):
         stamp_ns = begin_s * 10**9 + k * 10**7

@@ -2,9 +2,9 @@
 
 import pytest
 
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 
 
 @pytest.fixture(scope="session")
-def model() -> Model:
+def model():
     return load_model("prototype")

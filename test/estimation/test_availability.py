@@ -45,7 +45,7 @@ def test_joints_that_move_together_have_status_0(name, hertz, tmp_path):
     model = load_model(str(file))
     share = min(0.35, 0.25 / hertz)
 
-    def angle(time: np.ndarray) -> np.ndarray:
+    def angle(time):
         columns = []
         for k, joint in enumerate(model.robot.joints):
             width, centre = joint.upper - joint.lower, 0.5 * (joint.lower + joint.upper)

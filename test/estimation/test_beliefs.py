@@ -1,7 +1,7 @@
 """Beliefs about unknowns and sensors: laws of the filter and of the hypotheses."""
 
 import json
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pytest
@@ -15,30 +15,28 @@ SECOND: Final = 1_000_000_000
 NOISE: Final = 0.1
 
 
-def _unknowns(count: int, jump: float = 0.0, error: float = NONLINEAR) -> list[Unknown]:
+def _unknowns(count, jump=0.0, error=NONLINEAR):
     """Unknowns of standard deviation 1 that do not drift."""
-    nothing: Any = None
+    nothing = None
     return [Unknown(f"u{k}", 1.0, 1.0, 0.0, jump, error, nothing, nothing) for k in range(count)]
 
 
-def _sensor(name: str, **changes: Any) -> Sensor:
+def _sensor(name, **changes):
     """A sensor without errors that last."""
-    given: dict[str, Any] = {
+    given = {
         "name": name, "column": 0, "cables": (0,), "noise": NOISE, "scale": 10.0,
         "accuracy": Accuracy(0.0, 0.0, 0.0, 0.0, 0.0),
     }  # fmt: skip
     return Sensor(**given | changes)
 
 
-def _hear(known: Beliefs, *names: str, **changes: Any) -> None:
+def _hear(known, *names, **changes):
     """Add sensors that read the first of three quantities."""
     for name in names:
         known.hear(_sensor(name, **changes), 0, np.ones(3, dtype=np.bool_))
 
 
-def _read(
-    known: Beliefs, k: int, second: float, value: float, slopes: list[float], h: float = 10.0
-) -> None:
+def _read(known, k, second, value, slopes, h=10.0):
     stamp = round(second * SECOND)
     known.core.take(k, stamp, value, NOISE, h, np.array(slopes), 0.0, np.array([h]))
 
@@ -106,7 +104,7 @@ def test_what_a_single_sensor_has_corrected_stays_open_to_a_tenth():
 def test_a_sudden_change_is_taken_up_and_a_stray_reading_is_not():
     generator = np.random.default_rng(4)
 
-    def after(jump: float, readings: int) -> float:
+    def after(jump, readings):
         known = Beliefs(_unknowns(1, jump=3.0))
         _hear(known, "cell")
         for k in range(100):
@@ -167,7 +165,7 @@ def test_the_present_follows_a_reading_as_gaussian_variables_do():
 
 
 def test_what_is_known_outlasts_a_restart_and_damage_is_refused():
-    def fresh(*names: str) -> Beliefs:
+    def fresh(*names):
         known = Beliefs(_unknowns(2))
         _hear(known, *names)
         return known
@@ -181,7 +179,7 @@ def test_what_is_known_outlasts_a_restart_and_damage_is_refused():
     assert np.array_equal(again.core.mean, known.core.mean)
     assert np.array_equal(again.core.covariance, known.core.covariance)
     assert np.array_equal(again.core.weight, known.core.weight)
-    damages: list[dict[str, Any]] = [
+    damages = [
         {"mean": [[0.0]]},
         {"covariance": (-np.array(memory["covariance"])).tolist()},
         {"weight": [float("nan")] * 4},

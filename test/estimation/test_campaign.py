@@ -14,7 +14,6 @@ from support.campaign import (
     MS,
     SECOND,
     START,
-    Course,
     Faults,
     Lie,
     course_of,
@@ -26,8 +25,6 @@ from support.campaign import (
 from support.campaign_draws import course as random_course
 from support.campaign_draws import single
 
-from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
 
 COUNT = 2.0 * np.pi / 2**14
@@ -38,12 +35,12 @@ BEYOND_TWO, BEYOND_FIVE = 0.08, 0.001
 
 
 @pytest.fixture(scope="module")
-def course(model: Model) -> Course:
+def course(model):
     return course_of(model, 11.0, sine(0.3, 0.45))
 
 
 @pytest.fixture(scope="module")
-def all_courses(model: Model) -> list[Course]:
+def all_courses(model):
     moves = sine(0.1), sine(0.3, 0.45), motion.random(0.5, 0.7, 1)
     return [course_of(model, 10.0, one) for one in moves]
 
@@ -57,7 +54,7 @@ def all_courses(model: Model) -> list[Course]:
         ("clock set by 5 s or an hour", 2),
         ("cell freezes", 0),
         ("effort stuck at 1 to 200 mN m", 6),
-        ("0.1 to 1 % of readings wrong", 1),
+        ("0.1 to 1 % of readings wrong", 3),
     ],
 )
 def test_status_0_holds_whatever_happens_to_the_inputs(kind, seed, model, tmp_path):
@@ -80,9 +77,9 @@ FOUND = {
     # half of the motor's readings have the stamp of one of the joint's, of another time
     "clocks differ by an interval": (5.0, sine(1.9), Faults(clocks={"elbow": (2 * MS, 0.0)}), 0.4),
     # tensions that do not swing with the speed show that the topic is not older
-    "winch late by 5 ms": (*SLOW, Faults(late_ns={"winch": 5 * MS}), 0.8),
-    "elbow late by 100 ms": (*SLOW, Faults(late_ns={"elbow": 100 * MS}), 0.8),
-    "winch late by 1 s": (*SLOW, Faults(late_ns={"winch": SECOND}), 0.8),
+    "winch late by 5 ms": (*SLOW, Faults(late_ns={"winch": 5 * MS}), 0.82),
+    "elbow late by 100 ms": (*SLOW, Faults(late_ns={"elbow": 100 * MS}), 0.82),
+    "winch late by 1 s": (*SLOW, Faults(late_ns={"winch": SECOND}), 0.82),
     # at 150 degrees per second an angle of 20 ms ago is 3 degrees behind
     "readings lost in `predict`": (
         8.0, sine(1.0), Faults(lost={"winch": 0.7, "elbow": 0.9}, mode="predict"), 0.0,
@@ -154,7 +151,7 @@ def test_what_happens_between_the_readings_of_two_slow_topics_is_in_the_deviatio
 def test_readings_at_full_rate_leave_nothing_unseen(model, course):
     """With readings at full rate the unseen deviation is empty and has no effect."""
 
-    def unseen(live: LiveEstimator) -> None:
+    def unseen(live):
         assert live.sample.unseen.size == 0
         assert live.conditioner.steps == 0
         assert live.conditioner.lagging == {}
@@ -188,7 +185,7 @@ def test_a_slipped_encoder_is_found_at_any_rate(hertz, model, course):
 def test_a_slip_is_in_the_standard_deviation_or_makes_unsure_by_what_it_is_worth(
     axis, slip, in_stddev, model, course
 ):
-    found: list[dict[str, float]] = []
+    found = []
     outputs = run(
         model, course, Faults(slips=[(axis, BEGIN, slip)]),
         watch=lambda live: found.append(live.conditioner.displaced),
@@ -205,7 +202,7 @@ def test_readings_of_two_publishers_make_everything_unsure_and_are_named(
     axis, apart, model, course
 ):
     """Whether the axis may move as far between two readings, or not."""
-    named: list[list[str]] = []
+    named = []
     outputs = run(
         model, course, Faults(second={axis: apart}),
         watch=lambda live: named.append(live.conditioner.alternating),
@@ -224,7 +221,7 @@ def test_clocks_that_differ_are_in_the_standard_deviation_and_named_with_their_s
     clock, axis, lag_ms, ppm, model, course
 ):
     """To within an interval of the other axis's readings, and what a clock creeps in a second."""
-    found: dict[str, tuple[int, float]] = {}
+    found = {}
     outputs = run(
         model, course, Faults(clocks={"elbow": clock}),
         watch=lambda live: found.update(live.conditioner.lagging),
@@ -261,7 +258,7 @@ def test_a_slipped_encoder_stays_one_whatever_the_clock_and_the_process_do(
     after, model, course, tmp_path
 ):
     slipped = replace(after, slips=[("winch", BEGIN, 0.8)])
-    found: list[float] = []
+    found = []
     outputs = run(
         model, course, slipped, scratch=tmp_path,
         watch=lambda live: found.append(live.conditioner.displaced["winch"]),
@@ -283,7 +280,7 @@ def test_a_slip_while_the_process_is_down_is_part_of_the_standard_deviation(
     slip = [(axis, BEGIN + stop_ns // 2, size)]
     faults = Faults(slips=slip, restart_ns=BEGIN, stop_ns=stop_ns)
 
-    def confirm(live: LiveEstimator) -> None:
+    def confirm(live):
         assert (live.ensemble.core.least_variance > 0.0).any()
         live.reset()
         assert not live.ensemble.core.least_variance.any()
@@ -299,9 +296,9 @@ def test_a_sensor_that_becomes_wrong_is_named_and_leaves_the_estimate_to_the_oth
     size, model, course
 ):
     lies = {CELL: Lie("is off", 3 * SECOND, size)}
-    right: dict[str, float] = {}
+    right = {}
 
-    def watch(live: LiveEstimator) -> None:
+    def watch(live):
         right.update(live.corrections.right)
 
     faults = Faults(quarter_rate(), sensors=(CELL, EFFORT), lies=lies)
@@ -316,7 +313,7 @@ def test_a_sensor_that_becomes_wrong_is_named_and_leaves_the_estimate_to_the_oth
 def test_a_long_gap_beside_a_stuck_sensor_leaves_no_standard_deviation_too_small(model, course):
     """In an hour the preloads drift by more than the ensemble's initial spread."""
 
-    def consistent(live: LiveEstimator) -> None:
+    def consistent(live):
         assert np.allclose(live.ensemble.variance, (live.ensemble.deviation**2).mean(axis=0))
 
     begin = 3 * SECOND

@@ -15,7 +15,6 @@ from cdrj_ros import _core
 from cdrj_ros._core import LARGEST
 from cdrj_ros.estimation import conditioner as conditioning
 from cdrj_ros.estimation.conditioner import HORIZON_NS, Conditioner, condition
-from cdrj_ros.estimation.estimator import Sample, Samples
 from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
@@ -24,7 +23,7 @@ from cdrj_ros.robot.document import schema
 
 def test_a_message_of_one_topic_is_not_read_as_one_of_another():
     with pytest.raises(TypeError):
-        _core.Conditioner([], 0, False, HORIZON_NS).feed(0, 1, ["a"], [0.0])  # type: ignore[arg-type]
+        _core.Conditioner([], 0, False, HORIZON_NS).feed(0, 1, ["a"], [0.0])
 
 
 ROBOT = robot_of(
@@ -41,15 +40,15 @@ HELD_AT_MOST = 1.6
 """Peak of memory while conditioning, over that of the readings and samples."""
 
 
-def in_order(segments: tuple[Samples, ...]) -> list[Sample]:
+def in_order(segments):
     return [one.at(k) for one in segments for k in range(one.stamp_ns.size)]
 
 
-def _arrays(series: Series) -> tuple[np.ndarray, ...]:
+def _arrays(series):
     return series.stamp_ns, series.log_ns, series.value
 
 
-def nonzero(sample: Sample) -> list[bytes]:
+def nonzero(sample):
     """Everything in a sample; a row of a segment may have zeros where there is nothing."""
     return [one.tobytes() if np.any(one) else b"" for one in map(np.asarray, sample)]
 
@@ -57,12 +56,12 @@ def nonzero(sample: Sample) -> list[bytes]:
 def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_any_size(
     monkeypatch,
 ):
-    seen: Counter[str] = Counter()
+    seen = Counter()
     for seed in range(40):
         random = Random(seed)
         robot = random_robot(random)
         conditioner, wanted = Conditioner(robot), []
-        heard: dict[str, list[tuple[int, int, float]]] = {axis.name: [] for axis in robot.axes}
+        heard = {axis.name: [] for axis in robot.axes}
         for k, message in enumerate(random_stream(random, robot, 600)):
             positions = dict(zip(message.names, message.positions, strict=False))
             if seed % 10 == 0:

@@ -7,7 +7,7 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Samples, initial_state
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 
 MEMBERS = 8
 COUNT = 60
@@ -16,7 +16,7 @@ CORNER = 25
 """Sample at which all axes turn back."""
 
 
-def _motion(model: Model) -> Samples:
+def _motion(model):
     robot = model.robot
     sample = np.arange(COUNT)
     swing = 0.01 * np.minimum(sample, 2 * CORNER - sample)[:, None]
@@ -25,9 +25,7 @@ def _motion(model: Model) -> Samples:
     return Samples(1_000_000_000 + APART_NS * np.arange(COUNT), motor, joint)
 
 
-def _differences(
-    model: Model, ensemble: Ensemble, samples: Samples, values: np.ndarray
-) -> np.ndarray:
+def _differences(model, ensemble, samples, values):
     """Members' differences from the estimate after every sample, (count, members, columns)."""
     known = model.robot.uncertainty
     doubted = known.may_slip if known else ()

@@ -3,19 +3,18 @@
 The truth is a simulated rig with contact cells fixed to its pulleys' surfaces.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import pytest
-from support.campaign import START, Course, course_of, sine
+from support.campaign import START, course_of, sine
 from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.prepared import Model, load_model, prepare
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.foundation.arrays import Table
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.simulation.truth import simulate
@@ -33,25 +32,25 @@ class Run(NamedTuple):
     live: LiveEstimator
 
     @property
-    def within(self) -> float:
+    def within(self):
         """Share of the errors within two standard deviations."""
         return float(np.mean(np.abs(self.error) < 2.0 * self.stddev))
 
 
-def _document(name: str, axes: dict[str, Any] | None = None) -> Model:
+def _document(name, axes=None):
     """A shipped robot with further keys of all motors."""
     given, source = load_document(ROBOTS / f"{name}.yaml")
-    document: Any = dict(given)
+    document = dict(given)
     if axes:
         document["motors"] = [{**one, **axes} for one in document["motors"]]
     return prepare(build_robot(document, source))
 
 
-def _truth(model: Model, factors: dict[str, float], seconds: float, share: float = 0.4) -> Any:
+def _truth(model, factors, seconds, share=0.4):
     """The rig with some numbers multiplied, all joints moving by a share of their ranges."""
     document = dict(model.robot.document)
     changed = {path: factor * number_at(document, path) for path, factor in factors.items()}
-    robot: Robot = with_other_numbers(model, changed).robot if changed else model.robot
+    robot = with_other_numbers(model, changed).robot if changed else model.robot
     time = np.arange(0.0, seconds, 1.0 / HERTZ)
     ramp = np.clip(time / 2.0, 0.0, 1.0)
     angles = []
@@ -64,13 +63,7 @@ def _truth(model: Model, factors: dict[str, float], seconds: float, share: float
     return simulate(robot, time, np.stack(angles, axis=1), None, 20.0, 4, allow_slack=True)
 
 
-def _run(
-    model: Model,
-    truth: Any,
-    readings: dict[str, Vector],
-    zeros: Vector | float = 0.0,
-    options: Options | None = None,
-) -> Run:
+def _run(model, truth, readings, zeros=0.0, options=None):
     """Let the estimator hear readings of sensors by name at 50 Hz."""
     live, layout, outputs = LiveEstimator(model, options), model.layout, []
     joints = truth.joint_angle + zeros
@@ -133,12 +126,12 @@ def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known():
 
 
 @pytest.fixture
-def renewed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def renewed(monkeypatch):
     """Stamps at which a group's part of the present is renewed."""
-    calls: list[int] = []
+    calls = []
     conditioned = Group.correction
 
-    def noted(group: Group, stamp_ns: int, *others: Any) -> Any:
+    def noted(group, stamp_ns, *others):
         calls.append(stamp_ns)
         return conditioned(group, stamp_ns, *others)
 
@@ -179,7 +172,7 @@ def test_no_sample_of_a_hand_waits_for_more_than_one_of_its_groups(renewed):
 
 def test_a_joint_torque_sensor_corrects_what_no_motor_shows():
     given, source = load_document(ROBOT)
-    document: Any = dict(given)
+    document = dict(given)
     document["joints"] = [{**document["joints"][0], "effort_noise": 0.02}]
     model = prepare(build_robot(document, source))
     truth = _truth(model, {"cables.upper.preload": 0.9}, 12.0)
@@ -192,11 +185,11 @@ def test_a_joint_torque_sensor_corrects_what_no_motor_shows():
 
 
 @pytest.fixture(scope="module")
-def course() -> Course:
+def course():
     return course_of(load_model(ROBOT), 8.0, sine(0.3))
 
 
-def _hear_cell(model: Model, course: Course, gain: float, **options: Any) -> LiveEstimator:
+def _hear_cell(model, course, gain, **options):
     live = LiveEstimator(model, Options(**options))
     for k in range(0, len(course.angle), 4):
         stamp = START + k * 10**6

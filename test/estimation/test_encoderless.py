@@ -3,19 +3,10 @@
 from copy import deepcopy
 from dataclasses import replace
 from time import process_time
-from typing import Any
 
 import numpy as np
 import pytest
-from support.motor_alone import (
-    MS,
-    NOISE,
-    START,
-    motion,
-    only_measured,
-    truth_of,
-    without_encoder,
-)
+from support.motor_alone import MS, NOISE, START, motion, only_measured, truth_of, without_encoder
 from support.places import ROBOT
 
 from cdrj_ros.estimation.encoderless import (
@@ -30,12 +21,12 @@ from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.motors import determined_joints
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import build_robot
 
 
 @pytest.fixture(scope="module")
-def prototype() -> Model:
+def prototype():
     return without_encoder("prototype", "elbow")
 
 
@@ -115,7 +106,7 @@ def test_a_joint_that_no_winch_feels_is_not_determined():
     both = determined_joints(without_encoder("finger", "mcp", "pip"))
     assert len(both) == 2
     assert all(0.0 < stddev < 0.05 for stddev in both.values())
-    document: Any = deepcopy(dict(without_encoder("finger", "pip").robot.document))
+    document = deepcopy(dict(without_encoder("finger", "pip").robot.document))
     document["cables"] = [c for c in document["cables"] if c["name"] == "superficial"]
     document["motors"] = [m for m in document["motors"] if m["name"] == "superficial_motor"]
     alone = determined_joints(prepare(build_robot(document, "cut")))

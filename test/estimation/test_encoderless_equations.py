@@ -4,7 +4,6 @@ Both sums are written out here and minimised without derivatives, from the outpu
 before: its state, the angle and, without an ensemble, the angle's variance P.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from support.motor_alone import NOISE, motion, only_measured, truth_of, without_
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
-from cdrj_ros.model.prepared import Model, shape_at
+from cdrj_ros.model.prepared import shape_at
 from cdrj_ros.robot.description import Winch
 
 DT, PERSISTENCE = 0.005, 0.05
@@ -30,14 +29,14 @@ class Before(NamedTuple):
     motor: float
 
 
-def least(cost: Callable[[float], float], near: float, within: float) -> float:
+def least(cost, near, within):
     """Where a cost is least, near an angle."""
     bounds = (near - within, near + within)
     found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-10})
     return float(found.x)
 
 
-def squared_slope(values: Callable[[float], float], at: float, step: float) -> float:
+def squared_slope(values, at, step):
     """Square of the derivative of a function."""
     return float(((values(at + step) - values(at - step)) / (2.0 * step)) ** 2)
 
@@ -45,24 +44,24 @@ def squared_slope(values: Callable[[float], float], at: float, step: float) -> f
 class Sample:
     """One sample: what is known before it, and the robot that any angle would give."""
 
-    def __init__(self, model: Model, state: np.ndarray, motor: np.ndarray, before: Before) -> None:
+    def __init__(self, model, state, motor, before):
         self.model, self.state, self.motor, self.before = model, state, motor, before
         joint = model.robot.joints[0]
         self.span, self.drift = joint.upper - joint.lower, joint.load_drift
         self.step = 1e-4 * self.span
         self._robot = _core.Robot(model.topology, model.constants)
 
-    def _estimate(self, angle: float) -> np.ndarray:
+    def _estimate(self, angle):
         before = _core.State(0, self.state)
         return self._robot.step(before, round(DT * 1e9), self.motor, np.array([angle]))[1]
 
-    def effort(self, angle: float) -> float:
+    def effort(self, angle):
         return float(self._estimate(angle)[self.model.layout.motor_effort][0])
 
-    def load(self, angle: float) -> float:
+    def load(self, angle):
         return float(self._estimate(angle)[self.model.layout.joint_effort][0])
 
-    def imposed(self) -> float:
+    def imposed(self):
         """Angle to which the cables turn the joint while their elongation stays the same."""
         arms = shape_at(self.model, np.array([self.before.angle])).lever_arm[:, 0]
         turned, at = float(self.motor[0]) - self.before.motor, 0
@@ -75,27 +74,27 @@ class Sample:
             slopes.append(float(own.sum()))
         return self.before.angle - float(np.dot(slopes, taken) / np.dot(slopes, slopes))
 
-    def predicted(self) -> tuple[float, float]:
+    def predicted(self):
         """Angle by (M1) and its variance."""
         q0, wander = self.imposed(), (0.04 * self.span) ** 2 * DT
         if self.drift == 0.0:
             return q0, self.before.variance + wander
         per_load = self.drift**2 * DT
 
-        def cost(q: float) -> float:
+        def cost(q):
             return (q - q0) ** 2 / wander + (self.load(q) - self.before.load) ** 2 / per_load
 
         q1 = least(cost, q0, 300 * self.step)
         widening = 1.0 / (1.0 / wander + squared_slope(self.load, q1, self.step) / per_load)
         return q1, self.before.variance + widening
 
-    def corrected(self, measured: float) -> tuple[float, float]:
+    def corrected(self, measured):
         """Angle by (M2) and its variance."""
         q1, variance = self.predicted()
         variance = min(variance, self.span**2 / 12.0)
         weight = DT / (NOISE**2 * PERSISTENCE)
 
-        def cost(q: float) -> float:
+        def cost(q):
             return (q - q1) ** 2 / variance + weight * (measured - self.effort(q)) ** 2
 
         q = least(cost, q1, 300 * self.step)

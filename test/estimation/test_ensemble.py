@@ -9,7 +9,7 @@ from cdrj_ros.estimation.draws import Streams, draw_members
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import ALL_SEEN, Sample, Samples, initial_state, run, step
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import parse_robot
@@ -24,7 +24,7 @@ SECOND = round(RATE / EVERY)
 """Number of evaluated samples per second."""
 
 
-def _path(model: Model, bag: str) -> Samples:
+def _path(model, bag):
     """A smooth motion of motor and joint, used as the true motion."""
     recording = read_inputs(str(ROOT / "bags" / bag), Topics(), model)
     samples = condition_recording(model, recording).segments[0]
@@ -37,7 +37,7 @@ def _path(model: Model, bag: str) -> Samples:
     return Samples(1_000_000_000 + np.round(time * 1e9).astype(np.int64), *angles)
 
 
-def _read(model: Model, path: Samples, part: slice, generator: np.random.Generator) -> Samples:
+def _read(model, path, part, generator):
     """Readings of encoders with the robot's resolution on a part of the path."""
     columns = []
     for axis, angle in zip(model.robot.axes, (path.motor_angle, path.joint_angle), strict=True):
@@ -46,7 +46,7 @@ def _read(model: Model, path: Samples, part: slice, generator: np.random.Generat
     return Samples(path.stamp_ns[part], columns[0], columns[1])
 
 
-def _hits(preload: str, bag: str, runs: int, seed: int) -> np.ndarray:
+def _hits(preload, bag, runs, seed):
     """Whether truth lies within two standard deviations, shape (runs, times, columns)."""
     generator = np.random.default_rng(seed)
     model = load_model(ROBOT, preload)
@@ -95,7 +95,7 @@ def test_two_standard_deviations_cover_the_expected_share():
 
 
 @pytest.fixture(scope="module")
-def path(model: Model) -> Samples:
+def path(model):
     return _path(model, "prototype_preload_36_26")
 
 

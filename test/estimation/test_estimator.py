@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from support.state import state_views
 
 from cdrj_ros._core import Law
-from cdrj_ros.estimation.estimator import Sample, Samples, State, initial_state, run, step
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 PROTOTYPE = load_robot(Path(__file__).parents[2] / "config" / "robots" / "prototype.yaml")
@@ -51,13 +50,13 @@ cables:
 ROUTED_MODEL = prepare(parse_robot(ROUTED))
 
 
-def law_of(law: str) -> Model:
+def law_of(law):
     cables = tuple(replace(cable, law=law) for cable in PROTOTYPE.cables)
-    robot: Robot = replace(PROTOTYPE, cables=cables)
+    robot = replace(PROTOTYPE, cables=cables)
     return prepare(robot)
 
 
-def motion(model: Model, size: int, seed: int = 0) -> Samples:
+def motion(model, size, seed=0):
     """A smooth motion within the ranges, with irregular and some repeated stamps."""
     generator = np.random.default_rng(seed)
     stamps = EPOCH_NS + np.cumsum(generator.choice([0, 300_000, 1_000_000, 1_700_000], size))
@@ -114,7 +113,7 @@ def test_states_and_samples_are_never_changed_in_place():
         assert column.tobytes() == copy.tobytes()
 
 
-def assert_refused(state: State) -> None:
+def assert_refused(state):
     """A cable without a path is ``INVALID`` and has no tension; its state is unchanged."""
     # drum and pulley in the same place
     pose = np.array([0.1, 0.4 * np.sqrt(2.0)])

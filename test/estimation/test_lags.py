@@ -1,30 +1,28 @@
 """Values that are older than their stamp: seen where motion shows them, uncertain elsewhere."""
 
-from collections.abc import Iterable
 from math import hypot
 
 import pytest
-from support.campaign import MS, START, Course, Faults, Verdict, course_of, judge, run, sine
+from support.campaign import MS, START, Faults, course_of, judge, run, sine
 
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 
 @pytest.fixture(scope="module")
-def course(model: Model) -> Course:
+def course(model):
     """A load that the winch balances, with the friction of 16 cells per pulley."""
     return course_of(model, 8.0, sine(0.25, 0.4), load=0.2, seed=4)
 
 
-def _run(model: Model, course: Course, older_ms: int) -> tuple[Verdict, Vector]:
+def _run(model, course, older_ms):
     """The verdict, and mean and standard deviation of the joint's lag [s]."""
     faults = Faults(period_ns={"winch": 5 * MS, "elbow": 5 * MS}, older_ns={"elbow": older_ms * MS})
-    lags: list[Vector] = []
+    lags = []
 
-    def watch(live: LiveEstimator) -> None:
+    def watch(live):
         lags.append(live.ensemble.core.lag[:, 1])
 
     outputs = run(model, course, faults, watch=watch)
@@ -69,7 +67,7 @@ uncertainty:
 """The cable takes 100 N/rad of both axes, whose lags are known to 5 and 12 ms (rounded up)."""
 
 
-def _pair(angles: Iterable[tuple[float, float]]) -> tuple[LiveEstimator, Estimate]:
+def _pair(angles):
     """Motor and joint, 10 ms apart; the estimator and its last estimate."""
     live, found = LiveEstimator(prepare(parse_robot(PAIR))), list[Estimate]()
     for k, pair in enumerate(angles):

@@ -1,23 +1,10 @@
 """What ``conditioning: predict`` gives in advance leaves no trace in what follows."""
 
 import pytest
-from support.campaign import (
-    CELL,
-    EFFORT,
-    MS,
-    START,
-    Course,
-    Faults,
-    Mode,
-    course_of,
-    judge,
-    run,
-)
+from support.campaign import CELL, EFFORT, MS, START, Faults, course_of, judge, run
 from support.motor_alone import motion, only_measured, truth_of, without_encoder
 
-from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion as motions
 
 SLOW = {"winch": 4 * MS, "elbow": 100_144_075}
@@ -25,14 +12,14 @@ SLOW = {"winch": 4 * MS, "elbow": 100_144_075}
 
 
 @pytest.fixture(scope="module")
-def fast(model: Model) -> Course:
+def fast(model):
     """Several frequencies, so that reversals are frequent."""
     return course_of(model, 12.0, motions.random(0.5, 0.4, 3))
 
 
-def _everything(live: LiveEstimator) -> dict[str, object]:
+def _everything(live):
     """All memory of an estimator that later estimates depend on."""
-    found: dict[str, object] = {
+    found = {
         "state": live.state.values.tobytes(),
         "stamp": live.last_ns,
         "unsolved": live.unsolved,
@@ -49,15 +36,15 @@ def _everything(live: LiveEstimator) -> dict[str, object]:
     ("period_ns", "late_ns"), [(SLOW, 0), (SLOW, 30 * MS), ({"winch": MS, "elbow": 2 * MS}, 3 * MS)]
 )
 def test_prediction_leaves_the_memory_as_it_is_without(period_ns, late_ns, model, fast):
-    found: dict[Mode, dict[str, object]] = {}
-    outputs: dict[Mode, list[Estimate]] = {}
+    found = {}
+    outputs = {}
     course = fast.until(4001 * MS)
     for mode in ("wait", "predict"):
         sensors = CELL, EFFORT
         faults = Faults(period_ns, late_ns={"elbow": late_ns}, sensors=sensors, mode=mode)
         outputs[mode] = run(
             model, course, faults,
-            watch=lambda live, mode=mode: found.update({mode: _everything(live)}),  # type: ignore[misc]
+            watch=lambda live, mode=mode: found.update({mode: _everything(live)}),
         )  # fmt: skip
     assert found["predict"] == found["wait"]
     stamps = [output.stamp_ns for output in outputs["predict"]]
@@ -68,9 +55,9 @@ def test_prediction_leaves_the_memory_as_it_is_without(period_ns, late_ns, model
 def test_good_sensors_beside_a_slow_topic_that_is_predicted_keep_to_the_law(model, fast):
     """A cell does not correct the error of a predicted angle, which the next reading removes."""
     faults = Faults(SLOW, sensors=(CELL, EFFORT), mode="predict")
-    right: dict[str, float] = {}
+    right = {}
 
-    def watch(live: LiveEstimator) -> None:
+    def watch(live):
         right.update(live.corrections.right)
 
     outputs = run(model, fast, faults, watch=watch)

@@ -1,7 +1,6 @@
 """The live estimator: other sensors, changes at run time, rest, and restarts."""
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,17 +17,17 @@ from cdrj_ros.estimation.state_file import StateFileError, read_state, write_sta
 from cdrj_ros.evaluation.estimating import pieces_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 
 @pytest.fixture(scope="module")
-def readings(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
+def readings(model, recorded):
     """Recorded angles of six cycles, at 100 Hz."""
     return recorded(model, 15)
 
 
-def _sample(readings: Samples, k: int) -> Sample:
+def _sample(readings, k):
     return Sample(
         int(readings.stamp_ns[k]), readings.motor_angle[k].copy(), readings.joint_angle[k].copy()
     )

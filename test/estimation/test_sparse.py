@@ -5,13 +5,13 @@ import re
 import numpy as np
 from support.places import ROBOT
 
-from cdrj_ros.estimation.conditioner import Conditioned, condition
+from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.evaluation.inputs import doubts_of
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 
 
-def read_at(model: Model, rate_hz: float, motion_hz: float) -> Conditioned:
+def read_at(model, rate_hz, motion_hz):
     """Half a minute of a swing, read at some rate."""
     time = np.arange(round(30.0 * rate_hz)) / rate_hz
     stamps = 1_700_000_000 * 10**9 + np.round(1e9 * time).astype(np.int64)

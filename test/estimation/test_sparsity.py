@@ -11,8 +11,7 @@ from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state
 from cdrj_ros.estimation.model_error import load_share, offset_gain
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import build_robot
 
 START_NS = 1_700_000_000 * 10**9
@@ -21,11 +20,11 @@ DRUM, MCP, PIP = 0.006, 0.008, 0.006
 """Radii of drums and of the pulleys on both axes of a finger [m]."""
 
 
-def fingers(count: int) -> Model:
+def fingers(count):
     return prepare(hand(*(finger(name) for name in NAMES[:count])))
 
 
-def angles(model: Model, angle: Vector) -> Table:
+def angles(model, angle):
     """All joints at the same angles [rad], motors that keep up with them; (n, axes)."""
     far = (MCP + PIP) / DRUM * angle
     motors = [
@@ -35,7 +34,7 @@ def angles(model: Model, angle: Vector) -> Table:
     return np.stack([*motors, *joints], axis=1)
 
 
-def feed(model: Model, rate: float, rows: Table) -> tuple[list[int], LiveEstimator]:
+def feed(model, rate, rows):
     """The steps of cables that every sample takes after the first one."""
     live = LiveEstimator(model)
     core, taken = live.ensemble.core, []
@@ -85,7 +84,7 @@ def test_what_loads_may_stretch_the_cables_of_a_finger_is_its_own():
     assert set(three.ravel()) == set(one.ravel())
 
 
-def samples(model: Model, count: int, unseen: dict[int, float]) -> list[Sample]:
+def samples(model, count, unseen):
     """A slow motion at 100 Hz; the last sample has deviations midway, by axis [rad]."""
     axes, motors = len(model.robot.axes), len(model.robot.motors)
     rows = angles(model, 0.5 + 0.1 * np.sin(0.05 * np.arange(count)))
@@ -96,7 +95,7 @@ def samples(model: Model, count: int, unseen: dict[int, float]) -> list[Sample]:
     return [*found[:-1], found[-1]._replace(unseen=deviations)]
 
 
-def followed(model: Model, unseen: dict[int, float]) -> tuple[Vector, Ensemble, int]:
+def followed(model, unseen):
     """Standard deviations at the last of some samples, and the steps of cables it took."""
     ensemble, state = Ensemble(model), initial_state(model)
     stddev, before = np.empty(0), 0
@@ -175,7 +174,7 @@ def test_an_unrelated_finger_changes_no_bit_of_the_others(rate, drums):
             np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
-def results(model: Model, rate: float, rows: Table) -> dict[str, Vector]:
+def results(model, rate, rows):
     """Tensions, forces and efforts with standard deviations at all samples, by name."""
     live, layout = LiveEstimator(model), model.layout
     names = (*layout.motors, *layout.joints)
@@ -194,7 +193,7 @@ def results(model: Model, rate: float, rows: Table) -> dict[str, Vector]:
     )
 
 
-def without_encoder(*names: str) -> Model:
+def without_encoder(*names):
     """Fingers whose outer joints have no encoder."""
     robot = hand(*(finger(name) for name in names))
     joints = [replace(one, measured=not one.name.endswith("pip")) for one in robot.joints]
@@ -211,7 +210,7 @@ def test_an_unrelated_finger_changes_no_bit_of_joints_without_encoder():
         [-0.07 + 0.01 * np.sin(5.0 * time), -0.07 + 0.02 * np.cos(5.0 * time)], axis=1
     )
 
-    def estimated(model: Model, motor: Table, joint: Table, effort: Table) -> tuple[Vector, ...]:
+    def estimated(model, motor, joint, effort):
         found = EncoderlessEstimator(model).run(Samples(stamps, motor, joint), effort)
         own = [k for k, name in enumerate(model.layout.elements) if name.startswith("b")]
         return (

@@ -1,18 +1,15 @@
 """Laws of the gates and the time line that hold for any messages in any order."""
 
-from collections.abc import Iterator, Sequence
 from random import Random
 
 import numpy as np
 import pytest
-from support.reading_streams import Message, random_robot, random_stream
+from support.reading_streams import random_robot, random_stream
 from support.wound import robot_of
 
 from cdrj_ros._core import CONFIRMATIONS, RANGE_MARGIN, WAITING
 from cdrj_ros.estimation.conditioner import MODES, Conditioner, axes_of
-from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.refusals import WHOLE
-from cdrj_ros.robot.description import Robot
 
 BEGIN = 1_700_000_000 * 10**9
 MILLISECOND = 1_000_000
@@ -23,18 +20,18 @@ joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
 """)
 
 
-def any_streams(count: int = 40) -> Iterator[tuple[Robot, Sequence[Message]]]:
+def any_streams(count=40):
     for seed in range(1000, 1000 + count):
         random = Random(seed)
         robot = random_robot(random)
         yield robot, random_stream(random, robot, 300)
 
 
-def feed(conditioner: Conditioner, message: Message) -> list[Sample]:
+def feed(conditioner, message):
     return conditioner.take(message.topic, message.stamp_ns, message.names, message.positions)
 
 
-def bits(samples: Sequence[Sample]) -> list[tuple[bytes, ...]]:
+def bits(samples):
     return [tuple(np.asarray(one).tobytes() for one in sample) for sample in samples]
 
 
@@ -43,7 +40,7 @@ def test_samples_are_finite_within_limits_and_later_than_the_one_before(mode):
     for robot, stream in any_streams():
         conditioner, limits = Conditioner(robot, mode), axes_of(robot)
         offsets = {limit.clock_offset_ns for limit in limits}
-        possible: set[int] = set()
+        possible = set()
         last, ahead, jumps, given_out = -1, -1, 0, 0
         for message in stream:
             possible |= {message.stamp_ns + offset for offset in offsets}
@@ -116,7 +113,7 @@ def test_a_refused_message_leaves_no_trace():
                 assert bits(samples) == bits(feed(without, message))
 
 
-def _traces(conditioner: Conditioner) -> tuple[object, ...]:
+def _traces(conditioner):
     """What a message changes that is not refused, or that puts those before it in doubt."""
     c = conditioner
     doubts = [c.refused[cause] for cause in ("implausible", "contradictory", "out_of_range")]
@@ -130,10 +127,10 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(mode):
     first, last = WAITING + lost, 2 * WAITING
     recent = 1000
 
-    def motors(k: int) -> list[Sample]:
+    def motors(k):
         return conditioner.take("motors", begin + k * MILLISECOND, ("a", "b"), (0.0, 0.001 * k))
 
-    def joints(k: int) -> list[Sample]:
+    def joints(k):
         return conditioner.take("joints", begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
 
     for k in range(first):

@@ -20,18 +20,11 @@ joints: [{name: elbow, range: [-1, 1], resolution: 4e-4, tracking_bandwidth: 12}
 """
 
 
-def counted(angle: np.ndarray) -> np.ndarray:
+def counted(angle):
     return np.round(angle / COUNT) * COUNT
 
 
-def tracked(
-    stamps: np.ndarray,
-    readings: np.ndarray,
-    bandwidth: float,
-    band: float,
-    *,
-    adaptive: bool = False,
-) -> np.ndarray:
+def tracked(stamps, readings, bandwidth, band, *, adaptive=False):
     filtered, since = TrackingFilter(), np.diff(stamps, prepend=stamps[0])
     return np.array(
         [
@@ -91,9 +84,7 @@ def test_the_bandwidth_that_adapts_is_the_fixed_one_at_rest_and_in_slow_motion()
         assert np.array_equal(tracked(stamps, readings, 12.0, band, adaptive=True), fixed)
 
 
-def error_of(
-    truth: np.ndarray, time: np.ndarray, bandwidth: float, *, adaptive: bool = False
-) -> float:
+def error_of(truth, time, bandwidth, *, adaptive=False):
     """Root mean square error after the first second [counts]."""
     stamps = SECOND + np.round(time * 1e9).astype(np.int64)
     angle = tracked(stamps, counted(truth), bandwidth, COUNT / 2, adaptive=adaptive)

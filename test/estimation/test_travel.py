@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.estimation.travel import MotorTravel, travel_suspicion
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = """
@@ -30,7 +30,7 @@ cables:
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return prepare(parse_robot(TEXT, "two"))
 
 
@@ -41,7 +41,7 @@ MOTOR = JOINT @ np.array([[3.0, 2.0], [0.0, -5.0]])
 """Slopes over the drums' radius times the angles: what keeps the cables' lengths [rad]."""
 
 
-def said(model: Model, motor: np.ndarray, joint: np.ndarray) -> str:
+def said(model, motor, joint):
     return travel_suspicion(model, motor, joint)
 
 

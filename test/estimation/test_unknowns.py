@@ -1,7 +1,5 @@
 """Unknowns of a robot: they stand for the numbers of its file, and share robots that show them."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -10,8 +8,7 @@ from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.estimation.group import Group
 from cdrj_ros.estimation.unknowns import DRAG, PRELOAD, SLIP
-from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -20,9 +17,9 @@ START = 1_700_000_000 * 10**9
 MS = 1_000_000
 
 
-def _free(name: str) -> Model:
+def _free(name):
     """A shipped robot whose reference pose is not at the ends of its joints' ranges."""
-    document: Any = load_model(str(ROBOTS / f"{name}.yaml")).robot.document
+    document = load_model(str(ROBOTS / f"{name}.yaml")).robot.document
     joints = [
         {**one, "range": [one["range"][0] - 0.05, one["range"][1]]} if "range" in one else one
         for one in document["joints"]
@@ -30,9 +27,9 @@ def _free(name: str) -> Model:
     return prepare(build_robot({**document, "joints": joints}, name))
 
 
-def _with(model: Model, changes: dict[str, float]) -> tuple[Model, Vector]:
+def _with(model, changes):
     """The robot with some numbers changed [SI], and its angles less those that are read."""
-    document: Any = {**model.robot.document, "uncertainty": {"others": "exact"}}
+    document = {**model.robot.document, "uncertainty": {"others": "exact"}}
     values = {path: number_at(document, path) + by for path, by in changes.items()}
     for path, value in values.items():
         if path.endswith("bearing_torque"):  # below 0 the least possible one
@@ -41,7 +38,7 @@ def _with(model: Model, changes: dict[str, float]) -> tuple[Model, Vector]:
     return prepare(robot, check_range=False), np.subtract(robot.offsets, model.robot.offsets)
 
 
-def _course(model: Model, samples: int) -> list[Sample]:
+def _course(model, samples):
     """All joints bend by some degrees and the motors wind along, 20 ms apart."""
     robot, found = model.robot, []
     for k in range(samples):
@@ -55,7 +52,7 @@ def _course(model: Model, samples: int) -> list[Sample]:
     return found
 
 
-def _values(model: Model, shift: Vector, samples: list[Sample], columns: Any) -> Table:
+def _values(model, shift, samples, columns):
     """Quantities of a robot along a course by ``step``, shape (samples, columns)."""
     state, found, motors = initial_state(model), [], len(model.robot.motors)
     for one in samples:
@@ -67,7 +64,7 @@ def _values(model: Model, shift: Vector, samples: list[Sample], columns: Any) ->
     return np.array(found)
 
 
-def _columns(model: Model) -> Vector:
+def _columns(model):
     layout = model.layout
     parts = (layout.tension, layout.magnitude, layout.motor_effort, layout.joint_effort)
     return np.concatenate([np.arange(one.start, one.stop) for one in parts])
@@ -143,7 +140,7 @@ def test_few_modes_stand_for_all_numbers_of_a_file():
     samples, tensions = _course(model, 1), np.arange(len(model.layout.elements))
     nominal = _values(model, np.zeros(len(model.robot.axes)), samples, tensions)
 
-    def variance(changes: list[dict[str, float]]) -> Vector:
+    def variance(changes):
         """By a hundredth of each: larger ones make cables slack."""
         small = [{path: 0.01 * by for path, by in one.items()} for one in changes]
         effects = [_values(*_with(model, one), samples, tensions) - nominal for one in small]

@@ -5,7 +5,6 @@ from copy import deepcopy
 from io import BytesIO
 from math import pi
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from support.places import ROBOT
 
 from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import condition
-from cdrj_ros.estimation.estimator import Estimate, Sample, Samples
+from cdrj_ros.estimation.estimator import Sample, Samples
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import (
     HEADER,
@@ -26,7 +25,7 @@ from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID, UNSURE
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import build_robot
 
 START = 1_700_000_000 * 10**9
@@ -36,7 +35,7 @@ UNFILTERED = Options(tracking=0.0)
 
 
 @pytest.fixture(scope="module")
-def readings() -> Samples:
+def readings():
     """Five seconds at 1 kHz: the joint by 0.6 rad, the winch by more than half a turn."""
     time = 0.001 * np.arange(5000)
     elbow = 0.6 * np.sin(2.0 * time)
@@ -44,27 +43,27 @@ def readings() -> Samples:
     return Samples(START + MS * np.arange(5000), winch[:, None], elbow[:, None])
 
 
-def variant(model: Model, change: Callable[[dict[str, Any]], None]) -> Model:
+def variant(model, change):
     """The robot with another document."""
     document = deepcopy(dict(model.robot.document))
     change(document)
     return prepare(build_robot(document, "test"))
 
 
-def send(live: LiveEstimator, readings: Samples, k: int, begin: int = 0) -> list[Estimate]:
+def send(live, readings, k, begin=0):
     stamp = begin or int(readings.stamp_ns[k])
     outputs = live.feed("joints", stamp, ("elbow",), readings.joint_angle[k])[1]
     return outputs + live.feed("motors", stamp, ("winch",), readings.motor_angle[k])[1]
 
 
-def paused(readings: Samples, at: int) -> Samples:
+def paused(readings, at):
     """The same motion with a rest of 0.4 s before the reading ``at``, where a tare is possible."""
     k = np.arange(readings.stamp_ns.size)
     rest = np.where(k < at - 400, k, np.maximum(k - 400, at - 400))
     return Samples(readings.stamp_ns, readings.motor_angle[rest], readings.joint_angle[rest])
 
 
-def all_unsure(output: Estimate) -> bool:
+def all_unsure(output):
     return bool(np.all(output.status.astype(int) & UNSURE))
 
 
@@ -114,12 +113,12 @@ def test_a_gap_without_motion_keeps_the_history(model, readings):
 
 
 @pytest.fixture(scope="module")
-def turning(model: Model) -> Model:
+def turning(model):
     """A robot whose winch sensor wraps after one turn."""
     return variant(model, lambda document: document["motors"][0].update(period=2.0 * pi))
 
 
-def wrapped(readings: Samples, by: float = 0.0) -> Samples:
+def wrapped(readings, by=0.0):
     """Winch readings wrapped to -pi to pi, of a motor that has turned further."""
     motor = readings.motor_angle + by
     return Samples(
@@ -158,7 +157,7 @@ def test_turns_are_still_counted_after_every_change(action, model, turning, read
 # -- steps of a sensor -------------------------------------------------------------------------
 
 
-def stepping(model: Model) -> Model:
+def stepping(model):
     return variant(model, lambda document: document["motors"][0].update(max_speed=20.0))
 
 
@@ -190,7 +189,7 @@ def test_a_step_that_stays_is_followed_and_makes_everything_unsure(model, readin
 def test_an_unsolved_cable_does_not_affect_the_others(model):
     """The robot's two cables, each on its own motor, one of them wound in entirely."""
 
-    def change(document: dict[str, Any]) -> None:
+    def change(document):
         document["motors"].append({**document["motors"][0], "name": "second"})
         for cable, motor in zip(document["cables"], ("winch", "second"), strict=True):
             for node in cable["nodes"]:
@@ -219,7 +218,7 @@ def test_an_unsolved_cable_does_not_affect_the_others(model):
     assert back.stddev[lower].min() > 0.0
 
 
-def _winding_in(model: Model) -> float:
+def _winding_in(model):
     """Direction in which the second motor winds the second cable in."""
     live = LiveEstimator(model, Options(uncertainty=False))
     still = Sample(START, np.zeros(2), np.zeros(1))
@@ -300,12 +299,12 @@ def test_a_state_file_with_other_friction_restores_the_reference_but_not_the_sta
     assert np.array_equal(got[0].values, expected[0].values)
 
 
-def arrays_in(path: Path) -> dict[str, Any]:
+def arrays_in(path):
     with np.load(BytesIO(path.read_bytes().removeprefix(HEADER)[32:])) as file:
         return {name: file[name] for name in file.files}
 
 
-def rewrite(path: Path, arrays: dict[str, Any]) -> None:
+def rewrite(path, arrays):
     """Write a state file with a checksum that fits."""
     buffer = BytesIO()
     np.savez(buffer, **arrays)
@@ -405,7 +404,7 @@ def test_a_tare_is_refused_until_the_axes_have_rested_long_enough(model, reading
 # -- damage -----------------------------------------------------------------------------------
 
 
-def begun(model: Model, readings: Samples) -> LiveEstimator:
+def begun(model, readings):
     live = LiveEstimator(model)
     for k in range(10):
         send(live, readings, k)

@@ -1,6 +1,5 @@
 """Verdicts: what has changed on the robot, by how much, from which sensors."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,15 +7,13 @@ import pytest
 from support.places import ROBOTS
 
 from cdrj_ros._core import mark_unsure
-from cdrj_ros.estimation.corrections import Corrections
 from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.estimation.verdict_words import Report
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID, OK, SLACK, UNSURE
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.simulation.drives import follow_joints
 
@@ -28,13 +25,13 @@ UPPER, LOWER = slice(0, 8), slice(8, 16)
 
 
 @pytest.fixture(scope="module")
-def motion(model: Model, recorded: Callable[[Model, int], Samples]) -> Samples:
+def motion(model, recorded):
     """Recorded angles of three cycles of 10 s, at 25 Hz."""
     whole = recorded(model, 60)
     return whole.part(slice(whole.stamp_ns.size // 2))
 
 
-def with_preload(share: float, *names: str) -> Callable[[Robot], Robot]:
+def with_preload(share, *names):
     return lambda robot: replace(
         robot,
         cables=tuple(
@@ -43,10 +40,10 @@ def with_preload(share: float, *names: str) -> Callable[[Robot], Robot]:
     )
 
 
-def rougher(robot: Robot) -> Robot:
+def rougher(robot):
     """A robot with twice the coefficients of friction."""
 
-    def pulley(node: Pulley) -> Pulley:
+    def pulley(node):
         own = node.friction
         return replace(node, friction=replace(own, mu_c=2.0 * own.mu_c, mu_s=2.0 * own.mu_s))
 
@@ -59,16 +56,16 @@ def rougher(robot: Robot) -> Robot:
     )
 
 
-def without_upper(robot: Robot) -> Robot:
+def without_upper(robot):
     upper, lower = robot.cables
     return replace(robot, cables=(replace(upper, preload=0.0, axial_stiffness=1e-5), lower))
 
 
-def same(robot: Robot) -> Robot:
+def same(robot):
     return robot
 
 
-def true_readings(model: Model, robot: Callable[[Robot], Robot], motion: Samples) -> np.ndarray:
+def true_readings(model, robot, motion):
     """Motor effort [N m] and both cells [N] of a changed robot, shape (n, 3)."""
     real = prepare(robot(model.robot), check_range=False)
     values = run(real, initial_state(real), motion)[1].values
@@ -79,13 +76,7 @@ def true_readings(model: Model, robot: Callable[[Robot], Robot], motion: Samples
     return values[:, columns]
 
 
-def heard(
-    model: Model,
-    motion: Samples,
-    readings: np.ndarray,
-    sensors: Sensors = BOTH,
-    live: LiveEstimator | None = None,
-) -> LiveEstimator:
+def heard(model, motion, readings, sensors=BOTH, live=None):
     """An estimator that hears noisy readings."""
     live = live or LiveEstimator(model)
     generator = np.random.default_rng(0)
@@ -100,16 +91,16 @@ def heard(
     return live
 
 
-def corrections_of(live: LiveEstimator) -> Corrections:
+def corrections_of(live):
     assert live.corrections is not None
     return live.corrections
 
 
-def report_of(live: LiveEstimator) -> Report:
+def report_of(live):
     return corrections_of(live).report()
 
 
-def found(live: LiveEstimator) -> dict[str, float]:
+def found(live):
     """Amounts of the changes in the verdict, by name."""
     verdict = corrections_of(live).groups[0].verdict
     return {one.change.what: one.amount for one in verdict.found if one.matters}
@@ -303,7 +294,7 @@ def test_an_effort_that_is_not_measured_is_not_compared(model, motion):
     assert not corrections_of(live).doubted.any()
 
 
-def at_rest(model: Model, motion: Samples, pose: float) -> Samples:
+def at_rest(model, motion, pose):
     """The motion up to where the joint is near the pose, a second there, half of it at rest."""
     near = np.abs(motion.joint_angle[:, 0] - pose) < 0.02
     until = int(np.flatnonzero(near)[-1])

@@ -1,8 +1,5 @@
 """What a robot file does not state is in the standard deviation, or the status is not OK."""
 
-from types import ModuleType
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -11,25 +8,24 @@ from support.places import ROBOTS, ROOT
 
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, step
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import build_robot, parse_robot
 
 
 @pytest.fixture(scope="module")
-def tool() -> ModuleType:
+def tool():
     return loaded_tool(ROOT / "tools" / "wrong_files.py")
 
 
 @pytest.fixture(scope="module")
-def motion(tool: ModuleType) -> Samples:
-    samples: Samples = tool.true_motion(load_model(tool.ROBOT), 12.0)
-    return samples
+def motion(tool):
+    return tool.true_motion(load_model(tool.ROBOT), 12.0)
 
 
 @pytest.mark.parametrize("k", [1, 3, 4, 5, 8])
@@ -154,9 +150,8 @@ def test_every_shipped_robot_is_estimated_with_its_spread(name):
     assert (out.stddev[:tensions] > 0.0).all()
 
 
-def fresh(tool: ModuleType) -> Model:
-    model: Model = tool.fresh_model(load_model(tool.ROBOT))
-    return model
+def fresh(tool):
+    return tool.fresh_model(load_model(tool.ROBOT))
 
 
 def test_a_tare_narrows_a_fresh_file(tool):
@@ -166,7 +161,7 @@ def test_a_tare_narrows_a_fresh_file(tool):
         for k in range(400):
             out = live.take(Sample(10**9 + k * 1_000_000, np.zeros(1), np.zeros(1)))
         widths.append(float(out.stddev[:8].mean()))  # of one cable; draws vary with NumPy
-        cables: Any = constant_views(live.model.sizes, live.ensemble.constants).cables
+        cables = constant_views(live.model.sizes, live.ensemble.constants).cables
         preloads.append(float(cables["preload"][:, 0].std()) / 36.85)
         then()
     assert widths[0] > 10.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.places import ROBOT, SAMPLE
 
-from cdrj_ros.estimation.conditioner import Conditioned, Mode
+from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate, Sample, initial_state, run, step
 from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally
@@ -21,7 +21,7 @@ from cdrj_ros.evaluation.replayed import (
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import EstimateEncoder, Template
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
 
 MS = 1_000_000
@@ -31,7 +31,7 @@ FIRST_NS = 1_000 * MS
 class Bench:
     """A run with its inputs and an estimator whose answers the test determines."""
 
-    def __init__(self, model: Model, conditioning: Mode = "wait") -> None:
+    def __init__(self, model, conditioning="wait"):
         self.model = model
         self.run = Run(model, conditioning)
         layout = model.layout
@@ -43,7 +43,7 @@ class Bench:
         at = Sample(FIRST_NS, np.zeros(len(layout.motors)), np.zeros(len(layout.joints)))
         self._estimate: Estimate = step(model, initial_state(model), at)[1]
 
-    def send(self, *numbers: int, motors: bool = True, joints: bool = True) -> None:
+    def send(self, *numbers, motors=True, joints=True):
         for number in numbers:
             stamp = FIRST_NS + number * MS
             if motors:
@@ -51,7 +51,7 @@ class Bench:
             if joints:
                 self._ask[1](self._joint.encode(stamp, position=0.0), stamp)
 
-    def answer(self, *numbers: int, topics: tuple[int, ...] = (0, 1, 2)) -> None:
+    def answer(self, *numbers, topics=(0, 1, 2)):
         for number in numbers:
             estimate = replace(self._estimate, stamp_ns=FIRST_NS + number * MS)
             messages = self._encoder.encode(estimate)
@@ -60,12 +60,12 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return load_model(ROBOT)
 
 
 @pytest.fixture
-def bench(model: Model) -> Bench:
+def bench(model):
     return Bench(model)
 
 

@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 from support.compared import compare, series_of
 
-from cdrj_ros.evaluation.channels import QUANTITIES, Angle, Channel, unit_of
+from cdrj_ros.evaluation.channels import QUANTITIES, Angle, unit_of
 from cdrj_ros.evaluation.comparison import DROP_CAUSES, Comparing
 
 EPOCH_NS = 1_722_000_000_123_456_789
 NAME = "tension/upper/8"
 
 
-def one(
-    stamps: object, values: object, reference: tuple[object, object], max_gap_ns: int = 1000
-) -> Channel:
-    (channel,) = compare(stamps, {NAME: values}, {NAME: reference}, max_gap_ns=max_gap_ns)  # type: ignore[arg-type,dict-item]
+def one(stamps, values, reference, max_gap_ns=1000):
+    (channel,) = compare(stamps, {NAME: values}, {NAME: reference}, max_gap_ns=max_gap_ns)
     return channel
 
 

@@ -22,13 +22,13 @@ FORCE: Floats = RANDOM.normal(0.0, 30.0, (400, 3))
 STAMPS = np.arange(400, dtype=np.int64) * 1_000_000
 
 
-def perpendicular(vectors: Floats) -> Floats:
+def perpendicular(vectors):
     """Unit vectors at right angles to these, in random directions."""
     across = np.cross(vectors, np.random.default_rng(1).normal(size=vectors.shape))
     return across / np.linalg.norm(across, axis=1)[:, None]
 
 
-def turned(vectors: Floats, degrees: float) -> Floats:
+def turned(vectors, degrees):
     """The vectors, each turned by the angle about an axis at right angles to it."""
     angle, length = np.radians(degrees), np.linalg.norm(vectors, axis=1)[:, None]
     return np.cos(angle) * vectors + np.sin(angle) * length * perpendicular(vectors)
@@ -76,7 +76,7 @@ def test_forces_too_small_for_a_direction_have_none():
     assert nothing.max_direction_error_deg is None
 
 
-def _bag(estimate: Floats, reference: Floats) -> BagComparison:
+def _bag(estimate, reference):
     unknown = np.full(len(reference), np.nan)
     channel = Channel(NAME, "N", STAMPS[: len(reference)], estimate, reference, unknown, "")
     return BagComparison("bag", 1.0, (channel,))

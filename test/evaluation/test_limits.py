@@ -9,7 +9,7 @@ from cdrj_ros.evaluation.limits import check_limits, load_limits, parse_limits
 from cdrj_ros.evaluation.metrics import errors_of
 
 
-def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> BagComparison:
+def bag(path="a", error=0.1, stddev=None):
     n = 100
     reference = np.linspace(10.0, 20.0, n)
     deviation = None if stddev is None else np.full(n, stddev)
@@ -23,7 +23,7 @@ def bag(path: str = "a", error: float = 0.1, stddev: float | None = None) -> Bag
     return BagComparison(path, 1.0, channels)
 
 
-def judged(text: str, *bags: BagComparison) -> list[tuple[str, str, str, float | None, float]]:
+def judged(text, *bags):
     limit_check = check_limits(parse_limits(text, "limits.yaml"), errors_of(bags or [bag()]))
     return [(o.where, o.channel, o.figure, o.value, o.bound) for o in limit_check.outside]
 

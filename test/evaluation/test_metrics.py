@@ -25,7 +25,7 @@ from cdrj_ros.evaluation.metrics import (
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 
 
-def channel(name: str, estimate: np.ndarray, reference: np.ndarray) -> Channel:
+def channel(name, estimate, reference):
     n = len(reference)
     return Channel(
         name, "N", np.arange(n, dtype=np.int64), estimate, reference, np.full(n, np.nan), ""
@@ -50,7 +50,7 @@ def test_digits_do_not_depend_on_the_number_of_processors():
         "print(*(channel_error(*random.normal(size=(2, 20_001))) for _ in range(10)))"
     )
 
-    def figures(processors: str) -> bytes:
+    def figures(processors):
         variables = os.environ | {BLAS_THREADS: processors}
         return subprocess.run(
             [sys.executable, "-c", code], check=True, capture_output=True, env=variables
@@ -145,7 +145,7 @@ def test_coverage_counts_only_samples_whose_deviation_is_known():
 STEP_NS = 1_000_000
 
 
-def swing(periods: float, frequency: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+def swing(periods, frequency=0.5):
     time = np.arange(int(periods / frequency / 1e-3)) * 1e-3
     stamps = 1_722_000_000_000_000_000 + np.arange(len(time), dtype=np.int64) * STEP_NS
     return stamps, np.sin(2 * np.pi * frequency * time)

@@ -1,7 +1,5 @@
 """A recording of a finger, compared by files with a mistake in names or efforts."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -13,7 +11,7 @@ FLEXORS = ("deep", "superficial", "extensor")
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(tmp_path_factory):
     path = tmp_path_factory.mktemp("finger") / "bag"
     assert simulate.main([str(path), "--robot", "finger", "--duration", "8", "--cells", "1"]) == 0
     return path

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -25,10 +24,10 @@ from cdrj_ros.evaluation.parallel import (
 
 
 @contextmanager
-def killed_when_noted(note: Path) -> Iterator[None]:
+def killed_when_noted(note):
     """Kill the process that notes its id in a file."""
 
-    def kill() -> None:
+    def kill():
         pause = Event()
         while not (note.exists() and note.read_text().endswith("\n")):
             pause.wait(0.01)
@@ -43,7 +42,7 @@ def killed_when_noted(note: Path) -> Iterator[None]:
 @pytest.mark.parametrize("jobs", [2, 5])
 def test_results_are_in_the_order_of_the_tasks_and_a_failure_costs_only_its_own(jobs):
     """Also one that kills its process."""
-    done: list[float] = []
+    done = []
     tasks = [3.0, -1.0, 99.0, 13.0, 0.3]
     work = Work(square, tasks, [f"bag {task:g}" for task in tasks], [10] * len(tasks))
     results = results_of(work, jobs, done.append)
@@ -89,7 +88,7 @@ def test_a_dask_cluster_gives_the_same_results_when_a_worker_dies(tmp_path, monk
     for kept in (tasks[0], tasks[2]):
         Path(kept).write_text("no first attempt\n")
     squares = Work(square, [3.0, -1.0, 13.0, 0.3], ["a", "b", "c", "d"], [1, 1, 1, 1])
-    done: list[float] = []
+    done = []
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as here,
         distributed.Client(here),

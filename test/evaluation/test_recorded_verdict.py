@@ -2,7 +2,6 @@
 
 import json
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ LOOSE = "29.48,26.26"
 """Preloads [N]; the upper cable has lost a fifth of its own."""
 
 
-def simulated(folder: Path, preload: str, heard: str = HEARD) -> str:
+def simulated(folder, preload, heard=HEARD):
     """A bag of six cycles of the rig after a rest, which its sensors may hear."""
     (folder / "rig.yaml").write_text(heard + FAST)
     words = ["--robot", ROBOT, "--preload", preload, "--rig", str(folder / "rig.yaml")]
@@ -38,12 +37,12 @@ def simulated(folder: Path, preload: str, heard: str = HEARD) -> str:
 
 
 @pytest.fixture(scope="module")
-def loose(tmp_path_factory: pytest.TempPathFactory) -> str:
+def loose(tmp_path_factory):
     return simulated(tmp_path_factory.mktemp("loose"), LOOSE)
 
 
 @pytest.fixture(scope="module")
-def unheard(tmp_path_factory: pytest.TempPathFactory) -> str:
+def unheard(tmp_path_factory):
     """As ``loose``, without efforts and load cells."""
     return simulated(tmp_path_factory.mktemp("unheard"), LOOSE, heard="")
 

@@ -2,7 +2,6 @@
 
 import tracemalloc
 import weakref
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from support.compared import compare
 from support.motor_alone import without_encoder
 from support.places import ROBOT, SAMPLE
 
-from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.evaluation import estimating
 from cdrj_ros.evaluation.channels import FrictionSums, estimate_channels
 from cdrj_ros.evaluation.estimating import OUTPUTS, estimate, log_times, pieces_of, write_estimates
@@ -63,10 +61,10 @@ def test_a_bag_of_estimates_is_written_piece_by_piece(tmp_path, monkeypatch):
     recording = replace(read, motors=motors, joints=joints)
     conditioned = condition_recording(model, recording)
     stamps = conditioned.segments[0].stamp_ns
-    alive: list[weakref.ref[Estimates]] = []
+    alive = []
     most = 0
 
-    def watched() -> Iterator[Estimates]:
+    def watched():
         nonlocal most
         validation = Validation(model, BAG, recording, conditioned)
         for piece in validation.compare(pieces_of(model, conditioned.segments[0])):

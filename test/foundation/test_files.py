@@ -34,7 +34,7 @@ def test_a_failure_midway_leaves_the_old_file_and_nothing_else(tmp_path):
     target = tmp_path / "a"
     target.write_text("old")
 
-    def write_half() -> None:
+    def write_half():
         with replacing(target) as stream:
             stream.write(b"half of the ne")
             raise OSError("the disk is full")

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def interrupt():
 """
 
 
-def ended(program: str, closing: str = "") -> tuple[int, str, str]:
+def ended(program, closing=""):
     """Exit code, standard output and standard error of a program."""
     done = subprocess.run(
         ["bash", "-c", f'exec "$0" -c "$1" {closing}', sys.executable, PRELUDE + program],
@@ -74,17 +73,17 @@ run_interruptibly("working", lambda: lambda: run_command("working", body, []))
 def test_after_an_error_a_pool_of_threads_neither_waits_nor_begins_anything():
     begun, released = threading.Event(), threading.Event()
 
-    def task() -> None:
+    def task():
         begun.set()
         released.wait(PATIENCE_S)
 
-    def fail() -> None:
+    def fail():
         with thread_pool(1) as pool:
             submitted.extend((pool.submit(task), pool.submit(task)))
             assert begun.wait(PATIENCE_S)
             raise ValueError("of the block")
 
-    submitted: list[Future[None]] = []
+    submitted = []
     with pytest.raises(ValueError, match="of the block"):
         fail()
     running, waiting = submitted
@@ -131,14 +130,14 @@ run_interruptibly("counting", load)
 
 
 def test_a_signal_ends_a_loop_of_the_core_over_a_recording():
-    def ask(*_: object) -> None:
+    def ask(*_):
         raise InterruptedError
 
     model = load_model(ROBOT)
     values, nothing = np.zeros((200_000, model.layout.size)), np.empty((0, 0))
     doubtful = np.ones(len(values), dtype=np.bool_)
 
-    def loop() -> None:
+    def loop():
         signal.setitimer(signal.ITIMER_REAL, 1e-3)
         mark_unsure(model.core, values, nothing, 0.5, doubtful)
 

@@ -4,7 +4,6 @@ import io
 import os
 import sys
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 import pytest
@@ -14,17 +13,17 @@ from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable, say
 
 
-def full() -> TextIO:
+def full():
     return Path("/dev/full").open("w", encoding="utf-8")
 
 
-def without_reader() -> TextIO:
+def without_reader():
     reading, writing = os.pipe()
     os.close(reading)
     return os.fdopen(writing, "w", encoding="utf-8")
 
 
-def closed() -> TextIO:
+def closed():
     stream = io.TextIOWrapper(io.BytesIO())
     stream.close()
     return stream
@@ -34,14 +33,14 @@ def closed() -> TextIO:
 def test_a_failure_of_standard_output_does_not_change_the_exit_code(make, monkeypatch, capsys):
     done = []
 
-    def body(_: object) -> int:
+    def body(_):
         for k in range(10_000):
             say(f"line {k}")
             sys.stdout.flush()
         done.append(True)
         return 1
 
-    stream = make()  # type: ignore[operator]
+    stream = make()
     monkeypatch.setattr(sys, "stdout", stream)
     before = sys.stdout, sys.stderr
     assert run_command("validate", body, []) == 1
@@ -58,7 +57,7 @@ def test_characters_that_an_encoding_lacks_are_escaped(monkeypatch):
     stream = io.TextIOWrapper(raw, encoding="ascii")
     monkeypatch.setattr(sys, "stdout", stream)
 
-    def body(_: object) -> int:
+    def body(_):
         say("R² ±2σ \udcff")
         return 0
 
@@ -77,7 +76,7 @@ NASTY = "\x1b[31mbag\nof two lines"
 
 @pytest.mark.parametrize("error", [BagError(NASTY), OSError(2, "gone", NASTY)])
 def test_an_error_is_one_line_for_any_names_in_it(error, capsys):
-    def body(_: object) -> int:
+    def body(_):
         raise error
 
     assert run_command("validate", body, []) == 2
@@ -86,7 +85,7 @@ def test_an_error_is_one_line_for_any_names_in_it(error, capsys):
 
 
 def test_a_lack_of_memory_is_one_line(capsys):
-    def body(_: object) -> int:
+    def body(_):
         return int(np.empty((10**15, 906)).size)
 
     assert run_command("simulate", body, []) == 2

@@ -5,7 +5,6 @@ import tracemalloc
 import warnings
 from datetime import date
 from random import Random
-from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
@@ -18,7 +17,7 @@ MOST_MEMORY = 50e6
 """Memory for texts of a few kilobytes [bytes]."""
 
 
-def nested(last: str, step: str, levels: int = 12) -> str:
+def nested(last, step, levels=12):
     """`levels` anchored entries, each of which repeats the previous one ten times."""
     lines = [f"a0: &a0 {last}"]
     lines += [
@@ -150,7 +149,7 @@ SIGNS = (
 LIKELY = ("a: ", "b: ", "- ", "\n", "  ", "1", "x", "[", "]", "{", "}", ", ", "? ", " #", "'q'")
 
 
-def without_dates(value: Any) -> Any:
+def without_dates(value):
     """The value with dates, which YAML 1.2 does not have, as the texts that they were."""
     if isinstance(value, dict):
         return {key: without_dates(entry) for key, entry in value.items()}
@@ -159,7 +158,7 @@ def without_dates(value: Any) -> Any:
     return value.isoformat() if isinstance(value, date) else value
 
 
-def is_alike(text: str) -> bool:
+def is_alike(text):
     """Whether both read the text; fails if they then read another value."""
     if re.search(r"(?<![0-9])\.[0-9]+e", text):  # a number by YAML 1.2, not for ruamel.yaml
         return False

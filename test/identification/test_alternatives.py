@@ -12,10 +12,8 @@ from support.places import PROTOTYPE
 from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.alternatives import Misfit, finding
-from cdrj_ros.identification.fit import Identification, identify
-from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.model.packing import channel_columns
@@ -29,18 +27,18 @@ TRUE = {"cables.upper.preload": 34.0, "cables.lower.preload": 28.0}
 
 
 @pytest.fixture(scope="module")
-def fresh() -> Document:
+def fresh():
     """The prototype without what is known of the accuracy of its numbers."""
     whole = load_document(PROTOTYPE)[0]
     return {key: value for key, value in whole.items() if key != "uncertainty"}
 
 
-def samples_of(recorded: Recorded) -> Samples:
+def samples_of(recorded):
     motor, joint = recorded.motors["winch"], recorded.joints["elbow"]
     return Samples(motor.stamp_ns, motor.value[:, None].copy(), joint.value[:, None].copy())
 
 
-def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Recorded:
+def with_cells(document, recorded, *, slips):
     """The recording with references of the rig, which has four contact cells per pulley."""
     fine = prepare(divide_contacts(build_robot(document, "rig"), 4))
     advance = partial(run, slipping=np.array([slips, slips]))
@@ -62,7 +60,7 @@ def with_cells(document: Document, recorded: Recorded, *, slips: bool) -> Record
     )
 
 
-def judged(document: Document, *, slips: bool, seconds: float = 8.0) -> Identification:
+def judged(document, *, slips, seconds=8.0):
     """A fit of the preloads, which are wrong in the file, over cycles of 4 s."""
     real = with_numbers(document, TRUE)
     plain = recording(real, seconds, frequency=0.25)
@@ -70,7 +68,7 @@ def judged(document: Document, *, slips: bool, seconds: float = 8.0) -> Identifi
     return identify(document, "test", parse_unknowns(document, "preload"), [recorded], SETTINGS)
 
 
-def drums_written(found: Identification) -> str:
+def drums_written(found):
     text = uncertainty_section(found, {"drums": "may_slip"}, {})
     return str(yaml.safe_load(text)["uncertainty"]["drums"])
 
@@ -94,7 +92,7 @@ def test_less_than_a_whole_cycle_shows_nothing(fresh):
 
 
 def test_a_verdict_needs_residuals_and_not_the_priors_alone():
-    def misfit(squares: float, strain: float) -> Misfit:
+    def misfit(squares, strain):
         return Misfit(squares, np.empty(0), strain, np.zeros(1))
 
     strained = finding(misfit(770.0, 1.0), misfit(7.9, 71.0), 8)

@@ -1,6 +1,5 @@
 """Identification on synthetic recordings: its results, and its findings on undetermined numbers."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +8,7 @@ from support.made_up import recording
 from support.places import PROTOTYPE
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.identification.fit import Identification, identify
-from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import (
     parse_unknowns,
@@ -26,17 +23,11 @@ QUICK = Settings(coarse=True)
 
 
 @pytest.fixture(scope="module")
-def document() -> Document:
+def document():
     return load_document(PROTOTYPE)[0]
 
 
-def found_from(
-    document: Document,
-    fit: str,
-    start: Mapping[str, float],
-    recordings: list[Recorded],
-    settings: Settings = QUICK,
-) -> Identification:
+def found_from(document, fit, start, recordings, settings=QUICK):
     begin = with_numbers(document, start)
     return identify(begin, "test", parse_unknowns(begin, fit), recordings, settings)
 
@@ -92,13 +83,13 @@ FRICTION_AND_DRUM = {
 
 
 @pytest.fixture(scope="module")
-def rubbing(document: Document) -> Document:
+def rubbing(document):
     """The prototype with a drag of 2 N mm in the bearing of every pulley, all else exact."""
     exact = {**document, "uncertainty": {"others": "exact"}}
     return with_numbers(exact, starting_values(document, ["pulley_bearing_torque=2e-3"]))
 
 
-def far_off(document: Document) -> dict[str, float]:
+def far_off(document):
     radii = {f"cables.{cable}.nodes.1.radius": 0.0135 for cable in ("upper", "lower")}
     texts = [f"{name}={value}" for name, value in FRICTION_AND_DRUM.items() if "." in name]
     drag = starting_values(document, ["pulley_bearing_torque=1.6e-3"])

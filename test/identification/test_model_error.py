@@ -9,7 +9,6 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.priors import fitted_along, known_before
 from cdrj_ros.identification.problem import Settings
@@ -28,12 +27,12 @@ from cdrj_ros.robot.tolerances import (
 
 
 @pytest.fixture(scope="module")
-def document() -> Document:
+def document():
     whole = load_document(PROTOTYPE)[0]
     return {key: value for key, value in whole.items() if key != "uncertainty"}
 
 
-def along(document: Document, fit: str) -> dict[str, tuple[float, float]]:
+def along(document, fit):
     known = build_robot(document, "test").uncertainty
     found = fitted_along(document, known, parse_unknowns(document, fit))
     return {one.name: one.prior for one in found if one.prior is not None}
@@ -58,7 +57,7 @@ def test_what_is_fitted_or_stated_or_exact_is_not_fitted_along(document):
     assert not along({**document, "uncertainty": {"others": "exact"}}, "friction.rho")
 
 
-def priors(document: Document, fit: str) -> dict[str, tuple[float, float] | None]:
+def priors(document, fit):
     known = build_robot(document, "test").uncertainty
     return {u.name: u.prior for u in known_before(document, known, parse_unknowns(document, fit))}
 
@@ -94,7 +93,7 @@ def test_a_prior_is_dropped_on_purpose_alone(document):
         without_priors(named, ["EA"])
 
 
-def runs(error: float, count: int = 8, bias: float = 0.0) -> list[np.ndarray]:
+def runs(error, count=8, bias=0.0):
     """Residuals of runs: a slow error of random phase, white noise of 0.05, and a bias per run."""
     generator = np.random.default_rng(0)
     time = np.linspace(0.0, 20.0, 2000)
@@ -106,7 +105,7 @@ def runs(error: float, count: int = 8, bias: float = 0.0) -> list[np.ndarray]:
     ]
 
 
-def inside(residuals: list[np.ndarray], stddev: float) -> list[float]:
+def inside(residuals, stddev):
     return [float(np.mean(np.abs(one) <= 2.0 * stddev)) for one in residuals]
 
 

@@ -42,12 +42,12 @@ uncertainty: {others: exact, parameters: [cables.c.preload], stddev: [3.0]}
 """
 
 
-def arm(**numbers: float) -> dict[str, object]:
+def arm(**numbers):
     document = parse_document(ONE_CABLE, "arm")
     return with_numbers(document, {key.replace("__", "."): v for key, v in numbers.items()})
 
 
-def recorded(angle: np.ndarray) -> Recorded:
+def recorded(angle):
     stamps = 1_000_000_000 + np.arange(angle.size) * 5_000_000
     series = Series(stamps, stamps, angle)
     return Recorded("bag", {"winch": series}, {"elbow": series}, {})

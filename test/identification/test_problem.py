@@ -10,21 +10,13 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification import problem as module
-from cdrj_ros.identification.observations import (
-    Extent,
-    Observations,
-    Recorded,
-    noise_of,
-    observe,
-    samples_of,
-)
+from cdrj_ros.identification.observations import Extent, Recorded, noise_of, observe, samples_of
 from cdrj_ros.identification.priors import unknown_causes
 from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
 from cdrj_ros.identification.solver import STEP, difference_points, jacobian
 from cdrj_ros.identification.unknowns import parse_unknowns, values_by_path
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.document import document_complaints
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
@@ -33,17 +25,17 @@ SIGMAS = {"tension/upper/8": 2.0, "tension/lower/8": 3.0, "effort/elbow": 0.1}
 
 
 @pytest.fixture(scope="module")
-def document() -> Document:
+def document():
     return load_document(PROTOTYPE)[0]
 
 
 @pytest.fixture(scope="module")
-def model(document: Document) -> Model:
+def model(document):
     return prepare(build_robot(document, "test"))
 
 
 @pytest.fixture(scope="module")
-def recorded() -> Recorded:
+def recorded():
     """3 s, with tensions at stamps of their own and efforts at those of the joint."""
     stamps = 1_700_000_000_000_000_000 + np.arange(600) * 5_000_000
     time = np.arange(600) * 0.005
@@ -63,9 +55,7 @@ def recorded() -> Recorded:
     )
 
 
-def observed(
-    model: Model, recorded: Recorded, mean_s: float = 0.0, *, moving: bool = False
-) -> Observations:
+def observed(model, recorded, mean_s=0.0, *, moving=False):
     extent = Extent(mean_s=mean_s)
     return observe(model, recorded, samples_of(model, recorded), SIGMAS, extent, moving=moving)
 
@@ -177,5 +167,5 @@ def test_means_of_estimates_are_compared_with_means_of_references(model, recorde
         assert short.sigma == pytest.approx(channel.sigma / np.sqrt(count))
 
 
-def _sizes(one: Observations) -> list[int]:
+def _sizes(one):
     return [channel.reference.size for channel in one.channels]

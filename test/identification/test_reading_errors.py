@@ -7,7 +7,7 @@ import pytest
 import yaml
 from support.fingers import finger, hand
 
-from cdrj_ros.commands.commission_fits import PartFit, fit_parts
+from cdrj_ros.commands.commission_fits import fit_parts
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.fit import sentences
 from cdrj_ros.identification.observations import Recorded
@@ -37,7 +37,7 @@ def test_a_reading_errs_by_its_count_and_its_noise_in_the_unit_of_the_axis():
 
 
 @cache
-def fitted_with(count: float) -> PartFit:
+def fitted_with(count):
     """A finger that is as its file says, moved at random, with joints read in counts [rad]."""
     robot = hand(finger("a"))
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
@@ -47,7 +47,7 @@ def fitted_with(count: float) -> PartFit:
     stamps = 1_700_000_000_000_000_000 + np.round(time * 1e9).astype(np.int64)
     noise = np.random.default_rng(5).normal(0.0, 0.008, truth.motor_effort.shape)
 
-    def series(names: list[str], table: np.ndarray) -> dict[str, Series]:
+    def series(names, table):
         columns = np.ascontiguousarray(table.T)
         return {name: Series(stamps, stamps, one) for name, one in zip(names, columns, strict=True)}
 

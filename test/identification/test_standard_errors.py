@@ -10,7 +10,6 @@ import pytest
 from support.made_up import recording
 from support.places import PROTOTYPE
 
-from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.priors import unknown_causes
@@ -24,11 +23,7 @@ from cdrj_ros.identification.residual_statistics import (
 from cdrj_ros.identification.unknowns import parse_unknowns
 from cdrj_ros.robot.parameters import number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
-from cdrj_ros.robot.tolerances import (
-    DRAWN_RADIUS,
-    HANDBOOK_FRICTION,
-    default_tolerances,
-)
+from cdrj_ros.robot.tolerances import DRAWN_RADIUS, HANDBOOK_FRICTION, default_tolerances
 
 FIT = "drum_radius,joints.elbow.reference_angle,rho"
 SETTINGS = Settings(channels=("tension/*/[128]", "effort/*"), coarse=True)
@@ -37,7 +32,7 @@ RHO = 0.03
 
 
 @pytest.fixture(scope="module")
-def fresh() -> Document:
+def fresh():
     """The prototype with drag, none of whose numbers has been measured."""
     whole = load_document(PROTOTYPE)[0]
     document = {key: value for key, value in whole.items() if key != "uncertainty"}
@@ -45,7 +40,7 @@ def fresh() -> Document:
     return with_numbers(document, dict.fromkeys(drag, 0.012))
 
 
-def drawn(document: Document, *, others: bool) -> list[dict[str, float]]:
+def drawn(document, *, others):
     """True numbers: the fitted ones, and all others if wanted, evenly over their tolerances."""
     unknowns = parse_unknowns(document, FIT)
     tolerances = [one.factor for one in default_tolerances(document)]
@@ -71,7 +66,7 @@ def drawn(document: Document, *, others: bool) -> list[dict[str, float]]:
     return truths
 
 
-def deviations(document: Document, truths: list[dict[str, float]], cells: int) -> np.ndarray:
+def deviations(document, truths, cells):
     """(found - true) / standard error, shape (draws, numbers)."""
     unknowns = parse_unknowns(document, FIT)
     rows = []
@@ -155,12 +150,12 @@ def test_a_cause_has_only_the_numbers_that_it_moves(fresh):
 SIZE, STATES = 8000, 8
 
 
-def linear(residuals: np.ndarray, slopes: np.ndarray) -> Linear:
+def linear(residuals, slopes):
     q = slopes.shape[1]
     return Linear(slopes, residuals, np.full(q, 1e-9), np.zeros(q))
 
 
-def cyclic() -> tuple[np.ndarray, Places]:
+def cyclic():
     """Phase of four cycles, the states visited in them, and finer ones."""
     phase = np.arange(SIZE) * 4.0 * 2.0 * np.pi / SIZE
     share = (phase % (2.0 * np.pi)) / (2.0 * np.pi)

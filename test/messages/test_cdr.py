@@ -14,7 +14,6 @@ from cdrj_ros.messages.cdr import (
     JOINT_STATE,
     MESSAGE_TYPES,
     NODAL_FORCES,
-    Layout,
     MessageError,
     read_layout,
 )
@@ -117,9 +116,7 @@ def test_a_damaged_message_is_decoded_as_its_layout_says_or_refused_with_it(
         assert (message.positions.tobytes(), message.efforts.tobytes()) == found
 
 
-def _positions_and_efforts(
-    layout: Layout, payload: bytes, with_efforts: bool
-) -> tuple[bytes, bytes] | None:
+def _positions_and_efforts(layout, payload, with_efforts):
     """The numbers that a layout locates; None if their number does not fit that of the names."""
     count = len(layout.texts["name"])
     position, effort = layout.numbers["position"], layout.numbers["effort"]

@@ -9,18 +9,17 @@ from cdrj_ros.estimation.ensemble import stddev_columns
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageError
 from cdrj_ros.messages.templates import FORCES, Encoded, EstimateEncoder, Template
-from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import load_model
 
 STAMP_NS = 1_700_000_000_123_456_789
 
 
 @pytest.fixture(scope="module", params=["prototype", "cdpr"])
-def layout(request: pytest.FixtureRequest) -> Layout:
+def layout(request):
     return load_model(request.param).layout
 
 
-def some_estimate(layout: Layout, seed: int, *, solved: bool = True) -> Estimate:
+def some_estimate(layout, seed, *, solved=True):
     """Random values, and every combination of flags."""
     random = np.random.default_rng(seed)
     values = random.normal(size=layout.size)
@@ -28,7 +27,7 @@ def some_estimate(layout: Layout, seed: int, *, solved: bool = True) -> Estimate
     return Estimate(STAMP_NS + seed, values, layout, solved)
 
 
-def array_by_array(layout: Layout, frame_id: str, estimate: Estimate, stddev: object) -> Encoded:
+def array_by_array(layout, frame_id, estimate, stddev):
     """The same messages, encoded by ``Template``."""
     more = () if stddev is None else ("stddev",)
     axes = layout.motors + layout.joints

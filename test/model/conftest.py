@@ -2,14 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.robot.description import Cable, Pulley, Robot
+from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.reader import load_robot
 
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -19,19 +18,17 @@ Drive = Callable[..., Samples]
 
 
 @pytest.fixture(scope="session")
-def prototype() -> Robot:
+def prototype():
     """The robot of the source, Tables I and II."""
     return load_robot(PROTOTYPE)
 
 
 @pytest.fixture(scope="session")
-def variant(prototype: Robot) -> Variant:
+def variant(prototype):
     """The prototype with another friction law, other friction or other preloads."""
 
-    def make(
-        law: str = "elastoplastic", preloads: tuple[float, float] | None = None, **friction: Any
-    ) -> Robot:
-        def with_friction(cable: Cable, preload: float) -> Cable:
+    def make(law="elastoplastic", preloads=None, **friction):
+        def with_friction(cable, preload):
             nodes = tuple(
                 replace(node, friction=replace(node.friction, **friction))
                 if isinstance(node, Pulley)
@@ -48,10 +45,10 @@ def variant(prototype: Robot) -> Variant:
 
 
 @pytest.fixture(scope="session")
-def drive() -> Drive:
+def drive():
     """Samples of one motor and one joint at given times [s]."""
 
-    def make(time: np.ndarray, motor: np.ndarray, joint: np.ndarray) -> Samples:
+    def make(time, motor, joint):
         stamps = EPOCH_NS + np.round(np.asarray(time) * 1e9).astype(np.int64)
         return Samples(
             stamps,

@@ -9,10 +9,10 @@ from support.state import state_views
 
 from bench.scaling import chain
 from cdrj_ros._core import Law, acceptable, tolerance
-from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run, step
+from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
 from cdrj_ros.model.laws import elasticity_of
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
 
@@ -26,11 +26,11 @@ ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
 """Steps of motor and joint encoder [rad]."""
 
 
-def quantised(angle: np.ndarray, resolution: float) -> np.ndarray:
+def quantised(angle, resolution):
     return np.round(angle / resolution) * resolution
 
 
-def wander(time: np.ndarray, seed: int, fastest: float) -> np.ndarray:
+def wander(time, seed, fastest):
     """A smooth random motion of about unit size, up to a frequency [Hz]."""
     generator = np.random.default_rng(seed)
     frequency, phase = generator.uniform(0.1, 1.0, 12) * fastest, generator.uniform(0, 7, 12)
@@ -38,15 +38,15 @@ def wander(time: np.ndarray, seed: int, fastest: float) -> np.ndarray:
     return np.asarray(waves @ generator.normal(size=12) / np.sqrt(6.0))
 
 
-def estimated(model: Model, samples: Samples) -> Estimates:
+def estimated(model, samples):
     return run(model, initial_state(model), samples)[1]
 
 
-def tensions(estimates: Estimates) -> np.ndarray:
+def tensions(estimates):
     return estimates.values[:, estimates.layout.tension]
 
 
-def assert_solved(model: Model, estimates: Estimates) -> None:
+def assert_solved(model, estimates):
     """Every sample within tolerance, every number finite, no tension below zero."""
     values, layout = estimates.values, estimates.layout
     strange = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -64,45 +64,45 @@ def assert_solved(model: Model, estimates: Estimates) -> None:
     assert values[:, layout.residual].max() <= enough
 
 
-def sine(drive: Drive) -> Samples:
+def sine(drive):
     time = np.arange(12_000) * 1e-3
     joint = 0.66 * np.sin(2 * np.pi * 0.2 * time)
     motor = FOLLOW * np.sin(joint) + 0.1 * np.sin(3.0 * time)
     return drive(time, quantised(motor, ENCODERS[0]), quantised(joint, ENCODERS[1]))
 
 
-def uneven(drive: Drive) -> Samples:
+def uneven(drive):
     time = np.cumsum(np.random.default_rng(5).choice([0.3e-3, 0.7e-3, 1e-3], 12_000))
     joint = 0.66 * np.sin(2 * np.pi * 0.2 * time)
     motor = FOLLOW * np.sin(joint) + 0.1 * np.sin(3.0 * time)
     return drive(time, quantised(motor, ENCODERS[0]), quantised(joint, ENCODERS[1]))
 
 
-def jumps(drive: Drive) -> Samples:
+def jumps(drive):
     generator = np.random.default_rng(6)
     joint = generator.uniform(-0.69, 0.69, 2000)
     motor = FOLLOW * np.sin(joint) + generator.uniform(-0.2, 0.2, joint.size)
     return drive(np.arange(joint.size) * 1e-3, motor, joint)
 
 
-def huge_jumps(drive: Drive) -> Samples:
+def huge_jumps(drive):
     generator = np.random.default_rng(7)
     joint, motor = generator.uniform(-0.69, 0.69, 2000), generator.uniform(-20.0, 20.0, 2000)
     return drive(np.arange(joint.size) * 1e-3, motor, joint)
 
 
-def no_time_between(drive: Drive) -> Samples:
+def no_time_between(drive):
     samples = sine(drive)
     return replace(samples, stamp_ns=np.full_like(samples.stamp_ns, samples.stamp_ns[0]))
 
 
-def into_slack_and_back(drive: Drive) -> Samples:
+def into_slack_and_back(drive):
     time = np.arange(20_000) * 1e-3
     joint = np.clip(0.35 * wander(time, 1, 0.5), -0.69, 0.69)
     return drive(time, FOLLOW * np.sin(joint) + 0.6 * wander(time, 2, 1.0), joint)
 
 
-def slack_at_the_turning_points(drive: Drive) -> Samples:
+def slack_at_the_turning_points(drive):
     time = np.arange(6000) * 1e-3
     both = np.sin(np.pi * time)
     return drive(time, 3.0 * both, 0.5 * both)

@@ -12,16 +12,16 @@ FIRST_SPACING = 0.1
 """Distance of break points until the memory is full for the first time [rad]."""
 
 
-def rate(tension: float) -> float:
+def rate(tension):
     """Unstretched material per radian [m/rad] of layers laid at a tension [N]."""
     return RADIUS / (1.0 + tension / STIFFNESS)
 
 
-def fresh(angle: float = 0.0, tension: float = 20.0) -> Drum:
+def fresh(angle=0.0, tension=20.0):
     return Drum(angle, rate(tension) * angle, rate(tension))
 
 
-def turn(memory: Drum, begin: float, end: float, tension: float, steps: int = 200) -> float:
+def turn(memory, begin, end, tension, steps=200):
     """Turn evenly from begin to end; returns the material held there."""
     for angle in np.linspace(begin, end, steps + 1)[1:]:
         memory.turn(angle, rate(tension))

@@ -1,15 +1,12 @@
 """Cables that stiffen as their strands bed in, (E21), and that yield with time, (E24)."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.laws import Elasticity, modulus_at, secant_at, strain_at, tensions_at
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 Vector = NDArray[np.float64]
@@ -18,7 +15,7 @@ LAW = Elasticity(6000.0, 0.004, 8.0)
 TENSIONS = np.array([0.0, 1e-9, 1e-3, 0.5, 8.0, 60.0, 2000.0])
 
 
-def strain_of(t: Any, law: Elasticity = LAW) -> Any:
+def strain_of(t, law=LAW):
     """(E21) as it is printed."""
     return t / law.axial_stiffness + law.bedding_strain * t / (t + law.bedding_tension)
 
@@ -62,11 +59,11 @@ SHARE, TAU, FLOW = 0.4, 5.0, 50.0
 CREEP = f"creep_share: {SHARE}\n    creep_time: {TAU:g}"
 
 
-def rope(creep: str = CREEP, uncertain: str = "") -> Robot:
+def rope(creep=CREEP, uncertain=""):
     return parse_robot(ROPE % (creep, uncertain))
 
 
-def tensions(model: Model, angle: Vector, dt: float) -> Vector:
+def tensions(model, angle, dt):
     """Tension of the rope while the winch turns by ``angle`` [rad], samples ``dt`` [s] apart."""
     stamps = 1 + np.round(1e9 * dt * np.arange(angle.size)).astype(np.int64)
     samples = Samples(stamps, angle[:, None], np.zeros((angle.size, 0)))

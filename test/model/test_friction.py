@@ -82,16 +82,16 @@ LAWS_AND_BREAKAWAYS = [
 ]
 
 
-def _wrong_derivatives(law: Law, breakaway: float, befores: list[float]) -> list[object]:
+def _wrong_derivatives(law, breakaway, befores):
     """Where the derivatives by slip and bound differ from central differences."""
     # slips: elastic, around and through the knee, far, in both directions
     slips = [-6.0, -2.1, -0.9, -0.33, -0.051, 0.047, 0.31, 0.88, 1.9, 5.0]
     little_slip, little = 1e-6 * BOUND / STIFFNESS, 1e-6 * BOUND
-    wrong: list[object] = []
+    wrong = []
     for before in befores:
         for slip in slips:
 
-            def force(x: float, g: float, before: float = before, slip: float = slip) -> float:
+            def force(x, g, before=before, slip=slip):
                 at = slip * BOUND / STIFFNESS + x
                 return friction_force(law, before * BOUND, at, STIFFNESS, BOUND + g, breakaway)[0]
 
@@ -127,7 +127,7 @@ def test_the_force_is_continuous_and_never_falls_with_the_slip(law, breakaway):
         assert np.all(rise <= steepest * (slips[1] - slips[0]) * (1.0 + 1e-9))
 
 
-def _minor_loops(law: Law, breakaway: float, loops: int) -> tuple[float, float]:
+def _minor_loops(law, breakaway, loops):
     """Force at the beginning and after some small loops amid pre-sliding."""
     force = begin = 0.6 * BOUND
     for _ in range(loops):

@@ -5,8 +5,7 @@ from math import pi
 import numpy as np
 from support.refusal import refusal
 
-from cdrj_ros.model.prepared import Model, prepare, shape_at
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
 
 HEAD = """
@@ -22,7 +21,7 @@ cables:
 """
 
 
-def routed(nodes: str, joints: str = "", frames: str = "") -> Model:
+def routed(nodes, joints="", frames=""):
     """A robot of one cable whose nodes are written one per line."""
     lines = [f"      - {line.strip()}" for line in nodes.strip().splitlines()]
     return prepare(parse_robot(HEAD % (joints, frames) + "\n".join(lines) + "\n"))
@@ -44,7 +43,7 @@ def test_a_wrap_grows_through_half_a_turn_without_a_jump():
     assert wraps[0] < pi / 2 < pi < 1.4 * pi < wraps[-1]
 
 
-def tabled(term: str, wrap: str = "1.0") -> Robot:
+def tabled(term, wrap="1.0"):
     return parse_robot(f"""
         name: tabled
         motors: [{{name: m}}]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Law
-from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 
 Variant = Callable[..., Robot]
@@ -19,23 +19,17 @@ ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
 WITH_FRICTION = [law for law in Law.__members__ if law != "none"]
 
 
-def follow(joint: np.ndarray | float) -> np.ndarray:
+def follow(joint):
     """Motor angle [rad] that compensates both strands and the arc of pulley 6."""
     wrap_by_joint = np.radians(78.5 - 0.6) / np.radians(80.0)
     return np.asarray((0.12 * np.sin(joint) - 0.0045 * wrap_by_joint * joint) / 0.015)
 
 
-def estimated(model: Model, samples: Samples) -> Estimates:
+def estimated(model, samples):
     return run(model, initial_state(model), samples)[1]
 
 
-def cyclic(
-    drive: Drive,
-    cycles: float = 3.0,
-    period: int = 4000,
-    step_s: float = 1e-3,
-    lead: float = np.pi / 2,
-) -> Samples:
+def cyclic(drive, cycles=3.0, period=4000, step_s=1e-3, lead=np.pi / 2):
     """A steady cycle of the joint and a motor that leads it by a phase [rad], as under a load."""
     phase = 2 * np.pi * np.arange(round(cycles * period) + 1) / period
     joint = 0.6 * np.sin(phase)
@@ -43,7 +37,7 @@ def cyclic(
     return drive(np.arange(phase.size) * step_s, motor, joint)
 
 
-def erratic(drive: Drive, seed: int, size: int = 12_000) -> Samples:
+def erratic(drive, seed, size=12_000):
     """A taut, smooth, random motion with encoder counts."""
     generator = np.random.default_rng(seed)
     time = np.arange(size) * 1e-3
@@ -109,7 +103,7 @@ def test_the_error_shrinks_when_the_sample_period_is_halved(law, variant, drive)
         assert coarser / finer > 1.6
 
 
-def roughness(series: np.ndarray) -> float:
+def roughness(series):
     """Second differences over first differences of columns: small where smooth, 2 for a saw."""
     first = np.abs(np.diff(series, axis=0)).sum(axis=0)
     second = np.abs(np.diff(series, 2, axis=0)).sum(axis=0)

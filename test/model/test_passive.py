@@ -9,7 +9,7 @@ from cdrj_ros import _core
 from cdrj_ros.commands import simulate, validate
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.model.packing import INVALID, SLACK
-from cdrj_ros.model.prepared import Model, load_model, prepare, shape_at
+from cdrj_ros.model.prepared import load_model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.assembly import make_rig
 
@@ -34,7 +34,7 @@ cables:
 """
 
 
-def passive(reference: float = 0.3, rest: float = REST) -> Model:
+def passive(reference=0.3, rest=REST):
     return prepare(
         parse_robot(
             ROBOT.format(
@@ -45,7 +45,7 @@ def passive(reference: float = 0.3, rest: float = REST) -> Model:
     )  # fmt: skip
 
 
-def held(preload: float) -> Model:
+def held(preload):
     return prepare(
         parse_robot(
             ROBOT.format(
@@ -57,7 +57,7 @@ def held(preload: float) -> Model:
     )  # fmt: skip
 
 
-def tensions(model: Model, angles: np.ndarray) -> np.ndarray:
+def tensions(model, angles):
     state, found = initial_state(model), []
     still = np.zeros(len(model.robot.motors))
     for k, angle in enumerate(angles):

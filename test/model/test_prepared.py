@@ -11,7 +11,7 @@ from cdrj_ros import _core
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
-from cdrj_ros.model.prepared import Model, prepare, robot_path
+from cdrj_ros.model.prepared import prepare, robot_path
 from cdrj_ros.robot.description import Robot, StribeckForm, friction_law
 from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.reader import load_robot, parse_robot
@@ -44,7 +44,7 @@ cables:
 """
 
 
-def results(model: Model, odd: float | None) -> np.ndarray:
+def results(model, odd):
     """State and estimate after two samples; before each, others of this angle, if it is given."""
     robot = model.robot
     motor, joint = robot.reference_motors, robot.reference_pose

@@ -13,24 +13,23 @@ because the imbalance of a contact falls with its own flux, more than it rises w
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 from model import reference
-from model.reference import Drum, History, Outputs
+from model.reference import Drum, History
 from model.reference_geometry import Geometry
-from model.reference_in_space import Paths, geometry, moved, paths
+from model.reference_in_space import geometry, moved, paths
 from numpy.typing import NDArray
 from support.places import ROBOTS, shipped_once
 from support.state import state_views
 
 from cdrj_ros._core import Law
-from cdrj_ros.estimation.estimator import Estimate, Sample, State, initial_state, step
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.model.laws import elasticity_of, strain_at
 from cdrj_ros.model.packing import OK, SLACK, topology_views
-from cdrj_ros.model.prepared import Model, placed, prepare, shape_at
-from cdrj_ros.robot.description import Node, PassiveTorque, Pulley, Robot, Winch
+from cdrj_ros.model.prepared import placed, prepare, shape_at
+from cdrj_ros.robot.description import PassiveTorque, Pulley, Winch
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation import assembly
 
@@ -60,7 +59,7 @@ class Course:
     poses: list[Geometry]
 
 
-def motion(robot: Robot, model: Model) -> tuple[Vector, Vector]:
+def motion(robot, model):
     """Motor and joint angles: large reversals, small ones, rest, slack, and taut again."""
     large = np.sin(4 * np.pi * np.arange(LARGE) / LARGE)
     small = large[-1] + 2e-3 * np.sin(4 * np.pi * np.arange(SMALL) / SMALL)
@@ -79,7 +78,7 @@ def motion(robot: Robot, model: Model) -> tuple[Vector, Vector]:
     return _winding(robot, model, joint, pull), joint
 
 
-def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
+def _winding(robot, model, joint, pull):
     """Motor angles that follow the cables' lengths and give shares of the preload."""
     length = np.array([shape_at(model, q).length for q in joint])
     rest = shape_at(model, robot.reference_pose).length
@@ -100,17 +99,17 @@ def _winding(robot: Robot, model: Model, joint: Vector, pull: Vector) -> Vector:
     return motor
 
 
-def with_law(robot: Robot, law: str) -> Robot:
+def with_law(robot, law):
     return replace(robot, cables=tuple(replace(cable, law=law) for cable in robot.cables))
 
 
 @cache
-def shipped(file: str) -> tuple[Robot, Course]:
+def shipped(file):
     robot = prepare(shipped_once(file), check_range=False).robot
     return robot, course(robot)  # with the cells that are chosen for its pulleys
 
 
-def course(robot: Robot) -> Course:
+def course(robot):
     model = prepare(robot, check_range=False)
     motor, joint = motion(robot, model)
     tracks = assembly.course(model, joint).track
@@ -125,9 +124,9 @@ def course(robot: Robot) -> Course:
     return Course(motor, joint, posed(robot, model, robot.reference_pose, rest, rest), poses)
 
 
-def paths_at(robot: Robot, model: Model, q: Vector, rest: Paths | None) -> Paths:
+def paths_at(robot, model, q, rest):
     """The reference's paths, whose points of contact are the estimator's."""
-    touches: Any = placed(model, q)[1].touches
+    touches = placed(model, q)[1].touches
     found = paths(robot, q, touches, rest)
     contacts = [one for path in found if path for one in path.contacts]
     if contacts:
@@ -139,7 +138,7 @@ def paths_at(robot: Robot, model: Model, q: Vector, rest: Paths | None) -> Paths
     return found
 
 
-def posed(robot: Robot, model: Model, q: Vector, now: Paths, rest: Paths) -> Geometry:
+def posed(robot, model, q, now, rest):
     """The reference's own geometry, which equals the estimator's.
 
     What is laid on the ends is taken from the estimator, because rounding decides whether a drum
@@ -158,13 +157,13 @@ def posed(robot: Robot, model: Model, q: Vector, now: Paths, rest: Paths) -> Geo
     return replace(own, laid=views.laid)
 
 
-def history_of(model: Model, state: State) -> History | None:
+def history_of(model, state):
     """The estimator's state in the words of the reference."""
     views = state_views(model.sizes, state.values)
     if not views.started[0]:
         return None
-    rows: Any = views.drums
-    ends: Any = topology_views(model.topology).ends
+    rows = views.drums
+    ends = topology_views(model.topology).ends
     drums = [
         Drum(row["angle"][:n], row["material"][:n], row["rate_below"], row["spacing"])
         if drum >= 0 and (n := int((row := rows[drum])["points"]))
@@ -177,11 +176,11 @@ def history_of(model: Model, state: State) -> History | None:
     )  # fmt: skip
 
 
-def agree(name: str, one: Any, other: Any, allowed: Any) -> None:
+def agree(name, one, other, allowed):
     assert np.all(np.abs(np.asarray(one) - other) <= allowed), name
 
 
-def roundings(robot: Robot, kept: History, estimate: Estimate, dt: float) -> list[float]:
+def roundings(robot, kept, estimate, dt):
     """For every cable 1e-12 of its largest tension, and the rounding of (E1) [N].
 
     Between cells a segment is shorter than the slip from which its material follows, whose rounding
@@ -200,9 +199,7 @@ def roundings(robot: Robot, kept: History, estimate: Estimate, dt: float) -> lis
     return found
 
 
-def check_sample(
-    robot: Robot, history: History, outputs: Outputs, kept: History, estimate: Estimate, dt: float
-) -> None:
+def check_sample(robot, history, outputs, kept, estimate, dt):
     """All results and the whole new history, the slips given, and that these solve (E11)."""
     residual, most = estimate.values[estimate.layout.residual], roundings(robot, kept, estimate, dt)
     for c, cable in enumerate(robot.cables):
@@ -233,7 +230,7 @@ def check_sample(
             agree("drum", drum.material, same.material, 1e-15)
 
 
-def check(robot: Robot, course: Course) -> None:
+def check(robot, course):
     """Step a robot through a motion beside the reference."""
     model = prepare(robot, check_range=False)
     state, seen = initial_state(model), {"slack": 0, "taut": 0, "stuck": 0, "sliding": 0}
@@ -275,10 +272,10 @@ def test_every_sample_equals_the_reference(file, law):
     check(with_law(robot, law), course)
 
 
-def with_everything(robot: Robot) -> Robot:
+def with_everything(robot):
     """The prototype with every term of sections 2, 4 and 6 that the shipped files leave out."""
 
-    def changed(k: int, node: Node) -> Node:
+    def changed(k, node):
         if not isinstance(node, Pulley):
             return node if isinstance(node, Winch) else Winch((("winch", 1.0),), 0.002, 1)
         friction = replace(
@@ -288,10 +285,10 @@ def with_everything(robot: Robot) -> Robot:
         more = {"cells": 1 + k % 3, "bearing_torque": 1e-4}
         return replace(node, friction=friction, moving_end="before", **more)
 
-    def both(node: Node) -> Node:
+    def both(node):
         return replace(node, moving_end="both") if isinstance(node, Pulley) else node
 
-    def axis(axis: Any, size: float) -> Any:
+    def axis(axis, size):
         passive = PassiveTorque(0.05 * size, 3.0 * size, 0.2 * size, 0.1)
         return replace(axis, effort_sign=-1, passive=passive, reference_angle=0.05)
 

@@ -1,7 +1,5 @@
 """Laws of the learned corrections, (R1) to (R3), against their equations in NumPy."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,12 +7,12 @@ from support.places import ROBOTS
 from support.refusal import refusal
 
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, Estimates, Samples, initial_state, run
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import SLACK, channel_columns
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 Table = NDArray[np.float64]
@@ -28,7 +26,7 @@ WEIGHTS = {"effort/spindle": GENERATOR.normal(0.0, 0.004, (15, 4)),
            "tension/b/3": GENERATOR.normal(0.0, 0.3, (15, 4))}  # fmt: skip
 
 
-def block(channel: str, **other: Any) -> str:
+def block(channel, **other):
     load = RANGES[0] if channel.startswith("effort") else np.array([1.0, 20.0])
     entry = {
         "output": channel, "bound": BOUND[channel], "stddev": STDDEV,
@@ -40,14 +38,14 @@ def block(channel: str, **other: Any) -> str:
     return f"  - {entry | other}\n"
 
 
-def model_of(*blocks: str, text: str = TEXT) -> Model:
+def model_of(*blocks, text=TEXT):
     return prepare(parse_robot(text + ("\nresidual:\n" if blocks else "") + "".join(blocks)))
 
 
 PLAIN, BOTH = model_of(), model_of(*map(block, BOUND))
 
 
-def motion(count: int = 3000) -> Samples:
+def motion(count=3000):
     """A jaw that follows the spindle, with rests, and jumps out of the range seen."""
     time = np.arange(count) * 2e-3
     spindle = 0.5 + 0.4 * np.round(np.sin(2.0 * time) * 60.0) / 60.0
@@ -62,11 +60,11 @@ MOTION = motion()
 TABLE = np.hstack([MOTION.motor_angle, MOTION.joint_angle])
 
 
-def estimates_of(model: Model, samples: Samples = MOTION) -> Estimates:
+def estimates_of(model, samples=MOTION):
     return run(model, initial_state(model), samples)[1]
 
 
-def expected(output: str, load: Table, ranges: Table) -> tuple[Table, Table]:
+def expected(output, load, ranges):
     """(R1) to (R3), sample by sample: the correction, and its trust."""
     places = (np.column_stack([load, TABLE]) - ranges.mean(axis=1)) / (np.ptp(ranges, axis=1) / 2.0)
     limit, before = np.array([0.01, 0.04, 0.16]), places[0]
@@ -125,7 +123,7 @@ def test_a_node_and_its_next_start_give_what_the_whole_recording_gives(tmp_path)
         assert_same(second.take(MOTION.at(k)), found, k)
 
 
-def assert_same(estimate: Estimate, found: Estimates, k: int) -> None:
+def assert_same(estimate, found, k):
     np.testing.assert_array_equal(estimate.tension, found.tension[k])
     np.testing.assert_array_equal(estimate.motor_effort, found.motor_effort[k])
 
@@ -140,7 +138,7 @@ def test_the_band_is_that_of_the_correction_where_it_applies_and_of_the_model_el
         Ensemble(model).follow(MOTION, estimates_of(model)) for model in (PLAIN, corrected)
     )
     trust = both.values[:, corrected.layout.trust.start]
-    known = dict(PLAIN.robot.uncertainty.model_error)["effort/spindle"]  # type: ignore[union-attr]
+    known = dict(PLAIN.robot.uncertainty.model_error)["effort/spindle"]
     spread = plain.stddev[:, column] ** 2 - known**2
     left = trust * STDDEV**2 + (1.0 - trust) * known**2
     np.testing.assert_allclose(both.stddev[:, column] ** 2, spread + left, rtol=1e-9)

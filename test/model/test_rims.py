@@ -6,7 +6,7 @@ import pytest
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, Shape, prepare, shape_at
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
 
 RADIUS = 0.2
@@ -34,9 +34,7 @@ UPPER = {"cylinder": 1.6, "sphere": 1.4, "sphere, side": 1.4}
 """Upper end where the cable takes the other way beyond: it passes the centre at 1.7 rad."""
 
 
-def roped(
-    body: str, rim: float, *, height: float = 0.0, radius: float = RADIUS, low: float = -2.7
-) -> Model:
+def roped(body, rim, *, height=0.0, radius=RADIUS, low=-2.7):
     """A cable from a point at the distance ``rim`` of the axis, which turns, past a body."""
     return prepare(
         parse_robot(
@@ -61,7 +59,7 @@ cables:
     )
 
 
-def totals(shapes: list[Shape]) -> tuple[np.ndarray, np.ndarray]:
+def totals(shapes):
     """Length and arm of the whole cable in every pose."""
     return (
         np.array([shape.length.sum() for shape in shapes]),
@@ -111,7 +109,7 @@ def test_tensions_do_not_depend_on_the_last_bit_of_a_position(body):
     np.testing.assert_allclose(rows[2], rows[0], atol=1e-4)
 
 
-def past_swivel(origin: list[float], axis: list[int], point: list[float]) -> Model:
+def past_swivel(origin, axis, point):
     """A cable along z to a swivel at the origin, and on to a point that slides."""
     return prepare(
         parse_robot(

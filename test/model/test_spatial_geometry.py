@@ -8,7 +8,7 @@ from support.refusal import refusal
 
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
 
 HEAD = """
@@ -27,14 +27,14 @@ friction: {mu_c: 0.1}
 """
 
 
-def model_of(*nodes: str, head: str = HEAD, check: bool = False) -> Model:
+def model_of(*nodes, head=HEAD, check=False):
     """A robot with one cable through the nodes."""
     cable = "cables:\n  - name: c\n    axial_stiffness: 1e4\n    preload: 10\n    nodes:\n"
     lines = "".join(f"      - {{{node}}}\n" for node in nodes)
     return prepare(parse_robot(head + cable + lines), check_range=check)
 
 
-def anchor(x: float, y: float, z: float, frame: str = "base") -> str:
+def anchor(x, y, z, frame="base"):
     return f"type: anchor, position: [{float(x)!r}, {float(y)!r}, {float(z)!r}], frame: {frame}"
 
 
@@ -138,7 +138,7 @@ HELIX = HELICAL + DRUM + POINT
 RADIUS, LEAD = 0.02, 0.005 / (2.0 * pi)
 
 
-def helix_length(joint: float, motor: float) -> float:
+def helix_length(joint, motor):
     """Free cable from a helical drum to a point, and the cable that its turning has wound [m]."""
     x, y, z = 0.6 + joint, 0.1, 0.03
     away = hypot(x, y)
@@ -149,7 +149,7 @@ def helix_length(joint: float, motor: float) -> float:
     return free + hypot(RADIUS, LEAD) * (leaves - start)
 
 
-def helix_cable(joint: float, motor: float) -> tuple[float, float, float]:
+def helix_cable(joint, motor):
     """Free cable from the drum to the point [m]."""
     x, y = 0.6 + joint, 0.1
     leaves = atan2(y, x) - acos(RADIUS / hypot(x, y))

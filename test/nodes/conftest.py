@@ -2,10 +2,8 @@
 
 import gc
 import subprocess
-from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.estimators import Bench
@@ -18,7 +16,7 @@ PATIENCE_S = 60.0
 
 
 @pytest.fixture(scope="session")
-def executables() -> Path:
+def executables():
     """The folder of the executables that `ros2 run cdrj_ros` starts."""
     from ament_index_python.packages import get_package_prefix
 
@@ -26,7 +24,7 @@ def executables() -> Path:
 
 
 @pytest.fixture
-def ros() -> Iterator[None]:
+def ros():
     """Initialise rclpy's default context for the test and shut it down after it.
 
     A destroyed node keeps its participant, which other nodes see, until it is garbage.
@@ -42,7 +40,7 @@ def ros() -> Iterator[None]:
 
 
 @pytest.fixture
-def node(ros: None) -> Iterator[object]:
+def node(ros):
     """The test's own rclpy node."""
     from rclpy.node import Node
 
@@ -54,7 +52,7 @@ def node(ros: None) -> Iterator[object]:
 
 
 @pytest.fixture
-def bench(ros: None) -> Iterator[Bench]:
+def bench(ros):
     """Estimators in this process and a node that communicates with them."""
     bench = Bench()
     yield bench
@@ -62,11 +60,11 @@ def bench(ros: None) -> Iterator[Bench]:
 
 
 @pytest.fixture
-def start_executable(executables: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+def start_executable(executables):
     """Start installed executables as processes; those still running are ended as by Ctrl-C."""
-    started: list[subprocess.Popen[bytes]] = []
+    started = []
 
-    def start(name: str, *arguments: str, **streams: Any) -> subprocess.Popen[bytes]:
+    def start(name, *arguments, **streams):
         started.append(subprocess.Popen([executables / name, *arguments], **streams))
         return started[-1]
 
@@ -75,19 +73,19 @@ def start_executable(executables: Path) -> Iterator[Callable[..., subprocess.Pop
         end(process)
 
 
-def _simulated(folder: Path, seconds: str) -> str:
+def _simulated(folder, seconds):
     path = str(folder / "bag")
     assert simulate.main([path, "--robot", "prototype", "--duration", seconds, "--cells", "1"]) == 0
     return path
 
 
 @pytest.fixture(scope="session")
-def short_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+def short_bag(tmp_path_factory):
     """Four seconds of the rig, with references."""
     return _simulated(tmp_path_factory.mktemp("short"), "4")
 
 
 @pytest.fixture(scope="session")
-def longer_bag(tmp_path_factory: pytest.TempPathFactory) -> str:
+def longer_bag(tmp_path_factory):
     """As ``short_bag``, of 20 s, to be played for a while."""
     return _simulated(tmp_path_factory.mktemp("longer"), "20")

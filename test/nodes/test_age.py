@@ -2,14 +2,7 @@
 
 import numpy as np
 import pytest
-from support.estimators import (
-    BEGIN,
-    SECOND,
-    Clock,
-    diagnosed,
-    feed,
-    tensions,
-)
+from support.estimators import BEGIN, SECOND, Clock, diagnosed, feed, tensions
 
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, read_layout
 from cdrj_ros.model.packing import STALE
@@ -18,7 +11,7 @@ from cdrj_ros.nodes.silence import Silence, StampClock
 MS = 1_000_000
 
 
-def _late_s(lags_s: list[float], same_clock_s: float = 60.0) -> list[float]:
+def _late_s(lags_s, same_clock_s=60.0):
     """How late readings with these lags are found to be [s]; their stamps are 1 s apart."""
     stamps = StampClock(same_clock_s)
     found = []
@@ -75,10 +68,10 @@ def test_the_node_s_clock_can_be_disregarded():
 )  # fmt: skip
 def test_where_all_inputs_are_late_alike_the_estimates_are_stale(late_s, within_s, stale, bench):
     estimator = bench.estimator(use_sim_time=True, timeout=0.5, same_clock_within=within_s)
-    status: list[np.ndarray] = []
+    status = []
     published = estimator.outputs.tensions.publish
 
-    def publish(payload: bytes) -> None:
+    def publish(payload):
         found = read_layout(payload, CABLE_TENSIONS.fields).numbers["status"]
         status.append(np.frombuffer(payload, found.dtype, found.count, found.offset))
         published(payload)

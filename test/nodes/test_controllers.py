@@ -1,8 +1,6 @@
 """The example controllers as nodes: what they command for which estimates, and one closed loop."""
 
-from collections.abc import Callable, Iterator
 from time import monotonic
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,24 +18,24 @@ EXAMPLES = ROOT / "examples"
 class Controlled(Bench):
     """A controller in this process, and a node that wishes, estimates and hears its commands."""
 
-    def __init__(self, controller: Any, mode: str) -> None:
+    def __init__(self, controller, mode):
         super().__init__("cdrj")
         self.controller, self.mode = self.add(controller), mode
         self.commands = self.listen(Float64MultiArray, f"commands/{mode}")
 
-    def wish(self, *values: float) -> None:
+    def wish(self, *values):
         self.publish(f"wished/{self.mode}", Float64MultiArray(data=list(values)))
 
-    def tell(self, topic: str, message: Any) -> None:
+    def tell(self, topic, message):
         message.header.stamp = self.node.get_clock().now().to_msg()
         self.publish(topic, message)
 
-    def commanded(self, holds: Callable[[list[float]], bool], *again: Callable[[], None]) -> bool:
+    def commanded(self, holds, *again):
         """Repeat what is published, once what it caused is heard, until a command fulfils this."""
         self.commands.clear()
         seen, due_s = 0, 0.0
 
-        def fulfilled() -> bool:
+        def fulfilled():
             nonlocal seen, due_s
             new = self.commands[seen:]
             seen += len(new)
@@ -51,14 +49,14 @@ class Controlled(Bench):
 
 
 @pytest.fixture
-def controller(ros: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Controlled]]:
+def controller(ros, monkeypatch):
     """Create a controller of the examples by the names of its module and class."""
     import importlib
 
     monkeypatch.syspath_prepend(str(EXAMPLES))
-    opened: list[Controlled] = []
+    opened = []
 
-    def create(module: str, name: str, mode: str, **parameters: Any) -> Controlled:
+    def create(module, name, mode, **parameters):
         made = getattr(importlib.import_module(module), name)
         overrides = [Parameter(key, value=value) for key, value in parameters.items()]
         opened.append(Controlled(made(parameter_overrides=overrides), mode))
@@ -69,7 +67,7 @@ def controller(ros: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         one.close()
 
 
-def tensions(upper: float, lower: float, status: int = 0) -> Any:
+def tensions(upper, lower, status=0):
     names = [f"{cable}/{k}" for cable in ("upper", "lower") for k in range(1, 9)]
     return CableTensions(
         name=names, tension=[upper] * 8 + [lower] * 8, stddev=[0.5] * 16, status=[status] * 16
@@ -79,7 +77,7 @@ def tensions(upper: float, lower: float, status: int = 0) -> Any:
 def test_the_limiter_forwards_reduces_and_reverses_speeds(controller):
     bench = controller("tension_limiter", "LimiterNode", "velocity", limit=60.0)
 
-    def send(message: Any) -> tuple[Callable[[], None], Callable[[], None]]:
+    def send(message):
         return lambda: bench.wish(2.0), lambda: bench.tell("tensions", message)
 
     assert bench.commanded(lambda c: c == [2.0], *send(tensions(40.0, 30.0)))
@@ -99,7 +97,7 @@ def test_the_limiter_forwards_reduces_and_reverses_speeds(controller):
 def test_the_preloads_of_the_file_return_while_a_tension_is_not_known(controller):
     bench = controller("keep_taut", "TautNode", "position", floor=50.0)
 
-    def send(lower: float) -> tuple[Callable[[], None], Callable[[], None]]:
+    def send(lower):
         return lambda: bench.wish(0.0), lambda: bench.tell("tensions", tensions(40.0, lower))
 
     assert bench.commanded(lambda c: abs(c[0]) > 0.0, *send(30.0))
@@ -118,7 +116,7 @@ def test_the_motors_stop_without_commands_and_without_tensions(controller):
     assert bench.commanded(lambda c: c == [0.0], feed[0]), "no tensions any more"
 
 
-def _stop_feed(bench: Any, extra: float, stddev: float | None) -> list[Callable[[], None]]:
+def _stop_feed(bench, extra, stddev):
     """What the collision stop hears: a wished speed, the joint at rest, and its effort [N m]."""
     held = bench.controller.observer.required(0.0)  # against the weight
     spread = JointState(name=["elbow"], effort=[] if stddev is None else [stddev])

@@ -2,7 +2,6 @@
 
 import re
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from support.places import ROOT
 
 
 @pytest.fixture
-def signals_as_before() -> Iterator[None]:
+def signals_as_before():
     """The demonstration ends its nodes on signals that end the process."""
     before = {one: signal.getsignal(one) for one in (signal.SIGTERM, signal.SIGHUP)}
     yield

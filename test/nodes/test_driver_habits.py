@@ -1,7 +1,6 @@
 """Stamps, units and messages as drivers are known to send them, and what the node says of each."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,12 +24,12 @@ HOUR = 3600 * SECOND
 EFFORT = Template(JOINT_STATE, ("winch",), ("effort",))
 
 
-def arrived(estimator: Any, arrival_ns: int) -> None:
+def arrived(estimator, arrival_ns):
     """Let the next message arrive at this time of the node's clock [ns]."""
     estimator.now_ns = lambda: arrival_ns
 
 
-def fed_without_stamps(estimator: Any, late_ns: int = 0) -> None:
+def fed_without_stamps(estimator, late_ns=0):
     """Feed three seconds of messages; every fourth one of the joint is late."""
     for k in range(0, 3000, 5):
         sample = sample_at(k)

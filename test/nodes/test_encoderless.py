@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -28,10 +27,10 @@ def test_angles_are_published_while_efforts_are_heard_and_diagnostics_say_when_n
     robot.write_text(text.replace("  - name: elbow", "  - name: elbow\n    measured: false"))
     samples = motion(without_encoder("prototype", "elbow"), COUNT)
     _, efforts = truth_of(without_encoder("prototype", "elbow"), samples)
-    heard: dict[str, list[bytes]] = {"joint_angles": [], "joint_angles_stddev": []}
+    heard = {"joint_angles": [], "joint_angles_stddev": []}
     for topic, into in heard.items():
         bench.node.create_subscription(JointState, f"/cdrj/{topic}", into.append, 1000, raw=True)
-    said: list[Any] = []
+    said = []
     hear_diagnostics(bench, said)
     estimator = bench.estimator(robot=str(robot))
     count = bench.node.count_publishers

@@ -1,14 +1,12 @@
 """The estimator over DDS, how it starts and how it ends."""
 
 import signal
-from collections.abc import Iterable
 
 import numpy as np
 import pytest
 from cdrj_msgs.msg import CableTensions, NodalForces
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from support.estimators import Bench
 from support.places import ROBOT
 
 from cdrj_ros.evaluation.estimating import estimate
@@ -28,17 +26,17 @@ WINDOW = 64
 """Maximum number of messages in flight; less than any queue depth."""
 
 
-def stamp_of(payload: bytes) -> int:
+def stamp_of(payload):
     """Header stamp of a message [ns]."""
     sec = int.from_bytes(payload[4:8], "little", signed=True)
     return sec * 1_000_000_000 + int.from_bytes(payload[8:12], "little")
 
 
-def play(bench: Bench, bag: str, last_ns: int, heard: Iterable[list[bytes]]) -> None:
+def play(bench, bag, last_ns, heard):
     """Publish a bag's inputs, about WINDOW of them in flight; wait for the last estimate."""
     topics, under_way = Topics(), list[int]()
 
-    def answered(wanted_ns: int) -> bool:
+    def answered(wanted_ns):
         return all(payloads and stamp_of(payloads[-1]) >= wanted_ns for payloads in heard)
 
     for message in read_messages(bag, (topics.motors, topics.joints)):
@@ -49,8 +47,8 @@ def play(bench: Bench, bag: str, last_ns: int, heard: Iterable[list[bytes]]) -> 
     assert bench.until(lambda: answered(last_ns))
 
 
-def arrays(payloads: list[bytes], topic: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    columns: dict[str, list[np.ndarray]] = {}
+def arrays(payloads, topic):
+    columns = {}
     for payload in payloads:
         for name, span in read_layout(payload, FIELDS[topic].fields).numbers.items():
             numbers = np.frombuffer(payload, span.dtype, span.count, span.offset)
@@ -66,7 +64,7 @@ def test_every_published_number_equals_the_offline_path_bit_for_bit_also_after_a
     offline = estimate(model, condition_recording(model, read_inputs(short_bag, Topics(), model)))
     layout, values = offline.layout, offline.values
     assert offline.stamp_ns.size > 5000
-    heard: dict[str, list[bytes]] = {topic: [] for topic in FIELDS}
+    heard = {topic: [] for topic in FIELDS}
     for topic, kind in zip(heard, (CableTensions, NodalForces, JointState), strict=True):
         keep = heard[topic].append
         bench.node.create_subscription(kind, f"/cdrj/{topic}", keep, 2000, raw=True)

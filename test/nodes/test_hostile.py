@@ -14,7 +14,7 @@ from random import Random
 import numpy as np
 import pytest
 from support.foreign_bags import joint_state
-from support.reading_streams import END_OF_TIME_NS, Message, random_stream
+from support.reading_streams import END_OF_TIME_NS, random_stream
 
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.messages.cdr import (
@@ -36,7 +36,7 @@ HUGE = "x" * 50_000
 MANY = tuple(f"n{k}" for k in range(500))
 
 
-def payload_of(random: Random, message: Message) -> bytes:
+def payload_of(random, message):
     """A serialised message, now and then one that no publisher of JointState sends."""
     names, positions, stamp = message.names, message.positions, message.stamp_ns
     kind = random.random()
@@ -62,7 +62,7 @@ def payload_of(random: Random, message: Message) -> bytes:
     return bytes(spoilt)
 
 
-def cells(random: Random, stamp_ns: int) -> bytes:
+def cells(random, stamp_ns):
     """A message of load cells."""
     names = (random.choice(("upper/8", "lower/3", "upper/99", "")),) * random.randrange(3)
     said = (30.0, np.nan, np.inf, 1e308, -1e308, 5e-324, 0.0, -5.0)
@@ -73,7 +73,7 @@ def cells(random: Random, stamp_ns: int) -> bytes:
     return payload if random.random() < 0.8 else payload[: random.randrange(len(payload))]
 
 
-def readings_in(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray] | None:
+def readings_in(payload):
     """Stamp [ns], names and positions; None if the message is malformed."""
     try:
         layout = read_layout(payload, JOINT_STATE.fields)
@@ -87,7 +87,7 @@ def readings_in(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray] | Non
     return sec * 10**9 + nanosec, names, positions.astype(float)
 
 
-def own_mb() -> float:
+def own_mb():
     """Anonymous memory of the process [MB], without libraries and shared memory."""
     gc.collect()
     (line,) = (

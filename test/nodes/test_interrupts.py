@@ -22,7 +22,7 @@ COMMANDS = {
 }
 
 
-def loads(process: subprocess.Popen[bytes]) -> bool:
+def loads(process):
     """Whether the command is being imported: Python itself and the script do not need NumPy."""
     return "/numpy/" in Path(f"/proc/{process.pid}/maps").read_text()
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import pytest
 from support.places import ROOT
@@ -26,18 +25,18 @@ PATIENCE_S = 120.0
 class Action(SimpleNamespace):
     """Replaces an action of launch and stores its arguments."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:
+    def __init__(self, *given, **named):
         super().__init__(given=given, **named)
 
     @property
-    def name(self) -> str:
+    def name(self):
         return str(self.given[0])
 
 
 class Replaced(ModuleType):
     """A module of launch whose classes are all actions."""
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         if name.startswith("_"):
             raise AttributeError(name)
         setattr(self, name, type(name, (Action,), {}))
@@ -45,7 +44,7 @@ class Replaced(ModuleType):
 
 
 @pytest.fixture
-def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
+def launched(monkeypatch):
     """Run the functions of the launch file with a replacement for launch."""
     for name in (
         "launch", "launch.actions", "launch.event_handlers", "launch.events",
@@ -56,7 +55,7 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setitem(sys.modules, name, Replaced(name))
     monkeypatch.setattr(sys, "argv", ["ros2", "launch", "cdrj_ros", FILE.name])
 
-    def run(*argv: str, file: Path = FILE, included: Path | None = None) -> list[Any]:
+    def run(*argv, file=FILE, included=None):
         space = runpy.run_path(str(file))
         (entities,) = space["generate_launch_description"]().given
         arguments = {one.name: one for one in entities if hasattr(one, "description")}
@@ -145,14 +144,14 @@ def test_the_stand_in_for_hardware_publishes_what_the_launch_file_of_a_real_robo
     assert (FILE.parents[1] / "config" / "rigs" / "ros2_control.yaml").exists()
 
 
-def examples_of(actions: list[Any]) -> dict[str, list[str]]:
+def examples_of(actions):
     """The examples that are started, and the words after their paths."""
     commands = [one.cmd for one in actions if hasattr(one, "cmd")]
     assert all(Path(command[1]).exists() for command in commands)
     return {Path(command[1]).stem: command[2:] for command in commands}
 
 
-def nodes_of(actions: list[Any]) -> dict[str, dict[str, Any]]:
+def nodes_of(actions):
     """The nodes that are started, and their parameters."""
     return {one.executable: one.parameters[0] for one in actions if hasattr(one, "executable")}
 
@@ -190,7 +189,7 @@ def test_the_demonstration_starts_a_controller_and_publishes_its_wish(launched):
         launched(*given, "controller:=friction_feedforward", "wish:=0.5", file=DEMO)
 
 
-def launch(*arguments: str) -> subprocess.Popen[str]:
+def launch(*arguments):
     """Start the real `ros2 launch` of this package."""
     return subprocess.Popen(
         ["ros2", "launch", "cdrj_ros", *arguments],
@@ -201,7 +200,7 @@ def launch(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def until(process: subprocess.Popen[str], *words: str) -> str:
+def until(process, *words):
     """Read the output until every word has occurred, then interrupt; returns the whole output."""
     said = ""
     try:

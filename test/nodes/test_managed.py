@@ -1,8 +1,5 @@
 """The managed estimator: its transitions, over the services of a lifecycle node."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from cdrj_msgs.msg import CableTensions
@@ -13,7 +10,6 @@ from rclpy.parameter import Parameter
 from support.estimators import (
     INPUTS,
     ROBOT,
-    Bench,
     feed,
     hear_diagnostics,
     listen,
@@ -33,7 +29,7 @@ OUTPUTS = ("tensions", "nodal_forces", "efforts", "efforts_stddev", "tension_sta
 class Managed:
     """A managed estimator in this process, and calls of its services."""
 
-    def __init__(self, bench: Bench, **given: Any) -> None:
+    def __init__(self, bench, **given):
         given = {"robot": ROBOT, "timeout": 3600.0, **given}
         overrides = [Parameter(key, value=value) for key, value in given.items()]
         self.bench, self.node = bench, ManagedEstimator(parameter_overrides=overrides)
@@ -41,17 +37,17 @@ class Managed:
         bench.executor.add_node(self.node)
         bench.nodes.append(self.node)
 
-    def change(self, label: str) -> bool:
+    def change(self, label):
         """Ask for a transition by its label; True if it has been made."""
         request = ChangeState.Request(transition=Transition(label=label))
         return bool(self.bench.call(ChangeState, "/cdrj/estimator/change_state", request).success)
 
     @property
-    def state(self) -> str:
+    def state(self):
         answer = self.bench.call(GetState, "/cdrj/estimator/get_state", GetState.Request())
         return str(answer.current_state.label)
 
-    def ends(self) -> tuple[int, int]:
+    def ends(self):
         """Numbers of open outputs and of subscribed inputs."""
         graph = self.bench.node
         return (
@@ -61,7 +57,7 @@ class Managed:
 
 
 @pytest.fixture
-def managed(bench: Bench) -> Callable[..., Managed]:
+def managed(bench):
     return lambda **given: Managed(bench, **given)
 
 
@@ -90,7 +86,7 @@ def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
     client = bench.node.create_client(ChangeState, "/cdrj/estimator/change_state")
     assert bench.until(lambda: states.service_is_ready() and client.service_is_ready())
 
-    def answer(make: Callable[[], Any]) -> Any:
+    def answer(make):
         """Ask again if there is none: the node may not have discovered the client yet."""
         for _ in range(60):
             future = make()
@@ -98,7 +94,7 @@ def test_the_process_survives_a_request_for_the_number_of_such_a_transition(
                 return future.result()
         raise AssertionError(process.poll())
 
-    def state() -> str:
+    def state():
         return str(answer(lambda: states.call_async(GetState.Request())).current_state.label)
 
     assert state() == "unconfigured"
@@ -167,12 +163,12 @@ def test_cleanup_returns_to_the_given_preload_and_friction(bench, managed):
 
 
 def test_diagnostics_tell_the_state(bench, managed):
-    said: list[Any] = []
+    said = []
     hear_diagnostics(bench, said)
     one = managed()
     assert bench.until(lambda: one.estimation.diagnostics.get_subscription_count() == 1)
 
-    def status() -> Any:
+    def status():
         said.clear()
         one.estimation.diagnose()
         assert bench.until(lambda: bool(said))

@@ -1,8 +1,6 @@
 """The markers node draws what the estimator says, and nothing while nobody subscribes."""
 
-from collections.abc import Callable, Iterator
 from time import monotonic
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +15,11 @@ from cdrj_ros.view.picture import picture_of
 
 
 @pytest.fixture
-def drawing(ros: None) -> Iterator[Callable[..., Any]]:
+def drawing(ros):
     """Create a markers node in this process."""
-    opened: list[Any] = []
+    opened = []
 
-    def create(**parameters: Any) -> Any:
+    def create(**parameters):
         given = {"robot": "finger", **parameters}
         overrides = [Parameter(name, value=value) for name, value in given.items()]
         opened.append(MarkersNode(parameter_overrides=overrides))
@@ -32,17 +30,17 @@ def drawing(ros: None) -> Iterator[Callable[..., Any]]:
         one.destroy_node()
 
 
-def hear(node: Any, topic: str, message: Any) -> dict[str, Any]:
+def hear(node, topic, message):
     """The markers after a message, by namespace and number."""
     node.inputs.hear(topic, serialize_message(message))
     return markers_of(node)
 
 
-def markers_of(node: Any) -> dict[str, Any]:
+def markers_of(node):
     return {f"{marker.ns}/{marker.id}": marker for marker in node.picture().markers}
 
 
-def colour(marker: Any) -> tuple[float, float, float]:
+def colour(marker):
     return marker.color.r, marker.color.g, marker.color.b
 
 
@@ -87,7 +85,7 @@ def test_bodies_have_their_shape_size_and_axis_and_links_end_at_the_joints(drawi
     model, drawn = node.model, markers_of(node)
     scene = scene_of(model, model.robot.reference_pose)
 
-    def along(marker: Any) -> Any:
+    def along(marker):
         turned = marker.pose.orientation
         return Rotation.from_quat([turned.x, turned.y, turned.z, turned.w]).apply([0.0, 0.0, 1.0])
 
@@ -118,7 +116,7 @@ def test_nothing_is_heard_or_drawn_without_a_subscriber(bench):
     names = list(node.model.layout.elements)
     message = CableTensions(name=names, tension=[9.0] * len(names), status=[0] * len(names))
 
-    def holds(condition: Callable[[], bool]) -> bool:
+    def holds(condition):
         publisher.publish(message)
         return condition()
 
@@ -126,7 +124,7 @@ def test_nothing_is_heard_or_drawn_without_a_subscriber(bench):
     assert bench.until(lambda: holds(lambda: next(ticks) == 19))
     assert (node.drawn, node.inputs.count) == (0, 0)
     assert publisher.get_subscription_count() == 0
-    got: list[Any] = []
+    got = []
     listener = bench.node.create_subscription(MarkerArray, "/cdrj/markers", got.append, 1)
     assert bench.until(
         lambda: holds(lambda: bool(got) and got[-1].markers[0].type != got[0].markers[0].type)

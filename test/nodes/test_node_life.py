@@ -26,12 +26,12 @@ from support.estimators import (
 
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.packing import OVERLOAD, SLACK, STALE, UNSURE
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.nodes.diagnostics import Health, status_of
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return load_model(ROBOT)
 
 
@@ -153,7 +153,7 @@ def test_the_responses_of_the_services_describe_their_effect(bench):
 def test_age_rate_and_staleness_follow_simulated_time(bench):
     """Ten simulated seconds pass quickly; the clock stops, then continues without inputs."""
     estimator = bench.estimator(use_sim_time=True, timeout=0.5)
-    said: list[Any] = []
+    said = []
     hear_diagnostics(bench, said)
     clock = Clock(bench, estimator)
     assert bench.until(lambda: bench.node.count_publishers("/diagnostics") > 0)
@@ -242,7 +242,7 @@ def test_diagnostics_describe_every_problem(bench):
     from cdrj_ros.estimation.refusals import REFUSALS
 
     estimator = bench.estimator()
-    said: list[Any] = []
+    said = []
     hear_diagnostics(bench, said)
     assert bench.until(lambda: bool(said))
     first = said[-1]
@@ -251,11 +251,11 @@ def test_diagnostics_describe_every_problem(bench):
     assert (first.name, first.hardware_id) == ("cdrj/estimator", "prototype")
     assert {*values_of(first)} >= KEYS | {f"refused: {cause}" for cause in REFUSALS}
 
-    def status(age_s: float = 0.01) -> Any:
+    def status(age_s=0.01):
         health = Health(0.5, age_s, age_s, 1000.0)
         return status_of("e", estimator.live, estimator.latest, health, estimator.times)
 
-    def flagged(flag: int) -> int:
+    def flagged(flag):
         return int(sum(int(s) & flag != 0 for s in estimator.latest.status))
 
     feed(estimator, 0, 1500)
@@ -303,7 +303,7 @@ def test_diagnostics_describe_every_problem(bench):
 def test_the_next_node_continues_from_the_file_that_every_diagnosis_and_change_writes(
     bench, model, tmp_path
 ):
-    given: Any = {"state_file": tmp_path / "state", "tracking_bandwidth": 0.0}
+    given = {"state_file": tmp_path / "state", "tracking_bandwidth": 0.0}
     killed = bench.estimator(**given)
     feed(killed, 0, 300)
     killed.diagnose()

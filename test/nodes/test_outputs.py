@@ -1,22 +1,13 @@
 """What the node publishes: values, frames, a maximum rate, and nothing that nobody listens to."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from cdrj_msgs.msg import CableTensions, NodalForces
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
-from support.estimators import (
-    JOINT,
-    MOTOR,
-    ROBOT,
-    expected,
-    feed,
-    sample_at,
-    tensions,
-)
+from support.estimators import JOINT, MOTOR, ROBOT, expected, feed, sample_at, tensions
 from support.places import ROBOTS
 
 from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
@@ -28,8 +19,8 @@ PLACED = str(ROBOTS / "prototype_positions.yaml")
 
 def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench):
     estimator = bench.estimator(robot=PLACED, frame_id="arm")
-    wrenches: list[Any] = []
-    others: list[Any] = []
+    wrenches = []
+    others = []
     for kind, topic in (
         (CableTensions, "tensions"), (NodalForces, "nodal_forces"), (JointState, "efforts"),
     ):  # fmt: skip
@@ -63,7 +54,7 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench)
 
 def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(bench):
     estimator = bench.estimator()
-    forces: list[Any] = []
+    forces = []
     wrenches = bench.listen(WrenchStamped, "/cdrj/wrenches/lower_5")
     bench.node.create_subscription(NodalForces, "/cdrj/nodal_forces", forces.append, 10)
     assert bench.until(lambda: bool(estimator.outputs.wanted))
@@ -75,7 +66,7 @@ def test_wrenches_of_cables_without_positions_are_in_the_frame_of_each_pulley(be
     assert opened == {"/cdrj/wrenches/lower_5"}
 
 
-def efforts_of(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray]:
+def efforts_of(payload):
     """Stamp [ns], names and efforts of a JointState."""
     layout = read_layout(payload, JOINT_STATE.fields)
     sec, nanosec = np.frombuffer(payload, "<i4", 2, 4).tolist()
@@ -86,7 +77,7 @@ def efforts_of(payload: bytes) -> tuple[int, tuple[str, ...], np.ndarray]:
 
 def test_efforts_are_empty_for_unsolved_cables_and_have_standard_deviations_otherwise(bench):
     estimator = bench.estimator()
-    heard: dict[str, list[bytes]] = {"efforts": [], "efforts_stddev": []}
+    heard = {"efforts": [], "efforts_stddev": []}
     for topic, payloads in heard.items():
         bench.node.create_subscription(JointState, f"/cdrj/{topic}", payloads.append, 100, raw=True)
     assert bench.until(lambda: estimator.outputs.efforts.get_subscription_count() > 0)

@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
 from cdrj_msgs.msg import CableTensions
 from support.places import ROOT
@@ -25,7 +24,7 @@ def test_it_uses_reliable_tensions_and_refuses_all_others(node, tmp_path):
     unsure = CableTensions(name=sure.name, tension=sure.tension, stddev=sure.stddev, status=[0, 4])
     plain = CableTensions(name=sure.name, tension=sure.tension, status=[0, 0])
 
-    def says(text: str, message: Any) -> None:
+    def says(text, message):
         deadline = time.monotonic() + PATIENCE_S
         begin = len(log.read_text())
         while text not in log.read_text()[begin:]:

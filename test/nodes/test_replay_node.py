@@ -6,9 +6,6 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,9 +27,7 @@ ANSWERED = r"[1-9]\d* answered"
 
 
 @pytest.fixture(scope="module")
-def estimator(
-    executables: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[subprocess.Popen[bytes]]:
+def estimator(executables, tmp_path_factory):
     """One estimator for many replays; each replay resets it."""
     log = tmp_path_factory.mktemp("estimator") / "log"
     with log.open("wb") as stream:
@@ -53,14 +48,14 @@ def estimator(
 class Replay:
     """A replay process whose output is read while it runs."""
 
-    def __init__(self, process: subprocess.Popen[bytes], stream: int) -> None:
+    def __init__(self, process, stream):
         self.process, self._printed = process, Output(stream)
 
     @property
-    def output(self) -> str:
+    def output(self):
         return self._printed.text
 
-    def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> None:
+    def wait_for(self, pattern, patience_s=PATIENCE_S):
         """Wait for a pattern; the last output of an ended process may arrive with a delay."""
         deadline = time.monotonic() + patience_s
         while not re.search(pattern, self.output):
@@ -69,11 +64,11 @@ class Replay:
             assert time.monotonic() < deadline, f"no {pattern!r} in:\n{self.output}"
             time.sleep(0.01)
 
-    def finish(self) -> tuple[int, str]:
+    def finish(self):
         return self.process.wait(2 * PATIENCE_S), self._printed.finish()
 
 
-def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
+def _spun_until(node, condition):
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         if time.monotonic() > deadline:
@@ -83,10 +78,10 @@ def _spun_until(node: Any, condition: Callable[[], bool]) -> bool:
 
 
 @pytest.fixture
-def replay(start_executable: Any) -> Callable[..., Replay]:
+def replay(start_executable):
     """Start a replay of a bag with the robot and further arguments."""
 
-    def start(bag: str, *arguments: str) -> Replay:
+    def start(bag, *arguments):
         reader, writer = os.pipe()
         words = ("replay", bag, "--robot", ROBOT, *arguments)
         process = start_executable(*words, stdout=writer, stderr=writer)
@@ -96,7 +91,7 @@ def replay(start_executable: Any) -> Callable[..., Replay]:
     return start
 
 
-def _facts(path: Path) -> dict[str, str]:
+def _facts(path):
     (bag,) = json.loads(path.read_text())["bags"]
     return dict(bag["facts"])
 
@@ -125,7 +120,7 @@ def test_replay_evaluates_the_node_and_writes_json_and_report(
 
 
 def test_the_clock_follows_the_recording(estimator, replay, short_bag, node):
-    clocks: list[float] = []
+    clocks = []
     node.create_subscription(
         Clock, "/clock", lambda m: clocks.append(m.clock.sec + m.clock.nanosec * 1e-9), 1000
     )

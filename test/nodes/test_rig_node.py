@@ -1,9 +1,7 @@
 """The rig node: with a real estimator, and with valid and invalid commands."""
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from cdrj_msgs.msg import CableTensions
 from cdrj_msgs.srv import Push
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
@@ -29,20 +26,20 @@ from cdrj_ros.nodes.rig import RigNode
 from cdrj_ros.nodes.rig_topics import RigOutputs
 
 
-def overrides(**given: Any) -> list[Any]:
+def overrides(**given):
     return [Parameter(name, value=value) for name, value in {"robot": ROBOT, **given}.items()]
 
 
 @pytest.fixture
-def bench(ros: None, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
+def bench(ros, tmp_path):
     """Create rigs in this process; they are destroyed after the test."""
-    opened: list[Bench] = []
+    opened = []
 
-    def open_bench(text: str = "{}", **given: Any) -> Any:
+    def open_bench(text="{}", **given):
         path = tmp_path / "rig.yaml"
         path.write_text(text)
         asked = overrides(**{"cells": 1, **given, "rig": str(path)})
-        one: Any = Bench("cdrj")
+        one = Bench("cdrj")
         opened.append(one)
         one.rig = one.add(RigNode(parameter_overrides=asked))
         return one
@@ -52,11 +49,11 @@ def bench(ros: None, tmp_path: Path) -> Iterator[Callable[..., Bench]]:
         one.close()
 
 
-def array_of(*values: float) -> Any:
+def array_of(*values):
     return Float64MultiArray(data=list(values))
 
 
-def stamp_ns(message: Any) -> int:
+def stamp_ns(message):
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
@@ -155,7 +152,7 @@ def test_invalid_commands_are_refused_and_counted_and_nothing_moves(bench):
     assert one.rig.rig.motor_angle[0] == 0.0
     said = {f"refused: {cause}": str(count) for cause, count in wanted.items()}
 
-    def told() -> bool:
+    def told():
         return any(
             said.items() <= {v.key: v.value for v in message.status[0].values}.items()
             for message in heard
@@ -174,7 +171,7 @@ def test_faults_happen_at_their_times_and_again_after_a_reset(bench):
     angles = one.listen(JointState, "motor_states")
     heard = one.listen(DiagnosticArray, "/diagnostics")
 
-    def told(words: str) -> bool:
+    def told(words):
         return any(
             words == value.value
             for message in heard
@@ -220,7 +217,7 @@ def test_load_cells_clock_and_payload(bench):
     effort = np.array([message.effort[0] for message in motors])
     np.testing.assert_allclose(effort.mean(), one.rig.rig.motor_effort[0], atol=5e-3)
 
-    def set_one(name: str, value: Any) -> bool:
+    def set_one(name, value):
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
@@ -238,13 +235,13 @@ def test_load_cells_clock_and_payload(bench):
 def test_readings_are_published_in_the_order_of_their_arrival(bench):
     """Those of one step too: otherwise one topic always lags the other, as one of another clock."""
     rig = bench("motors: {latency: 0.0025}").rig
-    sent: list[tuple[str, bytes]] = []
+    sent = []
 
     class Recorder:
-        def create_publisher(self, _: Any, topic: str, __: Any) -> Any:
+        def create_publisher(self, _, topic, __):
             return SimpleNamespace(publish=lambda message: sent.append((topic, message)))
 
-    outputs = RigOutputs(cast("Node", Recorder()), load_model(ROBOT), rig.options)
+    outputs = RigOutputs(Recorder(), load_model(ROBOT), rig.options)
     for _ in range(20):
         rig.rig.step(rig.rig.motor_angle)
         outputs.emit(rig.rig, np.zeros(1), rig.rig.time_s, 0)
@@ -294,7 +291,7 @@ def test_after_a_pause_the_stamps_continue_at_the_time_of_the_machine(bench):
     ],
 )
 def test_an_invalid_parameter_is_refused_at_the_start(ros, given, words):
-    made: list[Node] = []
+    made = []
     with pytest.raises(CdrjError, match=words):
         made.append(RigNode(parameter_overrides=overrides(**given)))
     assert not made

@@ -1,8 +1,6 @@
 """A robot file that names robot_description takes its frames from the topic or the parameter."""
 
 import threading
-from pathlib import Path
-from typing import Any
 
 import pytest
 from rclpy.parameter import Parameter
@@ -18,7 +16,7 @@ URDF = (ROBOTS / "finger3d.urdf").read_text(encoding="utf-8")
 
 
 @pytest.fixture
-def robot_file(tmp_path: Path) -> Path:
+def robot_file(tmp_path):
     path = tmp_path / "finger.yaml"
     text = (ROBOTS / "finger3d.yaml").read_text(encoding="utf-8")
     path.write_text(text.replace("urdf: finger3d.urdf", "urdf: robot_description"))
@@ -55,7 +53,7 @@ RIG = {"payload": 0.01}
 """A load that the finger holds."""
 
 
-def make(name: str, given: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
+def make(name, given):
     """A node by the name of its executable, and the joints of its robot."""
     options = [Parameter(key, value=value) for key, value in given.items()]
     if name == "estimator":

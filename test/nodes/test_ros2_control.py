@@ -1,8 +1,6 @@
 """One topic of joint_state_broadcaster through the estimator node, by configuration alone."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,12 +31,12 @@ EVERY = 2
 """Milliseconds between messages."""
 
 
-def untracked(text: str) -> str:
+def untracked(text):
     """Without the filter between counts, whose state depends on every reading."""
     return re.sub(r"(?m)^ *tracking.*\n", "", text)
 
 
-def recorded(count: int) -> tuple[Samples, np.ndarray, np.ndarray]:
+def recorded(count):
     """Samples at 500 Hz, tensions [N] and the torque of the winch [N m] there."""
     sent = [sample_at(EVERY * k) for k in range(count)]
     samples = Samples(
@@ -50,7 +48,7 @@ def recorded(count: int) -> tuple[Samples, np.ndarray, np.ndarray]:
     return samples, values[:, model.layout.tension], values[:, model.layout.motor_effort.start]
 
 
-def stack(folder: Path, text: str = PUBLISHED) -> str:
+def stack(folder, text=PUBLISHED):
     path = folder / "robot.yaml"
     path.write_text(untracked(text))
     return str(path)
@@ -80,12 +78,12 @@ def test_tensions_from_one_stream_at_500_hz_of_several_robots(bench, tmp_path):
     assert refused == {"unknown_name"}
 
 
-def played(estimation: Any, count: int) -> list[Any]:
+def played(estimation, count):
     """The statuses after a stream, with one diagnosis for every quarter of a second of it."""
     samples, _, torque = recorded(count)
     hear = estimation.angle_callback("both", estimation.inputs[0])
     message = Template(JOINT_STATE, NAMES, ("position", "effort"))
-    statuses: list[Any] = []
+    statuses = []
     for k, stamp in enumerate(samples.stamp_ns.tolist()):
         position = positions(*samples.motor_angle[k], *samples.joint_angle[k])
         hear(message.encode(stamp, position=position, effort=efforts(float(torque[k]))))

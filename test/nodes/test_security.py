@@ -2,10 +2,7 @@
 
 import ast
 import os
-from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
-from pathlib import Path
-from typing import Any
 from unittest.mock import MagicMock
 from xml.etree import ElementTree
 
@@ -13,7 +10,6 @@ import pytest
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
-from support.estimators import Bench
 from support.places import ROBOT, ROOT
 from visualization_msgs.msg import MarkerArray
 
@@ -42,11 +38,11 @@ ELSEWHERE = {"/cdrj/joint_angles", "/cdrj/joint_angles_stddev"}
 """Topics that only robots with joints without encoder have."""
 
 
-def allowed(node: str) -> dict[tuple[str, str], set[str]]:
+def allowed(node):
     """Full names that the policy allows a node, by kind and permission."""
     (profile,) = (p for p in ElementTree.parse(POLICY).iter("profile") if p.get("node") == node)
     namespace = profile.get("ns")
-    names: dict[tuple[str, str], set[str]] = {key: set() for key in GRAPH}
+    names = {key: set() for key in GRAPH}
     for group in profile:
         for rule, verdict in group.attrib.items():
             assert verdict == "ALLOW"
@@ -60,7 +56,7 @@ def allowed(node: str) -> dict[tuple[str, str], set[str]]:
     return names
 
 
-def shortened(real: Any, allowed: Any) -> dict[tuple[str, str], set[str]]:
+def shortened(real, allowed):
     """The real names, those that an allowed pattern covers replaced by the pattern."""
     return {
         key: {
@@ -72,7 +68,7 @@ def shortened(real: Any, allowed: Any) -> dict[tuple[str, str], set[str]]:
 
 
 @pytest.fixture
-def nodes(bench: Bench) -> Bench:
+def nodes(bench):
     """One node of each executable with all their topics."""
     given = {"robot": ROBOT, "use_sim_time": True}
     estimator = ManagedEstimator(parameter_overrides=parameters(given))
@@ -92,12 +88,12 @@ def nodes(bench: Bench) -> Bench:
     return bench
 
 
-def parameters(given: dict[str, Any]) -> list[Parameter]:
+def parameters(given):
     return [Parameter(name, value=value) for name, value in given.items()]
 
 
 @pytest.fixture
-def view(nodes: Bench) -> Iterator[Any]:
+def view(nodes):
     """The view as while a browser shows its page, and its listener to the robot's URDF."""
     pytest.importorskip("viser")
     from cdrj_ros.nodes.view import ViewNode
@@ -111,10 +107,10 @@ def view(nodes: Bench) -> Iterator[Any]:
         one.destroy_node()
 
 
-def compare(nodes: Bench, names: Sequence[str]) -> None:
+def compare(nodes, names):
     """Compare the policy with the graph of the nodes of these names."""
 
-    def graph(node: str) -> dict[tuple[str, str], set[str]]:
+    def graph(node):
         return {
             key: {name for name, _ in getattr(nodes.node, method)(node, "/cdrj")}
             for key, method in GRAPH.items()
@@ -137,7 +133,7 @@ def test_the_policy_allows_exactly_what_the_view_has(nodes, view):
     compare(nodes, ["view", "view_robot_description"])
 
 
-def calls(path: Path) -> set[str]:
+def calls(path):
     """Names of the functions and methods that a module calls."""
     nodes = ast.walk(ast.parse(path.read_text("utf-8")))
     functions = [node.func for node in nodes if isinstance(node, ast.Call)]

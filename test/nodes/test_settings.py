@@ -1,10 +1,5 @@
 """From a node's table follow its declaration, its parameter file and the values that it reads."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
-
 import pytest
 import yaml
 
@@ -26,9 +21,6 @@ from cdrj_ros.nodes.settings import (
     values_of,
 )
 
-if TYPE_CHECKING:
-    from rclpy.context import Context
-
 TABLES = {
     "estimator": parameters.settings(),
     "rig": rig_settings.SETTINGS,
@@ -45,16 +37,16 @@ TABLES = {
 
 
 @pytest.fixture
-def context() -> Iterator[Context]:
+def context():
     made = rclpy.Context()
     rclpy.init(context=made)
     yield made
     rclpy.shutdown(context=made)
 
 
-def declared(context: Context, name: str, *words: str, **given: Any) -> dict[str, Any]:
+def declared(context, name, *words, **given):
     """The values that a node with this table reads, with ROS arguments or overrides."""
-    table: Sequence[Setting] = TABLES[name]
+    table = TABLES[name]
     overrides = [Parameter(key, value=value) for key, value in given.items()]
     node = Node(name, context=context, cli_args=[*words], parameter_overrides=overrides)
     try:
@@ -115,7 +107,7 @@ def test_integers_are_taken_for_doubles(context):
 
 
 def test_unknown_names_on_the_command_line_are_refused():
-    def check(*rules: str) -> None:
+    def check(*rules):
         flags = [word for rule in rules for word in ("-p", rule)]
         refuse_unknown_parameters(["rig", "--ros-args", *flags], TABLES["rig"])
 

@@ -16,7 +16,7 @@ with ros_context(["x", "--ros-args", "-p", "a:=1"]):
 """
 
 
-def _run(**environment: str) -> subprocess.CompletedProcess[str]:
+def _run(**environment):
     kept = {k: v for k, v in os.environ.items() if k not in ("ROS_LOG_DIR", "ROS_HOME", "HOME")}
     return subprocess.run(
         [sys.executable, "-c", SCRIPT], env=kept | environment, capture_output=True, text=True,

@@ -4,10 +4,7 @@ import io
 import signal
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from time import monotonic, sleep
-from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -41,7 +38,7 @@ for (const label of document.querySelectorAll("label")) {
 """Finds the number beside the slider with a label."""
 
 
-def wait_for(condition: Callable[[], Any], what: str) -> Any:
+def wait_for(condition, what):
     deadline = monotonic() + PATIENCE_S
     while not (found := condition()):
         assert monotonic() < deadline, f"waited in vain for {what}"
@@ -52,7 +49,7 @@ def wait_for(condition: Callable[[], Any], what: str) -> Any:
 class Scene:
     """A view of the finger, a publisher of its tensions, an estimator, and a browser."""
 
-    def __init__(self, view: Any, user: Any, browser: Any, program: Path) -> None:
+    def __init__(self, view, user, browser, program):
         self.view, self.user, self.browser, self._program = view, user, browser, program
         self.names = list(view.model.layout.elements)
         self.tension, self.status, self.publishing = 18.0, 0, True
@@ -60,7 +57,7 @@ class Scene:
         user.create_timer(0.1, self._publish)
         self.process: subprocess.Popen[bytes] | None = None
 
-    def _publish(self) -> None:
+    def _publish(self):
         if not self.publishing:
             return
         n = len(self.names)
@@ -70,32 +67,32 @@ class Scene:
         message.header.stamp = self.user.get_clock().now().to_msg()
         self._publisher.publish(message)
 
-    def start_estimator(self) -> None:
+    def start_estimator(self):
         self.process = subprocess.Popen(
             [self._program, "--ros-args", "-p", "robot:=finger"], stderr=subprocess.DEVNULL
         )
 
-    def stop_estimator(self) -> None:
+    def stop_estimator(self):
         if self.process is not None:
             self.process.send_signal(signal.SIGINT)
             self.process.wait(PATIENCE_S)
             self.process = None
 
-    def text(self) -> str:
+    def text(self):
         return str(self.browser.execute_script("return document.body.innerText"))
 
-    def pixels(self) -> np.ndarray:
+    def pixels(self):
         from PIL import Image
 
         picture = Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB")
         return np.asarray(picture, float)[160:, 340:720]  # between the panels, below a notice
 
     @property
-    def canvas(self) -> Any:
+    def canvas(self):
         """The picture, not a plot."""
         return self.browser.find_element("css selector", "canvas[style*='pointer-events']")
 
-    def places(self, points: np.ndarray) -> np.ndarray:
+    def places(self, points):
         """Where points are in the picture [px], from its middle to the right and down."""
         from viser.transforms import SO3
 
@@ -105,14 +102,14 @@ class Scene:
         scale = 0.5 * height / np.tan(0.5 * camera.fov)
         return np.asarray(scale * turned[:, :2] / turned[:, 2:])
 
-    def red(self) -> float:
+    def red(self):
         """Share of pixels of the colour of the limit, not of the orange of a browser's notice."""
         pixels = self.pixels()
         return float((pixels[..., 0] > 2.5 * pixels[..., 1] + 20.0).mean())
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterator[Scene]:
+def scene(tmp_path_factory, executables):
     pytest.importorskip("viser")
     from cdrj_ros.nodes.view import ViewNode
 
@@ -127,7 +124,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterat
         whole = Scene(view, user, browser, executables / "estimator")
         stop = threading.Event()
 
-        def spin() -> None:
+        def spin():
             while not stop.is_set():
                 executor.spin_once(timeout_sec=0.1)
 
@@ -147,7 +144,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, executables: Path) -> Iterat
 
 
 @pytest.fixture(scope="module")
-def page(scene: Scene) -> Scene:
+def page(scene):
     """The scene with the page open and the estimator running."""
     scene.start_estimator()
     scene.browser.get(scene.view.page.address)
@@ -174,7 +171,7 @@ def test_the_page_loads_and_says_what_it_shows(page):
 
 
 def test_cables_take_the_colour_of_a_known_tension_on_the_screen(page):
-    def colour_is(wanted: tuple[float, float, float]) -> Callable[[], bool]:
+    def colour_is(wanted):
         expected = tuple(round(255.0 * part) for part in wanted)
         handles = page.view.page.drawing.cables
         return lambda: all(tuple(one.color) == expected for one in handles.values())
@@ -207,7 +204,7 @@ def test_a_click_on_a_cable_plots_it(page):
     wanted = "extensor/1"
     canvas = page.canvas
 
-    def click() -> bool:
+    def click():
         """Click where the picture shows the middle of the element's vertices."""
         point = np.array(view.drawing.cables[wanted].vertices).mean(axis=0)
         place = page.places(point[None])[0]
@@ -230,7 +227,7 @@ def test_a_slider_changes_the_parameter_of_the_estimator(page):
     field.send_keys(Keys.CONTROL, "a")
     field.send_keys("0.3", Keys.ENTER)
 
-    def value() -> float:
+    def value():
         future = client.call_async(GetParameters.Request(names=["friction.mu_c"]))
         wait_for(future.done, "the parameter")
         return float(future.result().values[0].double_value)
@@ -247,7 +244,7 @@ def test_a_refusal_is_shown_in_words(page):
 
 
 def test_the_page_outlives_the_estimator_and_says_that_it_is_gone(page):
-    def slider_is_disabled() -> bool:
+    def slider_is_disabled():
         return bool(page.view.link.controls._sliders["friction.mu_c"].disabled)
 
     page.publishing = False

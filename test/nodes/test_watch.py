@@ -6,16 +6,13 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Callable
 from io import StringIO
 from time import monotonic
-from typing import Any
 
 import pytest
 from cdrj_msgs.msg import CableTensions
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rich.console import Console
-from support.estimators import Bench
 from support.processes import Output
 
 from cdrj_ros.model.packing import INVALID, STALE, UNSURE
@@ -28,7 +25,7 @@ PATIENCE_S = 60.0
 class Source:
     """A node that publishes tensions."""
 
-    def __init__(self, node: Any, topic: str = "/cdrj/tensions", reliable: bool = True) -> None:
+    def __init__(self, node, topic="/cdrj/tensions", reliable=True):
         kind = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         self.node = node
         self.message = CableTensions(
@@ -38,7 +35,7 @@ class Source:
             CableTensions, topic, QoSProfile(depth=10, reliability=kind)
         )
 
-    def publish_until(self, condition: Callable[[], Any]) -> None:
+    def publish_until(self, condition):
         """Publish at most 200 messages per second until a condition holds."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
@@ -49,7 +46,7 @@ class Source:
 
 
 @pytest.fixture
-def source(node: Any) -> Source:
+def source(node):
     return Source(node)
 
 
@@ -103,22 +100,22 @@ def test_a_terminal_gets_a_table_and_its_cursor_back(start_executable, source):
 class Looking:
     """A watch in this process, whose clock may run ahead."""
 
-    def __init__(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, bench, monkeypatch):
         self.bench, self.ahead_s = bench, 0.0
         monkeypatch.setattr(feed, "monotonic", lambda: monotonic() + self.ahead_s)
         self.node = bench.add(WatchNode())
 
-    def flags(self, source: Source, count: int) -> list[int]:
+    def flags(self, source, count):
         """Status of the entries, once there are so many."""
 
-        def heard() -> bool:
+        def heard():
             source.publisher.publish(source.message)
             return len(self.node.rows()) == count
 
         assert self.bench.until(heard)
         return [flags for *_, flags in self.node.rows()]
 
-    def says(self, words: str) -> None:
+    def says(self, words):
         assert self.bench.until(lambda: words in self.node.head()), self.node.head()
 
 
@@ -149,7 +146,7 @@ def test_escapes_in_names_reach_no_terminal_and_no_log(bench, monkeypatch):
     watch.flags(source, 2)
     console = Console(file=StringIO(), width=100)
     console.print(watch.node.table())
-    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    shown = console.file.getvalue()
     assert "[red]evil[/red]" in shown
     assert "FLAG 64" in shown
     assert "\x1b" not in shown

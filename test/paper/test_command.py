@@ -14,7 +14,7 @@ from examples.paper import equations
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def _one_line(capsys: pytest.CaptureFixture[str], *words: str) -> None:
+def _one_line(capsys, *words):
     error = capsys.readouterr().err
     assert error.startswith("paper: ")
     assert error.count("\n") == 1

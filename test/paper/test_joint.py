@@ -16,7 +16,7 @@ GENERATOR = np.random.default_rng(3)
 SPEEDS, ACCELERATIONS = GENERATOR.normal(size=(2, ANGLES.size)) * [[3.0], [20.0]]
 
 
-def lagrange() -> np.ndarray:
+def lagrange():
     """Kinetic energy, potential energy and Lagrange's torque from positions alone."""
     t = sympy.Symbol("t")
     m_j, m_l, r, d, g = NUMBERS

@@ -19,7 +19,7 @@ Run = tuple[Model, Samples, Estimates]
 
 
 @pytest.fixture(scope="module")
-def swept() -> Run:
+def swept():
     """A joint that moves back and forth with its winch, after a rest."""
     model = prepare(load_robot(PROTOTYPE))
     moving = np.maximum(np.arange(6000) * STEP_NS * 1e-9 - 1.0, 0.0)

@@ -16,9 +16,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.recordings.recording import read_recording
 from cdrj_ros.robot.reader import load_robot
 from cdrj_ros.robot.writer import with_numbers_in_text
-from cdrj_ros.simulation.sensors import (
-    LoadCells,
-)
+from cdrj_ros.simulation.sensors import LoadCells
 from examples.paper.propagation import (
     KnownTension,
     Path,
@@ -46,7 +44,7 @@ class Simulated:
 
 
 @cache
-def recording() -> Simulated:
+def recording():
     numbers = {f"cables.{cable}.friction.rho": rho for cable, rho in RHO.items()}
     text = with_numbers_in_text(PROTOTYPE.read_text("utf-8"), numbers, "robot")
     with TemporaryDirectory() as folder:

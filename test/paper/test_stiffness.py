@@ -6,7 +6,6 @@ import pytest
 from cdrj_ros._core import element_tension
 from cdrj_ros.model.laws import Elasticity
 from examples.paper.stiffness import (
-    Stiffness,
     exact_stiffness,
     imbalance,
     linear_tension,
@@ -21,7 +20,7 @@ LINEAR = Elasticity(EA)
 class Chain:
     """A taut cable over point-like pulleys in space, in no particular shape."""
 
-    def __init__(self, seed: int, nodes: int = 6, dimensions: int = 3) -> None:
+    def __init__(self, seed, nodes=6, dimensions=3):
         generator = np.random.default_rng(seed)
         steps = generator.normal(size=(nodes, dimensions)) * 0.1
         self.position = np.cumsum(steps, axis=0)
@@ -32,7 +31,7 @@ class Chain:
         self.direction = generator.choice([-1.0, 1.0], nodes - 2)
         self.shape = self.position.shape
 
-    def forces(self, unknowns: np.ndarray, eta: np.ndarray, exact: bool = True) -> np.ndarray:
+    def forces(self, unknowns, eta, exact=True):
         """Pull on every node and imbalance at every pulley, nonlinear in all unknowns."""
         n, d = self.shape
         x = self.position + unknowns[: n * d].reshape(n, d)
@@ -53,7 +52,7 @@ class Chain:
         force[1:] -= pull
         return np.concatenate([force.ravel(), imbalance(tension, eta, self.direction)])
 
-    def matrix(self, eta: np.ndarray, exact: bool = True, geometric: bool = True) -> Stiffness:
+    def matrix(self, eta, exact=True, geometric=True):
         by_length, by_material = exact_stiffness(LINEAR, self.length, self.tension)
         if not exact:
             by_length = by_material = nominal_stiffness(EA, self.length)
@@ -62,7 +61,7 @@ class Chain:
         )
 
 
-def differences(chain: Chain, eta: np.ndarray, exact: bool) -> np.ndarray:
+def differences(chain, eta, exact):
     n, d = chain.shape
     small = 1e-7
     columns = [

@@ -26,7 +26,7 @@ SAMPLES = 200
 
 
 @pytest.fixture(scope="module")
-def program() -> Path:
+def program():
     """The program, which is kept below build/ until something in it changes."""
     for name, package in ((COMPILER, "g++-aarch64-linux-gnu"), (EMULATOR, "qemu-user")):
         if shutil.which(name) is None:
@@ -39,7 +39,7 @@ def program() -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     flags = ["-std=c++20", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", f"-I{CORE}"]
 
-    def compiled(source: Path) -> Path:
+    def compiled(source):
         target = folder / f"{source.stem}.o"
         subprocess.run([COMPILER, *flags, "-c", source, "-o", target], check=True)
         return target

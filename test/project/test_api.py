@@ -7,7 +7,6 @@ import subprocess
 import sys
 from contextlib import redirect_stdout
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from support.motor_alone import motion, only_measured, truth_of, without_encoder
 from support.places import ROOT, SAMPLE
 
 import cdrj_ros as cdrj
-from cdrj_ros.estimation.estimator import Estimates as Offline
 from cdrj_ros.evaluation.estimating import estimate as estimate_recording
 from cdrj_ros.evaluation.inputs import condition_recording
 
@@ -27,12 +25,12 @@ SLIP = 15_000
 
 
 @pytest.fixture(scope="module")
-def model() -> cdrj.Model:
+def model():
     return cdrj.load("prototype")
 
 
 @pytest.fixture(scope="module")
-def recording() -> cdrj.Recording:
+def recording():
     """With a gap in the joint's readings, and an encoder of the motor that slips later."""
     read = cdrj.read_recording(SAMPLE)
     motor, joint = read.motors["winch"].part(slice(20_000)), read.joints["elbow"]
@@ -44,12 +42,12 @@ def recording() -> cdrj.Recording:
 
 
 @pytest.fixture(scope="module")
-def offline(model: cdrj.Model, recording: cdrj.Recording) -> Offline:
+def offline(model, recording):
     """The estimates that ``validate`` makes of the recording."""
     return estimate_recording(model, condition_recording(model, recording), uncertainty=True)
 
 
-def imported(tree: ast.AST) -> set[str]:
+def imported(tree):
     """The modules below ``cdrj_ros`` that a program imports."""
     found = set()
     for node in ast.walk(tree):
@@ -71,7 +69,7 @@ def test_every_public_name_is_listed_typed_found_and_on_the_page():
     for name in cdrj.__all__:
         assert getattr(cdrj, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'estimator_'"):
-        _ = cdrj.estimator_  # type: ignore[attr-defined]
+        _ = cdrj.estimator_
     page = PAGE.read_text("utf-8")
     named = set(re.findall(r"^::: cdrj_ros\.(\w+)$", page, re.MULTILINE))
     flags = {name for name in cdrj.__all__ if name.isupper()}
@@ -109,7 +107,7 @@ def test_the_page_runs_as_printed(tmp_path, monkeypatch):
     mpl.use("Agg")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bags").symlink_to(ROOT / "bags")
-    names: dict[str, Any] = {}
+    names = {}
     blocks = re.findall(
         r"```python\n(.*?)```\n(?:\n```text\n(.*?)```)?", PAGE.read_text("utf-8"), re.DOTALL
     )
@@ -124,7 +122,7 @@ def test_the_page_runs_as_printed(tmp_path, monkeypatch):
     assert picture[:24] == shown[:24]  # format and size
 
 
-def in_order_of_arrival(recording: cdrj.Recording) -> list[tuple[str, str, int, float]]:
+def in_order_of_arrival(recording):
     """All readings: kind, name, stamp [ns], value."""
     readings = [
         (int(log), kind, name, int(stamp), float(value))
@@ -137,9 +135,9 @@ def in_order_of_arrival(recording: cdrj.Recording) -> list[tuple[str, str, int, 
 
 def test_updates_give_the_estimates_of_validate_bit_for_bit(model, recording, offline):
     estimator = cdrj.Estimator(model)
-    found: list[cdrj.Estimate] = []
+    found = []
     for kind, name, stamp_ns, value in in_order_of_arrival(recording):
-        newest = estimator.update(stamp_ns, **{kind: {name: value}})  # type: ignore[arg-type]
+        newest = estimator.update(stamp_ns, **{kind: {name: value}})
         assert newest is (estimator.estimates[-1] if estimator.estimates else None)
         found += estimator.estimates
     assert [one.stamp_ns for one in found] == offline.stamp_ns.tolist()
@@ -163,7 +161,7 @@ def test_arrays_give_the_estimates_of_validate_bit_for_bit(model, recording, off
     )
     assert np.array_equal(found.stamp_ns, offline.stamp_ns)
     assert np.array_equal(found.values, offline.values)
-    assert np.array_equal(found.stddev, offline.stddev)  # type: ignore[arg-type]
+    assert np.array_equal(found.stddev, offline.stddev)
     columns = found.columns()
     assert np.array_equal(columns["tension/upper/8"], offline.tension[:, 7])
     assert {len(column) for column in columns.values()} == {found.stamp_ns.size}
@@ -201,12 +199,12 @@ def test_a_robot_may_be_named_and_its_numbers_replaced_and_refused_readings_are_
     with pytest.raises(cdrj.UsageError, match="must be 1 values, of winch"):
         cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0, 0.0])
     with pytest.raises(cdrj.UsageError, match=r"must be 1 values, of elbow; got 0\.1"):
-        cdrj.Estimator("prototype").update(FIRST_NS, joints=0.1)  # type: ignore[arg-type]
+        cdrj.Estimator("prototype").update(FIRST_NS, joints=0.1)
     with pytest.raises(cdrj.UsageError, match=r"stamp_ns must be an integer \[ns\], got 1\.5"):
-        cdrj.Estimator("prototype").update(1.5, motors=[0.0])  # type: ignore[arg-type]
+        cdrj.Estimator("prototype").update(1.5, motors=[0.0])
     for options in ({"unsure_share": 0.0}, {"unsure_share": np.nan}, {"tracking": -1.0}):
         with pytest.raises(cdrj.UsageError, match=f"{next(iter(options))} must be"):
-            cdrj.Options(**options)  # type: ignore[arg-type]
+            cdrj.Options(**options)
     for wrong in ({"efforts": {"elbow": 1.0}}, {"tensions": {"upper/9": 1.0}}):
         with pytest.raises(cdrj.UsageError, match="there is no"):
             cdrj.Estimator("prototype").update(FIRST_NS, motors=[0.0], joints=[0.0], **wrong)

@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-from typing import Any
 
 import pytest
 from support.places import ROOT
@@ -11,7 +10,7 @@ TOOLS = ROOT / "tools"
 
 
 @pytest.fixture(scope="module")
-def measure() -> Any:
+def measure():
     """The module that measures the controllers."""
     pytest.importorskip("rclpy")
     sys.path.insert(0, str(TOOLS))

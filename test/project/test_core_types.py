@@ -9,9 +9,9 @@ from cdrj_ros import _core
 STUB = ROOT / "cdrj_ros" / "_core.pyi"
 
 
-def undescribed(body: list[ast.stmt], of: str = "") -> list[str]:
+def undescribed(body, of=""):
     """Classes, functions and methods without a docstring; a property may be plain by its name."""
-    found: list[str] = []
+    found = []
     for node in body:
         if isinstance(node, ast.ClassDef):
             found += undescribed(node.body, f"{node.name}.")

@@ -10,7 +10,7 @@ from support.places import ROOT, SAMPLE
 from cdrj_ros.recordings.recording import read_recording
 
 
-def without_ros(*arguments: object) -> subprocess.CompletedProcess[str]:
+def without_ros(*arguments):
     """Run the example with all ROS imports blocked."""
     program = (
         "import runpy, sys\n"

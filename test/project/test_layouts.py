@@ -15,7 +15,7 @@ POLICY = ElementTree.parse(ROOT / "config" / "sros2" / "cdrj_ros.policy.xml")
 LAYOUT = load_model(ROBOT).layout
 
 
-def published(node: str) -> set[str]:
+def published(node):
     """Topics that a node may publish, from its security policy."""
     topics = POLICY.findall(f".//profile[@node='{node}']/topics[@publish='ALLOW']/topic")
     return {t.text if t.text.startswith("/") else f"/cdrj/{t.text}" for t in topics if t.text}

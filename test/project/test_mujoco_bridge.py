@@ -14,7 +14,7 @@ DAMPING, TIMESTEP_S = 0.05, 0.0005
 
 
 @pytest.fixture(scope="module")
-def runs() -> dict[float, np.ndarray]:
+def runs():
     """Angles of drum and joint, torque of the drum and tensions, without friction and with it."""
     return {friction: EXAMPLE["loop"](friction, periods=2) for friction in (0.0, 0.15)}
 

@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -14,7 +13,7 @@ import cdrj_ros
 MESSAGES = ROOT / "msg_defs" / "cdrj_msgs"
 
 
-def requirement_names(path: Path) -> set[str]:
+def requirement_names(path):
     lines = (line for line in path.read_text().splitlines() if line and not line.startswith("#"))
     return {re.split(r"[\[<>=~! ]", line)[0].lower().replace(".", "-") for line in lines}
 

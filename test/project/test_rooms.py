@@ -2,7 +2,6 @@
 
 import ast
 import re
-from pathlib import Path
 
 from support.places import ROOT
 
@@ -28,22 +27,22 @@ ROS = (
 )
 
 
-def may_import(room: str) -> set[str]:
+def may_import(room):
     words = ROOMS[room][1]
     if words.startswith("every room"):
         return set(ROOMS) - set(re.findall(r"but (\w+)", words))
     return set(re.findall(r"\w+", words)) | {room}
 
 
-def modules() -> list[Path]:
+def modules():
     return sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 
 
-def room_of(path: Path) -> str:
+def room_of(path):
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def imported(path: Path) -> set[str]:
+def imported(path):
     names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):

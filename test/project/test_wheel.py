@@ -34,7 +34,7 @@ class Installation:
     elsewhere: Path
     """An empty working directory."""
 
-    def run(self, name: str, *arguments: str) -> str:
+    def run(self, name, *arguments):
         """Run a program with few environment variables and return what it prints."""
         done = subprocess.run(
             [self.folder / "bin" / name, *arguments], cwd=self.elsewhere, text=True, check=False,
@@ -45,7 +45,7 @@ class Installation:
         return done.stdout
 
 
-def build(hook: str, sources: Path, target: Path) -> Path:
+def build(hook, sources, target):
     """Call a build hook as `python -m build` does; returns the created file."""
     program = f"import setuptools.build_meta as b; b.{hook}({str(target)!r})"
     done = subprocess.run(
@@ -62,7 +62,7 @@ def build(hook: str, sources: Path, target: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def installation(tmp_path_factory: pytest.TempPathFactory) -> Installation:
+def installation(tmp_path_factory):
     work = tmp_path_factory.mktemp("wheel")
     for name in ("sdist", "unpacked", "wheels", "elsewhere"):
         (work / name).mkdir()

@@ -1,15 +1,13 @@
 """Recorded nodal forces are vectors only where their components say so."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.definitions import parse_definition
-from cdrj_ros.recordings.recording import Recording, Topics, read_recording
+from cdrj_ros.recordings.recording import Topics, read_recording
 from cdrj_ros.recordings.writer import BagWriter
 
 COUNT = 50
@@ -21,12 +19,12 @@ NORM = np.sqrt(np.sum(FORCE**2, axis=2))
 Arrays = dict[str, Any]
 
 
-def arrays(force: NDArray[np.float64] = FORCE, magnitude: Any = NORM) -> Arrays:
+def arrays(force=FORCE, magnitude=NORM):
     components = {f"force_{axis}": force[:, :, k] for k, axis in enumerate("xyz")}
     return {"magnitude": magnitude, **components}
 
 
-def recorded(folder: Path, given: Arrays) -> Recording:
+def recorded(folder, given):
     with BagWriter(folder / "bag") as bag:
         for topic in (Topics().motors, Topics().joints):
             bag.write_joint_states(topic, STAMPS, ["m"], position=np.zeros((COUNT, 1)))

@@ -1,6 +1,5 @@
 """Messages in order of log time, lists of topics, and when a message is due."""
 
-from collections.abc import Sequence
 from math import inf
 
 import numpy as np
@@ -72,18 +71,18 @@ def test_what_a_writer_is_given_in_any_order_is_read_in_order_of_time(tmp_path_f
 S = 1_000_000_000
 
 
-def _playback(times_ns: Sequence[int], rate: float | None = 1.0) -> Playback:
+def _playback(times_ns, rate=1.0):
     messages = [RawMessage("/t", t, k.to_bytes(4, "little"), "") for k, t in enumerate(times_ns)]
     return Playback(messages, times_ns[0], times_ns[-1], rate=rate)
 
 
-def _playing(times_ns: Sequence[int], rate: float | None = 1.0) -> Playback:
+def _playing(times_ns, rate=1.0):
     playback = _playback(times_ns, rate)
     playback.start(0.0)
     return playback
 
 
-def _numbers(messages: Sequence[RawMessage]) -> list[int]:
+def _numbers(messages):
     return [int.from_bytes(message.data, "little") for message in messages]
 
 
@@ -109,7 +108,7 @@ def test_an_invalid_rate_is_refused(rate):
 )
 def test_no_message_is_lost_repeated_out_of_order_or_early(times, waits, at_most, rate):
     playback, now = _playing(times, rate), 0.0
-    sent: list[int] = []
+    sent = []
     position = playback.begin_ns
     steps = iter(waits)
     while not playback.ended:

@@ -1,6 +1,5 @@
 """Logs without ROS: names, units and times of their columns, and what is refused."""
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +19,7 @@ WINCH = 8.0 * np.sin(ELBOW)
 WHERE: dict[str, Any] = {"time": "t", "motors": {"winch": "m"}, "joints": {"elbow": "j"}}
 
 
-def csv_of(path: Path, columns: dict[str, Any], delimiter: str = ",") -> Path:
+def csv_of(path, columns, delimiter=","):
     rows = [delimiter.join(columns)]
     rows += [delimiter.join(map(str, row)) for row in zip(*columns.values(), strict=True)]
     path.write_text("\n".join(rows) + "\n")
@@ -31,7 +30,7 @@ class Frame(dict[str, Any]):
     """What a DataFrame is here: columns by name; pandas is no requirement."""
 
     @property
-    def columns(self) -> list[str]:
+    def columns(self):
         return list(self)
 
 
@@ -73,7 +72,7 @@ def test_an_empty_cell_is_no_reading(tmp_path):
 
 
 def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables():
-    robot: Any = SimpleNamespace(
+    robot = SimpleNamespace(
         axes=[SimpleNamespace(name="arm1_winch"), SimpleNamespace(name="arm1_elbow")],
         document={"prefix": "arm1_"}, effort_scale={"arm1_winch": 2.0},
     )  # fmt: skip

@@ -1,14 +1,12 @@
 """Synthetic comparisons similar to the prototype's: two cables, hysteresis, noise."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel
 
 
-def make_comparison(seconds: int = 60, per_cable: int = 8) -> BagComparison:
+def make_comparison(seconds=60, per_cable=8):
     """Tensions and forces of two cables and two efforts over a sine of 0.1 Hz, at 1 kHz."""
     random = np.random.default_rng(1)
     time = np.arange(1000 * seconds) * 1e-3
@@ -16,7 +14,7 @@ def make_comparison(seconds: int = 60, per_cable: int = 8) -> BagComparison:
     angle, way = np.sin(0.2 * np.pi * time), np.tanh(6.0 * np.cos(0.2 * np.pi * time))
     channels = []
 
-    def add(name: str, unit: str, elastic: np.ndarray, loss: float) -> None:
+    def add(name, unit, elastic, loss):
         truth = elastic + loss * way
         estimate = truth + 0.02 * loss * np.roll(way, 20)
         noisy = truth + 0.01 * loss * random.standard_normal(time.size)
@@ -38,12 +36,12 @@ def make_comparison(seconds: int = 60, per_cable: int = 8) -> BagComparison:
 
 
 @pytest.fixture(scope="session")
-def made_up() -> Callable[..., BagComparison]:
+def made_up():
     """``make_comparison``, for tests with other parameters."""
     return make_comparison
 
 
 @pytest.fixture(scope="session")
-def comparison() -> BagComparison:
+def comparison():
     """One minute at 1 kHz."""
     return make_comparison()

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from support.places import ROBOTS
 
 from cdrj_ros.inspection.ranges import inspect_robot
@@ -37,7 +36,7 @@ cables:
 """
 
 
-def texts(figure: Figure) -> list[str]:
+def texts(figure):
     found = [text.get_text() for text in figure.texts]
     for legend in figure.legends:
         found += [text.get_text() for text in legend.get_texts()]

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import Channel
 from cdrj_ros.evaluation.metrics import envelope
@@ -20,7 +18,7 @@ CHANNEL = Channel(
 """So few samples that each has a point of the line."""
 
 
-def assert_line(axes: Axes, role: str, x: NDArray[np.float64], *rows: NDArray[np.float64]) -> None:
+def assert_line(axes, role, x, *rows):
     """The axes have these lines in the colour of a role; a dot has one point."""
     lines = [one for one in axes.get_lines() if one.get_color() == COLOURS[role]]
     lines = [one for one in lines if len(one.get_xdata()) > 2]

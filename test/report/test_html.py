@@ -1,7 +1,6 @@
 """The report is one small self-contained page with all names escaped."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from cdrj_ros.evaluation.channels import Angle, BagComparison, Channel, PulleyFr
 from cdrj_ros.evaluation.limits import LimitCheck, Outside
 from cdrj_ros.evaluation.metrics import ChannelError, errors_of
 from cdrj_ros.evaluation.recorded_verdict import Alarm, Verdict
-from cdrj_ros.inspection.ranges import Inspection, inspect_robot
+from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report import html
 from cdrj_ros.report.html import key_channels, write_report
@@ -22,13 +21,13 @@ from cdrj_ros.robot.reader import load_robot
 
 
 @pytest.fixture(scope="module")
-def inspection() -> Inspection:
+def inspection():
     return inspect_robot(prepare(load_robot(PROTOTYPE)))
 
 
 @pytest.fixture(scope="module")
-def written(inspection: Inspection, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
-    def write(*bags: BagComparison) -> str:
+def written(inspection, tmp_path_factory):
+    def write(*bags):
         path = tmp_path_factory.mktemp("report") / "report.html"
         write_report(
             path, errors_of(bags), title="A title", inspection=inspection,
@@ -101,7 +100,7 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
         health=Verdict("warn", nasty, (nasty,), (alarm,), {nasty: nasty}),
     )
     robot = inspection.model.robot
-    cables = tuple(replace(one, name=nasty, law=nasty) for one in robot.cables)  # type: ignore[arg-type]
+    cables = tuple(replace(one, name=nasty, law=nasty) for one in robot.cables)
     axes = tuple(replace(one, name=nasty) for one in robot.joints)
     document = {**robot.document, "identified": {nasty: [nasty, {nasty: nasty}]}}
     robot = replace(robot, name=nasty, cables=cables, joints=axes, document=document)

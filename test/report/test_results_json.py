@@ -10,11 +10,11 @@ from cdrj_ros.evaluation.channels import BagComparison, Channel
 from cdrj_ros.evaluation.metrics import FIGURES, errors_of, pooled_errors
 
 
-def refuse(constant: str) -> None:
+def refuse(constant):
     raise AssertionError(f"{constant} in JSON")
 
 
-def constant_channel(n: int) -> Channel:
+def constant_channel(n):
     zeros = np.zeros(n)
     stamps = np.arange(n, dtype=np.int64)
     return Channel("effort/spindle", "N·m", stamps, zeros, zeros, np.full(n, np.nan), "")

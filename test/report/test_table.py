@@ -3,12 +3,7 @@
 import io
 
 from cdrj_ros.evaluation.metrics import NO_SAMPLES, ChannelError
-from cdrj_ros.report.table import (
-    errors_table,
-    plain,
-    print_errors,
-    table_groups,
-)
+from cdrj_ros.report.table import errors_table, plain, print_errors, table_groups
 
 ERRORS = {
     "effort/spindle": ChannelError(5, 0.00025, 0.021, 0.00041, 0.0012, 0.981),
@@ -43,7 +38,7 @@ def test_names_are_not_markup():
 
 
 class Terminal(io.StringIO):
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 

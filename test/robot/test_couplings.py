@@ -5,7 +5,7 @@ import pytest
 from support.followers import assert_same_tensions_and_work
 from support.refusal import refusal
 
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.names import prefix_given
 from cdrj_ros.robot.parameters import find_number, matching_paths, with_numbers
@@ -60,12 +60,12 @@ cables:
 """
 
 
-def followers(angles: np.ndarray) -> np.ndarray:
+def followers(angles):
     """Angles of the followers from those of the leaders."""
     return np.array([OFFSETS[name] + np.dot(SHARES[name], angles) for name in FOLLOWERS])
 
 
-def coupled_entries() -> str:
+def coupled_entries():
     lines = []
     for name, shares in SHARES.items():
         given = ", ".join(f"{one}: {s}" for one, s in zip(LEADERS, shares, strict=True) if s)
@@ -73,7 +73,7 @@ def coupled_entries() -> str:
     return "\n".join(lines)
 
 
-def measured_entries() -> str:
+def measured_entries():
     at = dict(zip(FOLLOWERS, followers(REFERENCE), strict=True))
     ranges = {"hinge": [-1.5, 1.5], "slide": [-0.1, 0.1], "one": [-0.31, 0.91]}
     return "\n".join(
@@ -83,12 +83,12 @@ def measured_entries() -> str:
 
 
 @pytest.fixture(scope="module")
-def coupled() -> Model:
+def coupled():
     return prepare(parse_robot(FINGER % coupled_entries()), check_range=False)
 
 
 @pytest.fixture(scope="module")
-def measured() -> Model:
+def measured():
     return prepare(parse_robot(FINGER % measured_entries()), check_range=False)
 
 

@@ -17,7 +17,7 @@ TENDON = '<tendon><spatial name="t"><site site="a"/><site site="b"/></spatial></
 BODY = '<body><geom size="1"/></body>'
 
 
-def model(body: str = "", *, assets: str = "", rest: str = "") -> str:
+def model(body="", *, assets="", rest=""):
     world = f"<worldbody>{SITES}{body}</worldbody>"
     return f"<mujoco><asset>{assets}</asset>{world}{rest}{TENDON}</mujoco>"
 

@@ -1,8 +1,6 @@
-"""Imported tendons have MuJoCo's lengths and moment arms, in 1000 random poses of every model."""
+"""Imported tendons have MuJoCo's lengths and moment arms, in random poses of every model."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +11,14 @@ from support.refusal import refusal
 from cdrj_ros.commands import import_robot
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.description import Anchor, Winch
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import build_robot, load_robot
 
 MUJOCO = pytest.importorskip("mujoco", reason="the test extra mujoco is not installed")
 
-POSES = 1000
+POSES = 300
 SERIES = int(MUJOCO.__version__.partition(".")[0])
 COMPARING = loaded_tool(ROOT / "tools" / "compare_mujoco.py")
 
@@ -55,7 +53,7 @@ SITES = """
 """  # noqa: E501
 
 
-def wrapped(geoms: str, tendon: str, body: str = "") -> str:
+def wrapped(geoms, tendon, body=""):
     return f"""
 <mujoco model="wrapped">
   <worldbody>
@@ -113,7 +111,7 @@ MODELS = {
 }
 
 
-def imported(xml: str, folder: Path, *more: str) -> Model:
+def imported(xml, folder, *more):
     """The model as a robot, through the command."""
     source, out = folder / "model.xml", folder / "robot.yaml"
     source.write_text(xml)
@@ -229,7 +227,7 @@ def test_a_coupling_is_the_same_robot_with_its_joints_measured(tmp_path):
     """MuJoCo's polynomials are those of changes since the model's pose, in which pip has 5 deg."""
     led = imported(FINGER, tmp_path)
 
-    def follow(angles: np.ndarray) -> np.ndarray:
+    def follow(angles):
         five, four = np.deg2rad([5.0, 4.0])
         dip = 0.05 - four + 0.7 * (angles[1] - five)
         return np.array([*angles, dip, 0.5 * (dip + four)])
@@ -248,10 +246,10 @@ def test_a_coupling_is_the_same_robot_with_its_joints_measured(tmp_path):
     assert_same_tensions_and_work(led, every, follow, motion)
 
 
-def larger(xml: str, factor: float) -> str:
+def larger(xml, factor):
     """A model all of whose lengths but those of springs and slides are larger."""
 
-    def scaled(found: re.Match[str]) -> str:
+    def scaled(found):
         return f'{found[1]}="{" ".join(str(factor * float(one)) for one in found[2].split())}"'
 
     return re.sub(r'(pos|size)="([^"]*)"', scaled, xml)
@@ -470,7 +468,7 @@ def test_a_turn_round_a_body_that_a_strand_does_not_cut_is_told_from_a_disagreem
     path.write_text(WHEEL.format(radius=0.14))
     without = COMPARING.Theirs.of
 
-    def with_a_turn_more(self: Any, tendon: int, robot: Any) -> Any:
+    def with_a_turn_more(self, tendon, robot):
         return without(self, tendon, robot) + np.array([0.8, 0.0, 0.0])
 
     monkeypatch.setattr(COMPARING.Theirs, "of", with_a_turn_more)

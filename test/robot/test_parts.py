@@ -1,7 +1,6 @@
 """Parts of a robot file: described once, used several times, each use with numbers of its own."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -250,7 +249,7 @@ def test_numbers_are_written_for_each_use(prefix):
     part = written[written.index("parts:") : written.index("used:")]
     assert part == text[text.index("parts:") : text.index("used:")]
     for path in values:
-        place: Any = after
+        place = after
         *keys, last = find_number(after, path).keys
         for key in keys:
             place = place[key]

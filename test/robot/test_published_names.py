@@ -6,7 +6,7 @@ from support.published import JOINT, MOTOR, NAMES, PLAIN, PUBLISHED, efforts, of
 
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.identification.unknowns import parse_unknowns
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import find_number, matching_paths
@@ -20,7 +20,7 @@ TORQUE = 0.2 * np.cos(4.0 * TIME)
 
 
 @pytest.fixture(scope="module")
-def models() -> tuple[Model, Model]:
+def models():
     plain, published = (prepare(parse_robot(text, "robot")) for text in (PLAIN, PUBLISHED))
     return plain, published
 

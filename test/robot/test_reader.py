@@ -50,12 +50,12 @@ cables:
 """
 
 
-def changed(old: str, new: str, count: int = 1) -> str:
+def changed(old, new, count=1):
     assert SMALL.count(old) >= 1, f"the file has no {old!r}"
     return SMALL.replace(old, new, count)
 
 
-def refused(text: str) -> str:
+def refused(text):
     """The one-line message with which a text is refused."""
     message = refusal(lambda: prepare(parse_robot(text, "arm.yaml")))
     assert "arm.yaml" in message
@@ -203,7 +203,7 @@ def test_a_unit_inside_a_unit_is_refused_and_not_applied_twice():
     )
 
 
-def load_refusal(path: Path) -> str:
+def load_refusal(path):
     message = refusal(load_robot, path)
     assert str(path) in message
     return message

@@ -5,7 +5,6 @@ Of every kind of damage, ``make soak`` tries CDRJ_DAMAGES times as many.
 
 import os
 from copy import deepcopy
-from pathlib import Path
 from random import Random
 from time import process_time
 from typing import Any
@@ -19,7 +18,7 @@ from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.packing import INVALID
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.robot.writer import with_section
 
@@ -35,15 +34,15 @@ STRANGE: tuple[Any, ...] = (
 )  # fmt: skip
 
 
-def text_of(path: Path) -> str:
+def text_of(path):
     """A robot's file without a matrix of correlations, which would be most of it."""
     text = path.read_text("utf-8")
     return with_section(text, "uncertainty", None) if "correlation" in text else text
 
 
-def containers(document: Any) -> list[Any]:
+def containers(document):
     """All mappings and lists in a document, in which some may occur more than once."""
-    found: dict[int, Any] = {}
+    found = {}
     waiting = [document]
     while waiting:
         value = waiting.pop()
@@ -53,7 +52,7 @@ def containers(document: Any) -> list[Any]:
     return list(found.values())
 
 
-def mutate(document: Any, rng: Random) -> None:
+def mutate(document, rng):
     """Change one random entry: delete, replace, scale, duplicate, shuffle, rename or swap it."""
     everything = containers(document)
     place = rng.choice(everything)
@@ -78,7 +77,7 @@ def mutate(document: Any, rng: Random) -> None:
         place[key] = [value] if rng.randrange(2) else str(value)
 
 
-def follow(model: Model) -> None:
+def follow(model):
     """Step the estimator three times; valid tensions must be finite and not negative."""
     robot, state = model.robot, initial_state(model)
     motors = robot.reference_motors
@@ -91,7 +90,7 @@ def follow(model: Model) -> None:
         assert np.all(estimate.tension[known] >= 0.0)
 
 
-def judge(document: Any, source: str) -> bool:
+def judge(document, source):
     """Whether a document is a valid robot; fails unless it is one or gives a one-line error."""
     begin = process_time()
     try:

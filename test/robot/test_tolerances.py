@@ -1,8 +1,6 @@
 """Numbers whose accuracy a robot file does not state have default standard deviations."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.foundation.errors import RobotFileError
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.robot.tolerances import CALLIPER, SPRING_SCALE_NOW, ZERO_BY_EYE
@@ -34,12 +31,12 @@ ELSEWHERE = {
 """Keys whose error is contained in that of another: docs/estimation.md says in which."""
 
 
-def stddevs(robot: Robot) -> dict[str, float]:
+def stddevs(robot):
     known = robot.uncertainty
     return dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
 
 
-def numbers(value: Any, path: str = "") -> Iterator[str]:
+def numbers(value, path=""):
     """Paths of all numbers of a document except results and zeros."""
     if isinstance(value, dict):
         for key, entry in value.items():

@@ -1,9 +1,7 @@
 """Transmissions of a URDF: their linear maps, and what of them is in the robot file."""
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,36 +11,35 @@ from cdrj_ros.commands import import_robot
 from cdrj_ros.foundation.files import parse_xml
 from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.couplings import Coupling
 from cdrj_ros.robot.reader import load_robot
-from cdrj_ros.robot.transmissions import Transmission, transmissions_of
+from cdrj_ros.robot.transmissions import transmissions_of
 
 AR, JR, OFF = (50.0, -40.0), (2.0, 0.8), (0.1, -0.3)
 
 
-def differential(a: np.ndarray) -> np.ndarray:
+def differential(a):
     """Joints of a differential, as its class in ros2_control documents them."""
     one, two = a[0] / AR[0], a[1] / AR[1]
     return np.array([(one + two) / (2 * JR[0]) + OFF[0], (one - two) / (2 * JR[1]) + OFF[1]])
 
 
-def four_bar(a: np.ndarray) -> np.ndarray:
+def four_bar(a):
     """Joints of a four-bar linkage, as its class in ros2_control documents them."""
     first = a[0] / (JR[0] * AR[0])
     return np.array([first + OFF[0], (a[1] / AR[1] - first) / JR[1] + OFF[1]])
 
 
-def wrist(a: np.ndarray) -> np.ndarray:
+def wrist(a):
     """Flexion and roll of the wrist of pr2_mechanism_model, from its right and left actuator."""
     right, left = a[0] / AR[0], a[1] / AR[1]
     return np.array([(right - left) / (2 * JR[0]), (-right - left) / (2 * JR[1])])
 
 
-def simple(a: np.ndarray) -> np.ndarray:
+def simple(a):
     return a / JR[0] + OFF[0]
 
 
-def ros2(kind: str) -> str:
+def ros2(kind):
     """A transmission as ros2_control has it."""
     actuators = "".join(
         f'<actuator name="a{k}" role="actuator{k}"><mechanical_reduction>{AR[k - 1]}'
@@ -67,7 +64,7 @@ JOINTS = [
 """Of a transmission of ROS 1, whose order does not count."""
 
 
-def ros1(*joints: str) -> str:
+def ros1(*joints):
     return f'<transmission name="t">{ACTUATORS}{"".join(joints)}</transmission>'
 
 
@@ -88,12 +85,12 @@ MAPS = {
 }
 
 
-def at(linear: Coupling, given: Mapping[str, float]) -> float:
+def at(linear, given):
     """The value of a linear function."""
     return linear.offset + sum(share * given[name] for name, share in linear.shares)
 
 
-def read(text: str) -> Transmission:
+def read(text):
     (found,) = transmissions_of(parse_xml(f"<robot>{text}</robot>".encode()), Path("arm.urdf"))
     return found
 
@@ -158,16 +155,16 @@ ARM = """<robot name="arm"><link name="base"/><link name="upper"/><link name="ha
 POSITION = '<state_interface name="position"/>'
 
 
-def driven(*names: str) -> str:
+def driven(*names):
     command = '<command_interface name="effort"/>'
     return "".join(f'<joint name="{name}">{command}{POSITION}</joint>' for name in names)
 
 
-def measured(*names: str) -> str:
+def measured(*names):
     return "".join(f'<joint name="{name}">{POSITION}</joint>' for name in names)
 
 
-def begun(control: str, folder: Path) -> tuple[Any, str]:
+def begun(control, folder):
     """The robot file that is begun, and its text."""
     source, out = folder / "arm.urdf", folder / "arm.yaml"
     source.write_text(ARM % control)

@@ -2,7 +2,6 @@
 
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from support.refusal import refusal
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.robot.urdf import parsed_urdf, urdf_element
 from cdrj_ros.robot.writer import moved, with_numbers_in_text
@@ -65,7 +63,7 @@ cables:
 """
 
 
-def robot(folder: Path, text: str = ROBOT, urdf: str = URDF) -> Robot:
+def robot(folder, text=ROBOT, urdf=URDF):
     (folder / "arm.urdf").write_text(urdf)
     (folder / "arm.yaml").write_text(text)
     return load_robot(folder / "arm.yaml")
@@ -131,7 +129,7 @@ def test_a_chain_of_mimics_is_the_robot_whose_joints_stand_where_it_puts_them(ki
             length = shape_at(still, np.empty(0)).length
             np.testing.assert_allclose(length, expected.length, rtol=1e-12)
 
-    def follow(angles: np.ndarray) -> np.ndarray:
+    def follow(angles):
         two = 0.5 * angles[0] + 0.1
         return np.array([angles[0], two, -0.4 * two + 0.2])
 

@@ -1,8 +1,6 @@
 """A robot file begun from a URDF with ros2_control: names, gears, limits, and what is open."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +12,13 @@ from cdrj_ros.foundation.yaml import load_yaml
 from cdrj_ros.inspection.ranges import inspect_robot
 from cdrj_ros.inspection.suspicions import find_suspicions
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 STATE = '<state_interface name="position"/><state_interface name="velocity"/>'
 COMMAND = '<command_interface name="effort"/>'
 
 
-def link(name: str, parent: str, joint: str, kind: str, limit: str = "") -> str:
+def link(name, parent, joint, kind, limit=""):
     return (
         f'<link name="{name}"/><joint name="{joint}" type="{kind}"><parent link="{parent}"/>'
         f'<child link="{name}"/><axis xyz="0 0 1"/>{limit}</joint>'
@@ -66,7 +63,7 @@ URDF = f"""<robot name="2-joint arm"><link name="base_link"/>
 </ros2_control></robot>"""
 
 
-def begun(folder: Path, urdf: str = URDF) -> str:
+def begun(folder, urdf=URDF):
     (folder / "description").mkdir()
     (folder / "description" / "arm.urdf").write_text(urdf)
     out = folder / "arm.yaml"
@@ -74,7 +71,7 @@ def begun(folder: Path, urdf: str = URDF) -> str:
     return out.read_text()
 
 
-def with_a_cable(text: str) -> str:
+def with_a_cable(text):
     """The file with a cable from the first motor to the last link."""
     motor = re.findall(r"  - {name: ([^,}]+)", text)[0]
     return text.replace(
@@ -95,7 +92,7 @@ def test_names_gears_and_limits_are_those_of_the_urdf(tmp_path, capsys):
     text = begun(tmp_path)
     said = capsys.readouterr().out
     (tmp_path / "arm.yaml").write_text(with_a_cable(text))
-    robot: Robot = load_robot(tmp_path / "arm.yaml")
+    robot = load_robot(tmp_path / "arm.yaml")
     assert robot.name == "robot_2_joint_arm"
     assert robot.base_link == "base_link"
     assert "# base_link, upper, lower, gripper" in text
@@ -189,7 +186,7 @@ LINKED = """
 """  # noqa: E501
 
 
-def imported_document(text: str, folder: Path) -> Any:
+def imported_document(text, folder):
     source, out = folder / "wrist.urdf", folder / "wrist.yaml"
     source.write_text(text)
     assert import_robot.main([str(source), "--out", str(out)]) == 0

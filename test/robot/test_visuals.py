@@ -2,14 +2,13 @@
 
 import re
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support.refusal import refusal
 
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.report.scene import mesh_in, scene_of
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
@@ -44,7 +43,7 @@ TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.04, 0.0]])
 
 
 @pytest.fixture
-def model(tmp_path: Path) -> Model:
+def model(tmp_path):
     corners = struct.pack("<12f", 0.0, 0.0, 1.0, *TRIANGLE.ravel())
     (tmp_path / "part.stl").write_bytes(bytes(80) + struct.pack("<I", 1) + corners + bytes(2))
     (tmp_path / "arm.urdf").write_text(URDF)

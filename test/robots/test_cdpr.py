@@ -29,13 +29,13 @@ MASS, CENTRE = 91.058, np.array([-0.034, -0.013, 0.264])
 """Of the source's platform [kg, m]."""
 
 
-def ends(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def ends(pose):
     """Anchors relative to the platform's origin and in the base [m]."""
     arms = Rotation.from_euler("xyz", pose[3:]).apply(ANCHORS)
     return arms, arms + pose[:3]
 
 
-def cable(pulley: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
+def cable(pulley, anchor):
     """Length of a cable, and the unit vector in which it pulls the platform."""
     out = anchor[:2] - pulley[:2]
     plane = out / np.hypot(*out)

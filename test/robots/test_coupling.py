@@ -18,7 +18,7 @@ def test_cables_follow_the_coupling_matrix_everywhere(name, coupling):
     model = load_model(name)
     joints, parts = model.robot.joints, model.robot.parts
 
-    def per_cable(values: np.ndarray) -> np.ndarray:
+    def per_cable(values):
         return np.array([values[part].sum(axis=0) for part in parts])
 
     start = per_cable(shape_at(model, np.zeros(len(joints))).length)

@@ -5,10 +5,9 @@ import pytest
 from support.places import ROBOTS, ROOT
 
 from cdrj_ros.commands import identify
-from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.metrics import pooled_errors
 from cdrj_ros.evaluation.validation import validate_bag
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.reader import load_robot
 
@@ -24,22 +23,22 @@ recordings = pytest.mark.skipif(
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return prepare(load_robot(ROBOT))
 
 
-def compared(model: Model, folder: str, uncertainty: bool = False) -> list[BagComparison]:
+def compared(model, folder, uncertainty=False):
     bags = sorted(entry for entry in (RECORDINGS / folder).iterdir() if entry.is_dir())
     return [validate_bag(model, str(bag), Topics(), uncertainty=uncertainty) for bag in bags]
 
 
 @pytest.fixture(scope="module")
-def held_out(model: Model) -> list[BagComparison]:
+def held_out(model):
     """Runs that were not fitted, with standard deviations."""
     return compared(model, "validate", uncertainty=True)
 
 
-def r2_of(comparisons: list[BagComparison]) -> tuple[float, float]:
+def r2_of(comparisons):
     errors = pooled_errors(comparisons)
     spindle, jaw = errors["effort/spindle"].r2, errors["effort/jaw"].r2
     return spindle, jaw

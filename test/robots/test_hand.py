@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
-from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.inspection.motors import determined_joints
-from cdrj_ros.model.prepared import Model, load_model, prepare, shape_at
+from cdrj_ros.model.prepared import load_model, prepare, shape_at
 from cdrj_ros.robot.reader import parse_robot
 
 FINGERS = ("index", "middle", "ring", "little", "thumb")
@@ -15,18 +14,18 @@ ARM = {"side": 0.007, "mcp": 0.008, "pip": 0.006}
 
 
 @pytest.fixture(scope="module")
-def hand() -> Model:
+def hand():
     return load_model("hand")
 
 
-def poses(model: Model, count: int) -> list[Vector]:
+def poses(model, count):
     joints = model.robot.joints
     lower, upper = (np.array([getattr(one, end) for one in joints]) for end in ("lower", "upper"))
     shares = np.random.default_rng(4).random((count, len(joints)))
     return list(lower + shares * (upper - lower))
 
 
-def lengths(model: Model, pose: Vector) -> dict[str, float]:
+def lengths(model, pose):
     length = shape_at(model, pose).length
     return {
         cable.name: float(length[part].sum())

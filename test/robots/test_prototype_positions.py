@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
-from cdrj_ros.model.prepared import Model, prepare, shape_at
+from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.reader import load_robot
 
 TABLE_ONE = [40.9, 105.4, 32.1, 57.7, None, 180.0, 90.0]
@@ -16,7 +16,7 @@ PULLEY_SIX = 0.0045
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return prepare(load_robot(ROBOTS / "prototype_positions.yaml"))
 
 

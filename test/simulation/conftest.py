@@ -6,18 +6,17 @@ from types import SimpleNamespace
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 
 
-def prototype(law: str | None = None) -> Robot:
+def prototype(law=None):
     robot = load_robot(PROTOTYPE)
     if law is None:
         return robot
     return replace(robot, cables=tuple(replace(cable, law=law) for cable in robot.cables))
 
 
-def finger() -> Robot:
+def finger():
     """Two joints in series, two motors, two cables that each cross both joints, by positions."""
     cable = """
           - name: {name}
@@ -48,12 +47,12 @@ def finger() -> Robot:
     )
 
 
-def parallel() -> Robot:
+def parallel():
     """A platform held by cables over fixed pulleys, a motor each: spans depend on its place."""
     return load_robot(PROTOTYPE.with_name("parallel.yaml"))
 
 
-def hoist() -> Robot:
+def hoist():
     """A weight on a cable without preload, over one pulley; positive lifts."""
     return parse_robot("""
         name: hoist
@@ -74,6 +73,6 @@ def hoist() -> Robot:
 
 
 @pytest.fixture(scope="session")
-def robots() -> SimpleNamespace:
+def robots():
     """The robots above, by name."""
     return SimpleNamespace(prototype=prototype, finger=finger, parallel=parallel, hoist=hoist)

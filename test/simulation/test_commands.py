@@ -1,17 +1,10 @@
 """Commands to the live rig: refusals, their causes, and that refused commands have no effect."""
 
-from types import SimpleNamespace as Robots
-
 import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.simulation.commands import (
-    CAUSES,
-    CommandError,
-    DriveLimits,
-    checked_command,
-)
+from cdrj_ros.simulation.commands import CAUSES, CommandError, checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load
@@ -20,11 +13,11 @@ NAN, INF = float("nan"), float("inf")
 
 
 @pytest.fixture(scope="module")
-def limits(robots: Robots) -> DriveLimits:
+def limits(robots):
     return drive_limits(robots.finger(), 1000.0)
 
 
-def turn(drives: Drives, steps: int, first: int = 0) -> np.ndarray:
+def turn(drives, steps, first=0):
     """Angles of an unloaded finger's motors, shape (steps, motors)."""
     rows = [
         drives.next(k, k / 1000.0, 1e-3, np.zeros(2)) for k in range(first + 1, first + steps + 1)

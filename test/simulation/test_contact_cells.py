@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from support.state import state_views
 
-from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.assembly import divide_contacts, make_rig
 from cdrj_ros.simulation.truth import simulate
@@ -17,7 +16,7 @@ EPOCH_NS = 1_700_000_000_000_000_000
 CELLS, MU, PRELOAD = 90, 0.15, 30.0
 
 
-def half_turn(law: str) -> Robot:
+def half_turn(law):
     """A winch, one pulley with half a turn of cable, an anchor."""
     return parse_robot(f"""
         name: half_turn
@@ -36,14 +35,14 @@ def half_turn(law: str) -> Robot:
         """)
 
 
-def wound(model: Model, angle: np.ndarray) -> Estimates:
+def wound(model, angle):
     samples = Samples(
         EPOCH_NS + np.arange(angle.size) * 1_000_000, angle[:, None], np.empty((angle.size, 0))
     )
     return run(model, initial_state(model), samples)[1]
 
 
-def segments(model: Model, angle: np.ndarray) -> np.ndarray:
+def segments(model, angle):
     """Tensions of all segments at the end of a motion [N]; the cable is linear."""
     samples = Samples(
         EPOCH_NS + np.arange(angle.size) * 1_000_000, angle[:, None], np.empty((angle.size, 0))

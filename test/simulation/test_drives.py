@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.drives import follow_joints, pull_together
 from cdrj_ros.simulation.load import make_load
@@ -16,7 +15,7 @@ from cdrj_ros.simulation.truth import simulate
 TIME = np.arange(3_001) / 1000.0
 
 
-def _moving(robot: Robot, share: float = 0.5) -> np.ndarray:
+def _moving(robot, share=0.5):
     joints = [
         sine(share * joint.upper, 0.4 + 0.1 * k, 0.2, joint.reference_angle)(TIME)
         for k, joint in enumerate(robot.joints)
@@ -24,12 +23,12 @@ def _moving(robot: Robot, share: float = 0.5) -> np.ndarray:
     return np.stack(joints, axis=1)
 
 
-def _frictionless(robot: Robot) -> Robot:
+def _frictionless(robot):
     return replace(robot, cables=tuple(replace(cable, law="none") for cable in robot.cables))
 
 
 def test_cells_are_fixed_to_the_surface_where_an_end_of_the_arc_moves_on_it(robots):
-    def fixed(robot: Robot) -> list[bool]:
+    def fixed(robot):
         cables = divide_contacts(robot, 8).cables
         return [pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys]
 

@@ -1,7 +1,6 @@
 """Faults change the truth where they occur and leave the encoder readings unchanged."""
 
 from dataclasses import replace
-from types import SimpleNamespace as Robots
 
 import numpy as np
 import pytest
@@ -9,9 +8,7 @@ import pytest
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.faults import CableFault, Slack, Slip, Snap, wire
+from cdrj_ros.simulation.faults import Slack, Slip, Snap, wire
 from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
@@ -22,12 +19,12 @@ BEFORE, AFTER = TIME < AT, AT + Slack.duration_s < TIME
 LOWER, UPPER = slice(8, 16), slice(0, 8)
 
 
-def _followed(robots: Robots, *faults: CableFault, robot: Robot | None = None) -> Truth:
+def _followed(robots, *faults, robot=None):
     return simulate(robot or robots.prototype(), TIME, ANGLE, cells=1, faults=faults)
 
 
 @pytest.fixture(scope="module")
-def sound(robots: Robots) -> Truth:
+def sound(robots):
     return _followed(robots)
 
 

@@ -9,9 +9,7 @@ from support.energy import energy
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.laws import elasticity_of, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Robot
-from cdrj_ros.simulation.assembly import Truth
-from cdrj_ros.simulation.load import Load, make_load
+from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import differences, sine
 from cdrj_ros.simulation.truth import simulate
 
@@ -20,7 +18,7 @@ STILL = np.zeros((4_001, 1))
 TIME = np.arange(4_001) / 1000.0
 
 
-def _total_energy(robot: Robot, truth: Truth, load: Load) -> np.ndarray:
+def _total_energy(robot, truth, load):
     """Kinetic, gravitational and elastic energy [J] of every tenth sample, without the ends."""
     angle = truth.joint_angle[:, 0]
     speed = np.gradient(angle, truth.time)

@@ -2,41 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from support.energy import energy
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.commands import checked_command
 from cdrj_ros.simulation.drives import Drives, drive_limits
 from cdrj_ros.simulation.faults import Snap
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
-from cdrj_ros.simulation.load import Load, make_load
+from cdrj_ros.simulation.load import make_load
 
 RATE = 1000.0
 LOAD = make_load("rolling", 0.3, 0.05)
 
 
-def live(robot: Robot, load: Load = LOAD, **settings: Any) -> LiveRig:
+def live(robot, load=LOAD, **settings):
     return LiveRig(robot, LiveSettings(load, **{"cells": 2, **settings}))
 
 
 class Run:
     """A rig and its drives, stepped together; records the truth."""
 
-    def __init__(self, rig: LiveRig, drives: Drives) -> None:
+    def __init__(self, rig, drives):
         self.rig, self.drives = rig, drives
         self.rows = [self._row()]
 
-    def _row(self) -> tuple[np.ndarray, ...]:
+    def _row(self):
         rig = self.rig
         return rig.tension, rig.joint_angle, rig.motor_angle, rig.motor_effort, rig.joint_effort
 
-    def step(self) -> None:
+    def step(self):
         rig = self.rig
         angle = self.drives.next(
             rig.steps + 1, (rig.steps + 1) / RATE, 1.0 / RATE, rig.motor_effort
@@ -45,22 +42,22 @@ class Run:
             self.drives.stopped(rig.motor_angle)
         self.rows.append(self._row())
 
-    def steps(self, count: int) -> Run:
+    def steps(self, count):
         for _ in range(count):
             self.step()
         return self
 
-    def tell(self, mode: Any, *values: float) -> Run:
+    def tell(self, mode, *values):
         command = checked_command(self.drives.limits, mode, values)
         self.drives.command(command, self.rig.time_s)
         return self
 
-    def truth(self) -> list[np.ndarray]:
+    def truth(self):
         """Tensions, joint angles, motor angles, motor and joint efforts, each (steps + 1, ...)."""
         return [np.array(column) for column in zip(*self.rows, strict=True)]
 
 
-def run_of(robot: Robot, load: Load = LOAD, **limits: float) -> Run:
+def run_of(robot, load=LOAD, **limits):
     return Run(live(robot, load), Drives(drive_limits(robot, RATE, **limits)))
 
 

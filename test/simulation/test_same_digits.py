@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from support.places import ROBOTS
 
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.simulation.faults import Slip, Snap
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
-from cdrj_ros.simulation.load import Load, make_load, usual_load, usual_payload
+from cdrj_ros.simulation.load import make_load, usual_load, usual_payload
 from cdrj_ros.simulation.truth import simulate
 
 SHIPPED = sorted(path.stem for path in ROBOTS.glob("*.yaml") if path.stem != "continuum")
@@ -36,7 +35,7 @@ CABLE = """
 """
 
 
-def assert_same_digits(robot: Robot, load: Load) -> None:
+def assert_same_digits(robot, load):
     """Drive all motors to and fro, in turn with opposite signs, while two faults happen."""
     first, last = robot.cables[0].name, robot.cables[-1].name
     rest = robot.reference_motors

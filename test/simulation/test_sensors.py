@@ -7,19 +7,16 @@ import pytest
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.faults import Freeze
 from cdrj_ros.simulation.sensors import (
     CellGroup,
     Encoder,
-    EncoderGroup,
     LoadCells,
     Messages,
     ReadingTimes,
-    Sampling,
-    Schedule,
     SensorSettings,
     counted,
     encoder_groups,
@@ -32,16 +29,16 @@ LONG = np.arange(20_001) / 1000.0
 SWING = 0.5 * np.sin(LONG)
 
 
-def _generator() -> np.random.Generator:
+def _generator():
     return np.random.default_rng(5)
 
 
-def _read(encoder: Encoder) -> np.ndarray:
+def _read(encoder):
     noise = _generator().normal(0.0, encoder.noise, SWING.size)
     return counted(encoder, SWING, noise, Sensor())
 
 
-def schedule(sensor: Sampling, end: float, seed: int = 5) -> Schedule:
+def schedule(sensor, end, seed=5):
     return ReadingTimes(sensor, [seed]).until(end)
 
 
@@ -102,7 +99,7 @@ TRUTH = truth_table(ANGLE, SPEED, EFFORT, TENSION)
 NOISY = Encoder(counts=2**22, rate=1000.0, noise=1e-3, jitter=1e-4, dropout=0.1)
 
 
-def model_of(**motor: object) -> Model:
+def model_of(**motor):
     """A finger whose first motor has a sensor of its own."""
     cable = """
           - name: {name}
@@ -131,7 +128,7 @@ def model_of(**motor: object) -> Model:
 MODEL = model_of()
 
 
-def in_steps(group: EncoderGroup) -> Messages:
+def in_steps(group):
     """What a group reads of the truth step by step."""
     parts = [group.take(TIME[k : k + 1], TRUTH[k : k + 1]) for k in range(TIME.size)]
     columns = zip(*parts, strict=True)

@@ -13,14 +13,8 @@ from cdrj_ros.model.packing import SLACK
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.motion import Motion, differences, random, sine
-from cdrj_ros.simulation.sensors import (
-    JOINT_ENCODER,
-    MOTOR_ENCODER,
-    Encoder,
-    ReadingTimes,
-    counted,
-)
+from cdrj_ros.simulation.motion import differences, random, sine
+from cdrj_ros.simulation.sensors import JOINT_ENCODER, MOTOR_ENCODER, ReadingTimes, counted
 from cdrj_ros.simulation.truth import simulate
 
 AMPLITUDE = float(np.radians(38.0))
@@ -50,35 +44,28 @@ class Watched:
     flags: np.ndarray
 
     @property
-    def slack(self) -> np.ndarray:
+    def slack(self):
         return self.tension <= SLACK_N
 
-    def then(self, truth: np.ndarray) -> np.ndarray:
+    def then(self, truth):
         """Rows of the truth at the estimates' stamps."""
         return truth[np.rint(self.seen_at / self.step_s).astype(int)]
 
-    def around(self, truth: np.ndarray) -> np.ndarray:
+    def around(self, truth):
         """Whether ``truth`` holds for an element within ``ALLOWED_S`` of the estimates' stamps."""
         window = np.ones(2 * round(ALLOWED_S / self.step_s) + 1)
         near = [np.convolve(column, window, "same") > 0.5 for column in truth.T]
         return self.then(np.stack(near, axis=1))
 
 
-def readings(encoder: Encoder, time: np.ndarray, angle: np.ndarray) -> Series:
+def readings(encoder, time, angle):
     """Readings of the rig's encoder, with stamps that start at one second."""
     when = ReadingTimes(encoder, [0]).until(time[-1]).times
     stamps = 1_000_000_000 + np.round(when * 1e9).astype(np.int64)
     return Series(stamps, stamps, counted(encoder, np.interp(when, time, angle), 0.0, Sensor()))
 
 
-def watch(
-    preload: str,
-    load_kg: float,
-    motion: Motion,
-    duration: float,
-    step_s: float = 1e-3,
-    motor_speed: float = 60.0,
-) -> Watched:
+def watch(preload, load_kg, motion, duration, step_s=1e-3, motor_speed=60.0):
     """Simulate the rig and estimate from its encoders alone."""
     model = load_model(ROBOT, preload)
     robot = model.robot

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from support.places import ROBOTS, shipped_once
 
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.simulation.drives import BEGIN_S, program_of
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load, usual_payload
 
 
-def rig_of(model: Model, joint: int, payload: float, gravity: float = 9.81) -> LiveRig:
+def rig_of(model, joint, payload, gravity=9.81):
     load = make_load(usual_load(model.robot, joint), payload, 0.05, gravity)
     return LiveRig(model.robot, LiveSettings(load, cells=1, joint=joint))
 

@@ -13,19 +13,18 @@ from support.state import state_views
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import make_rig
 from cdrj_ros.simulation.truth import simulate
-from truth.scenes import MOTIONS, Scene, Truth, scene, truth_of, with_cells
+from truth.scenes import MOTIONS, scene, truth_of, with_cells
 
 
 @cache
-def known(name: str) -> tuple[Scene, Truth]:
+def known(name):
     made = scene(name)
     return made, truth_of(made)
 
 
-def errors(robot: Robot, made: Scene, truth: Truth) -> tuple[float, float, float]:
+def errors(robot, made, truth):
     """Mean relative error and largest error [N] of tensions, and relative error of efforts."""
     model, after = prepare(robot), made.time >= made.cycle
     stamps = 1_000_000_000 + np.round(made.time * 1e9).astype(np.int64)

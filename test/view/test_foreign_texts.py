@@ -1,6 +1,5 @@
 """Texts of others reach the page as plain text, through whichever door they come."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 from unittest.mock import MagicMock
@@ -47,18 +46,18 @@ NOTED: list[Any] = []
 """HTML that has been added to a page."""
 
 
-def read(handles: list[Any]) -> Html:
+def read(handles):
     assert all(type(one.content) is str for one in handles), "viser cannot send others"
     return Html("".join(one.content for one in handles))
 
 
 @pytest.fixture(scope="module")
-def page() -> Iterator[Page]:
+def page():
     """A page without Markdown, whose HTML is noted."""
     viser = pytest.importorskip("viser")
     add = viser.GuiApi.add_html
 
-    def noted(gui: Any, content: str) -> Any:
+    def noted(gui, content):
         NOTED.append(add(gui, content))
         return NOTED[-1]
 
@@ -71,12 +70,12 @@ def page() -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def own(page: Page) -> list[Any]:
+def own(page):
     """The HTML of the page alone."""
     return list(NOTED)
 
 
-def assert_plain(read: Html, payload: str) -> None:
+def assert_plain(read, payload):
     assert read.tags <= TAGS
     assert read.attributes <= {"style"}
     assert shown(payload) in read.text
@@ -86,10 +85,10 @@ def assert_plain(read: Html, payload: str) -> None:
 def test_every_door_of_the_page_shows_a_payload_as_its_characters(page, own, payload):
     nothing = nothing_known(page.model)
     player = Player(MagicMock(watched=True), MagicMock(duration_s=1.0), payload)
-    player.page.gui.add_slider.return_value.max = 1.0  # type: ignore[attr-defined]
-    player.page.gui.add_dropdown.return_value.value = "1"  # type: ignore[attr-defined]
+    player.page.gui.add_slider.return_value.max = 1.0
+    player.page.gui.add_dropdown.return_value.value = "1"
     player.tick()
-    (_, _, words, _), _ = player.page.show.call_args  # type: ignore[attr-defined]
+    (_, _, words, _), _ = player.page.show.call_args
     for texts in ((payload,), words):
         page.show(nothing, None, texts)
         assert_plain(read(own), payload)

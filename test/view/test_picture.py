@@ -6,30 +6,22 @@ import numpy as np
 import pytest
 
 from cdrj_ros.model.packing import INVALID, SLACK, STALE, UNSURE
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 from cdrj_ros.report.scene import LIMIT_COLOUR
 from cdrj_ros.view.drawing import Drawing
-from cdrj_ros.view.history import History, Snapshot, columns_of, nothing_known
+from cdrj_ros.view.history import History, columns_of, nothing_known
 from cdrj_ros.view.page import Page
 from cdrj_ros.view.panels import TimeAxis, table_of
-from cdrj_ros.view.picture import (
-    PALE,
-    SLIPPING,
-    STICKING,
-    THIN,
-    UNKNOWN,
-    extent_of,
-    picture_of,
-)
+from cdrj_ros.view.picture import PALE, SLIPPING, STICKING, THIN, UNKNOWN, extent_of, picture_of
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def model():
     return load_model("finger")
 
 
 @pytest.fixture
-def shown(model: Model) -> Snapshot:
+def shown(model):
     elements, pulleys = len(model.layout.elements), len(model.layout.pulleys)
     return nothing_known(model)._replace(
         stamp_ns=1, tension=np.full(elements, 18.0),

@@ -1,6 +1,5 @@
 """A recording plays at its rate, stops at its end, and is drawn only while somebody watches."""
 
-from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -11,14 +10,14 @@ from cdrj_ros.view.recorded import Player
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def clock(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(players, "monotonic", lambda: now[0])
     return now
 
 
 @pytest.fixture
-def player(clock: list[float]) -> Player:
+def player(clock):
     page, estimates = MagicMock(), MagicMock()
     page.watched = True
     page.settings.return_value = ()
@@ -29,8 +28,8 @@ def player(clock: list[float]) -> Player:
     return Player(page, estimates, "bag")
 
 
-def drawn(player: Player) -> list[int]:
-    page: Any = player.page
+def drawn(player):
+    page = player.page
     return [call.args[3] for call in page.show.call_args_list]
 
 
@@ -49,7 +48,7 @@ def test_time_passes_at_the_chosen_rate_up_to_the_end(player, clock):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e308, -1e308])
 def test_what_a_page_may_send_leaves_the_time_within_the_recording(value, player, clock):
     """A page of its own may send any number for the slider, and any text for the rate."""
-    page: Any = player.page
+    page = player.page
     slider, rate = page.gui.add_slider.return_value, page.gui.add_dropdown.return_value
     (moved,), _ = slider.on_update.call_args
     slider.value, slider.max, rate.value = value, value, str(value)
@@ -74,7 +73,7 @@ def test_a_picture_that_does_not_change_is_not_drawn_again(player, clock):
 
 
 def test_nothing_is_drawn_while_nobody_watches(player, clock):
-    player.page.watched = False  # type: ignore[misc]
+    player.page.watched = False
     clock[0] += 1.0
     player.tick()
     assert drawn(player) == []

@@ -16,7 +16,7 @@ def test_a_film_shows_every_nth_estimate_of_the_validation_and_the_references(mo
     recording = read_inputs(str(SAMPLE), Topics(), model)
     conditioned = condition_recording(model, recording)
     monkeypatch.setattr(recorded, "MOST", 1000)
-    shares: list[float] = []
+    shares = []
     film = recorded.recorded_estimates(model, recording, conditioned, shares.append)
     whole = estimate(model, conditioned)
     every = 1 + len(whole.stamp_ns) // 1000

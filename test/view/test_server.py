@@ -4,9 +4,7 @@ import http.client
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
 from ipaddress import ip_address, ip_network
-from typing import Any
 
 import pytest
 
@@ -21,7 +19,7 @@ HANDSHAKE = {
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Any]:
+def server():
     pytest.importorskip("viser")
     one = open_server("localhost", 0)
     yield one
@@ -61,7 +59,7 @@ def test_a_request_needs_the_own_origin_and_a_name_of_this_machine(host, asked, 
     assert allowed(host, asked, origin) is answer
 
 
-def asked_of(server: Any, headers: dict[str, str]) -> http.client.HTTPResponse:
+def asked_of(server, headers):
     connection = http.client.HTTPConnection("localhost", server.get_port(), timeout=30.0)
     try:
         connection.request("GET", "/", headers=headers)
@@ -70,7 +68,7 @@ def asked_of(server: Any, headers: dict[str, str]) -> http.client.HTTPResponse:
         connection.close()
 
 
-def answer_of(server: Any, **headers: str) -> int:
+def answer_of(server, **headers):
     return asked_of(server, {**HANDSHAKE, **headers}).status
 
 
