@@ -51,8 +51,7 @@ def moved(seed):
     return EPOCH_NS + np.round(time * 1e9).astype(np.int64), truth, readings
 
 
-def write(path, stamps, readings,
-          effort = None, cell = None):  # fmt: skip
+def write(path, stamps, readings, effort=None, cell=None):
     """A bag as a robot's drivers fill it."""
     topics = Topics()
     with BagWriter(path) as bag:
@@ -65,8 +64,7 @@ def write(path, stamps, readings,
     return str(path)
 
 
-def covered(model, stamps, motors,
-            joints, tension):  # fmt: skip
+def covered(model, stamps, motors, joints, tension):
     """Share of true tensions within two standard deviations, after the first fifth."""
     series = [{name: Series(stamps, stamps, np.ascontiguousarray(read)) for name, read in
                axes.items()} for axes in (motors, joints)]  # fmt: skip

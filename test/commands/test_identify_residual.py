@@ -83,9 +83,8 @@ def test_two_bags_are_too_few_for_a_correction(bags, settings, tmp_path, capsys)
 
 
 def test_a_fit_of_numbers_drops_what_was_learned_with_others(
-    bags, settings, corrected, tmp_path,
-    capsys
-):  # fmt: skip
+    bags, settings, corrected, tmp_path, capsys
+):
     out = tmp_path / "robot.yaml"
     words = ["--robot", str(corrected), "--settings", settings, "--quick", "--out", str(out)]
     assert identify.main([bags[0], *words, "--fit", "motors.winch.bearing_torque"]) == 0

@@ -68,9 +68,8 @@ def one_line(capsys, words):
     [(SAMPLE, [], 0.005, 0.004), (LOW, ["--preload", "23.52,6.66"], 0.015, 0.01)],
 )
 def test_errors_on_the_sample_recordings_are_far_below_those_of_the_source(
-    bag, preload, last_element, all_elements, tmp_path,
-    capsys
-):  # fmt: skip
+    bag, preload, last_element, all_elements, tmp_path, capsys
+):
     out = tmp_path / "figures.json"
     assert validate.main([str(bag), "--robot", ROBOT, "--json", str(out), *preload]) == 0
     figures = json.loads(out.read_text(), parse_constant=refuse)
@@ -221,10 +220,7 @@ def test_a_prefix_chooses_one_of_several_robots(tmp_path, capsys):
         (["--limits", "/no/such/file"], ["cannot read the file of limits /no/such/file"]),
     ],
 )
-def test_invalid_arguments_are_refused_in_one_line(
-    second, arguments, words, tmp_path,
-    capsys
-):  # fmt: skip
+def test_invalid_arguments_are_refused_in_one_line(second, arguments, words, tmp_path, capsys):
     bags = [] if arguments[0].startswith("/") else [second]
     assert run(tmp_path, *bags, *arguments)[0] == 2
     one_line(capsys, words)

@@ -19,8 +19,7 @@ from cdrj_ros.simulation.drives import follow_joints
 
 CELLS = ("upper/8", "lower/8")
 EFFORT_NOISE, CELL_NOISE = 0.01, 0.1
-Sensors = tuple[str, ...]
-BOTH: Sensors = ("effort", "cells")
+BOTH = ("effort", "cells")
 UPPER, LOWER = slice(0, 8), slice(8, 16)
 
 
@@ -91,18 +90,13 @@ def heard(model, motion, readings, sensors=BOTH, live=None):
     return live
 
 
-def corrections_of(live):
-    assert live.corrections is not None
-    return live.corrections
-
-
 def report_of(live):
-    return corrections_of(live).report()
+    return live.corrections.report()
 
 
 def found(live):
     """Amounts of the changes in the verdict, by name."""
-    verdict = corrections_of(live).groups[0].verdict
+    verdict = live.corrections.groups[0].verdict
     return {one.change.what: one.amount for one in verdict.found if one.matters}
 
 
@@ -115,7 +109,7 @@ def test_a_robot_that_is_as_its_file_says_raises_no_alarm(model, motion, sensors
         heard(model, motion.part(part), readings[part], sensors, live)
         assert report_of(live).level == "ok", report_of(live).message
     assert report_of(live).message == "agrees with the robot file"
-    assert not corrections_of(live).doubted.any()
+    assert not live.corrections.doubted.any()
 
 
 @pytest.mark.parametrize(
@@ -153,7 +147,7 @@ def test_friction_of_the_motor_is_told_from_that_of_the_cables_by_load_cells(mod
     readings[:, 0] -= 0.06 * np.sign(np.where(np.abs(speed) > 1e-6, speed, 0.0))
     live = heard(model, motion, readings)
     assert found(live) == {"friction of the axis winch": pytest.approx(0.06, abs=0.015)}
-    alone = corrections_of(heard(model, motion, readings, ("effort",))).groups[0].verdict
+    alone = heard(model, motion, readings, ("effort",)).corrections.groups[0].verdict
     assert any("of all cables" in other for one in alone.found for other in one.others)
 
 
@@ -167,7 +161,7 @@ def test_a_broken_cable_is_an_error_and_its_elements_are_unsure_at_once(model, m
     live = heard(model, begin, readings)
     assert report_of(live).level == "error"
     assert "cable upper carries nothing" in report_of(live).message
-    doubted = corrections_of(live).doubted
+    doubted = live.corrections.doubted
     assert doubted[UPPER].all()
     assert not doubted[LOWER].any()
     silent = motion.part(slice(until, until + 500))
@@ -241,7 +235,7 @@ def test_what_no_change_explains_takes_the_status_ok_away_until_it_ends(model, m
         later = replace(motion, stamp_ns=motion.stamp_ns + k * passed)
         heard(model, later, readings, ("effort",), live)
     assert report_of(live).level == "ok", report_of(live).message
-    assert not corrections_of(live).doubted.any()
+    assert not live.corrections.doubted.any()
 
 
 def test_a_lone_wrong_reading_is_no_evidence(model, motion):
@@ -262,7 +256,7 @@ def test_the_clock_may_be_set_back_and_readings_may_pause(model, motion):
     late = replace(motion, stamp_ns=motion.stamp_ns + 10**12)
     heard(model, late, readings, live=live)
     assert report_of(live).level == "ok", report_of(live).message
-    assert not corrections_of(live).doubted.any()
+    assert not live.corrections.doubted.any()
 
 
 def test_a_change_within_the_tolerance_of_the_file_is_no_alarm(model, motion):
@@ -291,7 +285,7 @@ def test_an_effort_that_is_not_measured_is_not_compared(model, motion):
         live.take(motion.at(k))
     assert report_of(live).level == "ok", report_of(live).message
     assert "repeat their readings" in report_of(live).message
-    assert not corrections_of(live).doubted.any()
+    assert not live.corrections.doubted.any()
 
 
 def at_rest(model, motion, pose):

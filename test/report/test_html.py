@@ -83,9 +83,8 @@ NASTY = (
 
 
 def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
-    tmp_path, comparison, inspection,
-    written
-):  # fmt: skip
+    tmp_path, comparison, inspection, written
+):
     stamps = np.arange(50, dtype=np.int64) * 1_000_000
     values, nasty = np.sin(stamps * 1e-7), "".join(NASTY)
     name = f"tension/{nasty}/1"
@@ -119,10 +118,7 @@ def test_every_field_that_a_bag_or_robot_file_fills_is_plain_text(
     assert parser.text.count(shown(nasty)) > 20
 
 
-def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(
-    written, made_up,
-    monkeypatch
-):  # fmt: skip
+def test_a_page_does_not_grow_with_the_recording_and_has_a_limit(written, made_up, monkeypatch):
     random, bag = np.random.default_rng(3), made_up(seconds=60, per_cable=1)
     channels = tuple(
         replace(c, stddev=0.3 + 0.1 * random.random(len(c.stamp_ns))) for c in bag.channels
