@@ -1,6 +1,5 @@
 """Fits of ``commission``: the fingers of a hand get what each of them gets alone."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import yaml
 from support.fingers import WRIST, cable, finger, hand, recorded
 
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_fits import PartFit, fit_parts, parts_of, section_of
+from cdrj_ros.commands.commission_fits import fit_parts, parts_of, section_of
 from cdrj_ros.commands.commission_judged import judged
 from cdrj_ros.commands.identify_entries import stated_lines
 from cdrj_ros.foundation.errors import UsageError
@@ -40,9 +39,6 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure():
         path = f"cables.{one.name}.preload"
         assert abs(fit.values[path] - one.preload) < 2.0 * known[path]
         assert known[path] > 0.03 * one.preload
-
-
-Fits = Mapping[str, PartFit]
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,6 @@
 import pkgutil
 import re
 import subprocess
-from argparse import ArgumentParser
-from collections.abc import Callable
 from pathlib import Path
 
 from support.page_lines import PAGES, ROOT, command_lines
@@ -19,7 +17,7 @@ FILE = re.compile(
 )
 TESTS = re.compile(r"(?<![\w/])(test_\w+\.py)\b")
 MODULE = re.compile(r"`([a-z_]+/[a-z_]+\.py)`")
-PARSERS: dict[str, Callable[[], ArgumentParser]] = {
+PARSERS = {
     "check_robot": check_robot._parser,
     "commission": commission._parser,
     "identify": identify_task.parser,

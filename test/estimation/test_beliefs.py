@@ -1,7 +1,6 @@
 """Beliefs about unknowns and sensors: laws of the filter and of the hypotheses."""
 
 import json
-from typing import Final
 
 import numpy as np
 import pytest
@@ -11,8 +10,8 @@ from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.sensors import Accuracy, Sensor
 from cdrj_ros.estimation.unknowns import Unknown
 
-SECOND: Final = 1_000_000_000
-NOISE: Final = 0.1
+SECOND = 1_000_000_000
+NOISE = 0.1
 
 
 def _unknowns(count, jump=0.0, error=NONLINEAR):

@@ -3,7 +3,7 @@
 The truth is a simulated rig with contact cells fixed to its pulleys' surfaces.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,8 +19,8 @@ from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.robot.reader import build_robot, load_document
 from cdrj_ros.simulation.truth import simulate
 
-HERTZ: Final = 200
-CELL: Final = "upper/8"
+HERTZ = 200
+CELL = "upper/8"
 
 
 class Run(NamedTuple):

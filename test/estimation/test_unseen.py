@@ -1,6 +1,5 @@
 """Motions without readings: gaps, turns, steps of a sensor, unsolved cables."""
 
-from collections.abc import Callable, Mapping
 from copy import deepcopy
 from io import BytesIO
 from math import pi
@@ -126,7 +125,7 @@ def wrapped(readings, by=0.0):
     )
 
 
-ACTIONS: Mapping[str, Callable[[LiveEstimator], object]] = {
+ACTIONS = {
     "reset": lambda live: live.reset(),
     "set_preload": lambda live: live.set_preload({"upper": 30.0}),
     "tare": lambda live: live.tare(),

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel
 from cdrj_ros.evaluation.metrics import (
@@ -15,10 +14,9 @@ from cdrj_ros.evaluation.metrics import (
     pooled_errors,
 )
 
-Floats = NDArray[np.float64]
 NAME = "force_vector/upper/3"
 RANDOM = np.random.default_rng(11)
-FORCE: Floats = RANDOM.normal(0.0, 30.0, (400, 3))
+FORCE = RANDOM.normal(0.0, 30.0, (400, 3))
 STAMPS = np.arange(400, dtype=np.int64) * 1_000_000
 
 

@@ -1,6 +1,5 @@
 """Fixtures: the prototype, its variants and motions."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,13 +7,10 @@ import pytest
 from support.places import PROTOTYPE
 
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.robot.description import Pulley, Robot
+from cdrj_ros.robot.description import Pulley
 from cdrj_ros.robot.reader import load_robot
 
 EPOCH_NS = 1_700_000_000_000_000_000
-
-Variant = Callable[..., Robot]
-Drive = Callable[..., Samples]
 
 
 @pytest.fixture(scope="session")

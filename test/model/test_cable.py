@@ -1,6 +1,5 @@
 """The solver of one cable converges, is elastic as in (11) to (28) and conserves material."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,7 @@ from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
 from cdrj_ros.model.laws import elasticity_of
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import divide_contacts
-
-Variant = Callable[..., Robot]
-Drive = Callable[..., Samples]
 
 STRAND, DRUM = 0.06, 0.015
 FOLLOW = 2 * STRAND / DRUM

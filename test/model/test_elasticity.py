@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.laws import Elasticity, modulus_at, secant_at, strain_at, tensions_at
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
-
-Vector = NDArray[np.float64]
 
 LAW = Elasticity(6000.0, 0.004, 8.0)
 TENSIONS = np.array([0.0, 1e-9, 1e-3, 0.5, 8.0, 60.0, 2000.0])

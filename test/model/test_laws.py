@@ -1,18 +1,13 @@
 """Properties that hold for all motions: dissipation, bounds, symmetry, convergence, rest."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cdrj_ros._core import Law
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
-
-Variant = Callable[..., Robot]
-Drive = Callable[..., Samples]
 
 ENCODERS = 2 * np.pi / 81_920, 2 * np.pi / 16_384
 """Steps of motor and joint encoder [rad]."""

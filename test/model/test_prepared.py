@@ -1,18 +1,17 @@
 """A prepared robot: found by its name, with the words of the core, and with equal answers."""
 
-from collections.abc import Callable
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
 from support.places import PROTOTYPE, ROBOTS
 
 from cdrj_ros import _core
-from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.estimation.estimator import initial_state, run
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK
 from cdrj_ros.model.prepared import prepare, robot_path
-from cdrj_ros.robot.description import Robot, StribeckForm, friction_law
+from cdrj_ros.robot.description import StribeckForm, friction_law
 from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.reader import load_robot, parse_robot
 from cdrj_ros.robot.space import GUIDES, ContactKind, FrameMotion
@@ -70,10 +69,6 @@ def test_what_memory_held_before_does_not_count(robot):
     np.testing.assert_array_equal(first, results(model, 0.07))
 
 
-Variant = Callable[..., Robot]
-Drive = Callable[..., Samples]
-
-
 @pytest.mark.parametrize(
     ("kinds", "words"),
     [
@@ -88,7 +83,7 @@ def test_every_kind_has_the_same_name_in_the_core(kinds, words):
     assert sorted(kind.value for kind in kinds) == list(range(len(words)))
 
 
-FAMILIES: dict[str, dict[str, Any]] = {
+FAMILIES = {
     "sliding": {"mu_c": 0.1},
     "static": {"mu_s": 0.5},
     "bearing": {"bearing_friction": 0.02},

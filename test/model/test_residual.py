@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from support.places import ROBOTS
 from support.refusal import refusal
 
@@ -14,8 +13,6 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.model.packing import SLACK, channel_columns
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
-
-Table = NDArray[np.float64]
 
 TEXT = (ROBOTS / "davinci_jaw.yaml").read_text(encoding="utf-8")
 RANGES = np.array([[-0.05, 0.2], [0.0, 1.05], [0.16, 1.24]])

@@ -1,7 +1,5 @@
 """The estimator at run time: parameters, services, clocks, diagnostics, and several nodes."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from cdrj_msgs.msg import CableTensions
@@ -55,7 +53,7 @@ def test_friction_may_change_while_running_and_the_history_stays(bench, model):
     assert not np.allclose(tensions(estimator)[300:600], unchanged[300:600], rtol=1e-4)
 
 
-REFUSED: list[tuple[dict[str, Any], str]] = [
+REFUSED = [
     ({"friction.mu_s": 0.05}, "mu_s must be at least mu_c"),
     ({"friction.rho": 2.0}, "rho"),
     ({"friction.rho": -0.5}, "must be in"),

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from support.places import PROTOTYPE
 
-from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import load_robot
 from examples.paper.propagation import KnownTension, path_of, propagate
 
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP_NS = 2_000_000
-
-Run = tuple[Model, Samples, Estimates]
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Recorded nodal forces are vectors only where their components say so."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,8 +13,6 @@ STAMPS = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(COUNT, dtype=np.int64
 NAMES = ["a/2", "a/3"]
 FORCE = np.random.default_rng(3).normal(20.0, 5.0, (COUNT, len(NAMES), 3))
 NORM = np.sqrt(np.sum(FORCE**2, axis=2))
-
-Arrays = dict[str, Any]
 
 
 def arrays(force=FORCE, magnitude=NORM):

@@ -16,7 +16,7 @@ COUNT = 500
 TIME = np.arange(COUNT) * 0.005
 ELBOW = 0.3 * np.sin(3.0 * TIME)
 WINCH = 8.0 * np.sin(ELBOW)
-WHERE: dict[str, Any] = {"time": "t", "motors": {"winch": "m"}, "joints": {"elbow": "j"}}
+WHERE = {"time": "t", "motors": {"winch": "m"}, "joints": {"elbow": "j"}}
 
 
 def csv_of(path, columns, delimiter=","):

@@ -9,20 +9,9 @@ from support.places import PROTOTYPE, ROBOTS
 from support.refusal import refusal
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
-from cdrj_ros.robot.description import (
-    Anchor,
-    Cable,
-    Friction,
-    Pulley,
-    Sensor,
-)
+from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Sensor
 from cdrj_ros.robot.document import allowed_range, parse_document, schema
-from cdrj_ros.robot.parameters import (
-    find_number,
-    matching_paths,
-    number_at,
-    with_numbers,
-)
+from cdrj_ros.robot.parameters import find_number, matching_paths, number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section
 

@@ -7,7 +7,6 @@ import os
 from copy import deepcopy
 from random import Random
 from time import process_time
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -26,7 +25,7 @@ FILES = sorted(ROBOTS.glob("*.yaml"))
 MOST_SECONDS = 20.0
 """Limit of CPU time, which is independent of other load on the machine [s]."""
 TIMES = int(os.environ.get("CDRJ_DAMAGES", "1"))
-STRANGE: tuple[Any, ...] = (
+STRANGE = (
     None, True, False, 0, -1, 1, 2, 1e-300, 5e-324, 1e14, -1e14, 1e16, 1e308, float("nan"),
     float("inf"), -float("inf"), "", "a", "1e3", "elbow", "winch", "\n", "x" * 5000, [], {}, [[]],
     [1, 2], {"joint": "elbow"}, {"joint": "elbow", "angle": [0, 1], "value": [1, 1]},

@@ -1,7 +1,6 @@
 """Texts of others reach the page as plain text, through whichever door they come."""
 
 from dataclasses import replace
-from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -42,7 +41,7 @@ TAGS = {"div", "b", "small", "table", "tr", "td", "style"}
 """All that the page's own HTML consists of."""
 
 
-NOTED: list[Any] = []
+NOTED = []
 """HTML that has been added to a page."""
 
 
