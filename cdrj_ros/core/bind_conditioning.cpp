@@ -53,7 +53,8 @@ AnyTuple tuple_of(const Sample& sample, std::size_t motors) {
         table_of(sample.offset, 2),
         sample.doubtful,
         sample.predicted,
-        sample.silent);
+        sample.silent,
+        sample.after_gap);
 }
 
 List<AnyTuple> list_of(const std::vector<Sample>& samples, std::size_t motors) {
@@ -411,7 +412,7 @@ void bind_conditioning(nb::module_& core) {
                 went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
                 shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
                 shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 3, axes); rows
-                that are doubtful; rows that are the first after gaps.)");
+                that are doubtful; rows in gaps and the first after them.)");
     nb::class_<TrackingFilter>(core, "TrackingFilter",
         "A filter of the angle between the counts of a sensor, (C1) of docs/estimation.md.")
         .def(nb::init<>(), "Start without readings.")

@@ -189,8 +189,12 @@ Cause Channel::complaint(const Axis& axis, Raw raw) const {
     return Cause::none;
 }
 
+Nanoseconds Channel::restart_ns() const {
+    return usual_ns > 0 ? std::max(WITHIN_NS, LATE_INTERVALS * usual_ns) : MAX_GAP_NS;
+}
+
 Nanoseconds Channel::patience_ns() const {
-    return std::max(MAX_GAP_NS, LATE_INTERVALS * usual_ns);
+    return std::max(MAX_GAP_NS, restart_ns());
 }
 
 bool Channel::follows(Nanoseconds stamp_ns) const {

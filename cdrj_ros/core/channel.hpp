@@ -37,6 +37,7 @@ struct Reading {
     double angle;
     double curvature;  // since the reading before, see `Motion::curvature` [rad/ns^2]
     Offset offset;
+    bool after_gap;    // whether none came for so long before it that a driver may have started anew
 };
 
 /// An angle as extrapolated from a reading on, to be compared with a later one.
@@ -140,7 +141,10 @@ public:
     /// Cause for refusing a reading as the next one: none, out_of_range or implausible.
     Cause complaint(const Axis& axis, Raw raw) const;
 
-    /// Longest interval between readings that is not a gap.
+    /// Longest interval between readings in which a driver has not started anew.
+    Nanoseconds restart_ns() const;
+
+    /// Longest interval that needs no confirmation by later readings.
     Nanoseconds patience_ns() const;
 
     /// Whether a stamp continues the held readings.

@@ -20,6 +20,7 @@ void append(Samples& samples, const Sample& sample, std::size_t motors) {
         samples.offset.insert(samples.offset.end(), sample.offset.begin(), sample.offset.end());
     }
     if (sample.doubtful) samples.doubtful.push_back(row);
+    if (sample.after_gap) samples.after_gap.push_back(row);
 }
 
 }  // namespace
@@ -59,9 +60,6 @@ std::vector<Samples> Recording::advance(std::size_t most) {
             {one.arrival_ns[i], one.by_arrival});
         if (conditioner_.clock_jumps != jumps) pieces.push_back({.after_jump = true});
         for (const Sample& sample : samples) {
-            if (std::exchange(gaps_, conditioner_.gaps) != conditioner_.gaps) {
-                pieces.back().after_gap.push_back(pieces.back().stamp_ns.size());
-            }
             append(pieces.back(), sample, conditioner_.motors());
         }
     }

@@ -30,7 +30,7 @@ struct Samples {
     std::vector<std::size_t> offset_rows{};  // the samples whose `offset` is not empty
     std::vector<double> offset{};            // these, (len(offset_rows), 2, axes)
     std::vector<std::size_t> doubtful{};     // the doubtful samples
-    std::vector<std::size_t> after_gap{};    // the first samples after gaps
+    std::vector<std::size_t> after_gap{};    // the samples in gaps and the first ones after them
 };
 
 /// Feeds the readings of a recording to a conditioner, one by one in their order of arrival.
@@ -52,7 +52,6 @@ private:
     Conditioner& conditioner_;
     std::vector<Series> series_;
     std::vector<std::size_t> taken_;  // readings of every series
-    std::int64_t gaps_ = 0;           // before the last sample
 };
 
 }  // namespace cdrj

@@ -99,6 +99,7 @@ struct Sample {
     bool doubtful = false;   // an angle may be wrong because its sensor may have stepped
     bool predicted = false;  // an angle is extrapolated
     bool silent = false;     // a predicted sample was at least as late; not given out
+    bool after_gap = false;  // the last reading of an axis was before a gap, or is the first one after it
 };
 
 }  // namespace cdrj

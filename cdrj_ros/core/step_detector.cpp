@@ -6,7 +6,6 @@
 namespace cdrj {
 namespace {
 
-constexpr Nanoseconds WITHIN_NS = 100'000'000;  // longer intervals are not judged
 constexpr Nanoseconds DENSE_NS = 30'000'000;    // in shorter ones no axis moves to and fro
 constexpr double TRAVEL = 1.0;     // an axis that has travelled this far has shown its motion
 constexpr double BEYOND = 2.5;     // a step exceeds what was unexplained so far by this factor,

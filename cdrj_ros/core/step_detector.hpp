@@ -15,6 +15,9 @@
 
 namespace cdrj {
 
+/// Steps in longer intervals are not looked for.
+inline constexpr Nanoseconds WITHIN_NS = 100'000'000;
+
 /// An accepted angle and its time.
 struct Point {
     Nanoseconds stamp_ns;

@@ -141,8 +141,10 @@ void TimeLine::take(
         axis.bandwidth > 0.0 ? channel.between_counts(axis, stamp_ns, value) : value;
     channel.motion.take(stamp_ns, value);
     double curvature = 0.0;
+    bool after_gap = false;
     if (channel.last_ns >= 0) {
         const Nanoseconds interval_ns = stamp_ns - channel.last_ns;
+        after_gap = interval_ns > channel.restart_ns();
         curvature = channel.motion.curvature(interval_ns, least);
         if (std::exchange(channel.lost_way, false)) curvature = INFINITE;
         channel.usual_ns = std::max(interval_ns, channel.usual_ns / 2);
@@ -153,7 +155,7 @@ void TimeLine::take(
     channel.last = value;
     channel.turns.last = reading;
     channel.turns.count = unwrapped.turns;
-    channel.readings.push_back({stamp_ns, angle, curvature, channel.offset(axis)});
+    channel.readings.push_back({stamp_ns, angle, curvature, channel.offset(axis), after_gap});
     if (channel.readings.size() > WAITING) {
         channel.readings.pop_front();
         ++crowded;
@@ -202,7 +204,9 @@ void TimeLine::interpolate(
         bool curved = false;
         for (std::size_t k = 0; k < channels.size(); ++k) {
             sample.angle[k] = interpolated(channels[k], sample.stamp_ns);
-            curved = curved || reached(channels[k], sample.stamp_ns).curvature != 0.0;
+            const Reading& reading = reached(channels[k], sample.stamp_ns);
+            curved = curved || reading.curvature != 0.0;
+            sample.after_gap = sample.after_gap || reading.after_gap;
         }
         if (!began) {
             sample.unseen = unseen_before(axes, channels, sample.stamp_ns, resumed_ns_);

@@ -29,6 +29,7 @@ from cdrj_ros.estimation.model_error import (
     length_share,
     load_share,
     offset_gain,
+    stiffness,
     unmodelled,
 )
 from cdrj_ros.foundation.arrays import Vector
@@ -45,6 +46,9 @@ its cable's preload, whichever is larger."""
 
 NO_STDDEVS: Final = np.empty((0, 0))
 """Standard deviations that are not estimated."""
+
+BOUNDS: Final = 3.0
+"""Standard deviations within which angles between two readings are."""
 
 MEMBERS: Final = 32
 """Members of the ensemble: the standard deviation is accurate to 1 / sqrt(2 * 32) = 12 %."""
@@ -117,6 +121,9 @@ class Ensemble:
         self.columns = stddev_columns(model.layout)
         self.length_share = length_share(model)
         """Length of every element by that of its cable, shape (elements,)."""
+        shape = shape_at(model, model.robot.reference_pose)
+        self.stiffness = stiffness(model.robot, shape)
+        """Change of every cable's mean tension by every axis [N/rad], shape (cables, axes)."""
         self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
         self.constants = self.core.constants
@@ -185,10 +192,18 @@ class Ensemble:
         np.add.reduce(self.deviation * self.deviation, axis=0, out=self.variance)
         self.variance /= len(self.deviation)
 
-    def mean_tensions(self, tensions: Vector) -> Vector:
-        """Of all cables over their lengths [N], shape (cables,), from those of all elements."""
-        weighed = self.length_share * tensions
-        return np.array([weighed[part].sum() for part in self.model.robot.parts])
+    def mean_changes(self, changes: Vector, sample: Sample) -> Vector:
+        """Sizes of changes of mean tensions that unread angles do not explain [N], shape (cables,).
+
+        Args:
+            changes: of the tensions of all elements until the sample [N].
+            sample: with the standard deviations of angles that are not read.
+        """
+        weighed = self.length_share * changes
+        mean = np.abs([weighed[part].sum() for part in self.model.robot.parts])
+        if not sample.unseen.size:
+            return mean
+        return np.maximum(mean - BOUNDS * (self.stiffness @ sample.unseen[0]), 0.0)
 
     def show_at_least(self, changes: Vector) -> None:
         """Show no smaller standard deviations than those of changes of mean tensions, (U15).

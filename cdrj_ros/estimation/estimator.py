@@ -64,6 +64,9 @@ class Sample(NamedTuple):
     that was not, and may be earlier than this one."""
     silent: bool = False
     """Whether its estimate is not given out, because a predicted sample was at least as late."""
+    after_gap: bool = False
+    """Whether an axis was not read for so long before its reading at or after this sample that its
+    driver may have started anew."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class Samples:
     offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
     """As ``Sample.offset`` of these, shape (k, 2, axes)."""
     after_gap: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
-    """The first samples after gaps, increasing."""
+    """The samples with ``Sample.after_gap``, increasing."""
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""
@@ -122,6 +125,7 @@ class Samples:
             unseen,
             offset,
             doubtful,
+            after_gap=k in self.after_gap,
         )
 
     def alone(self, k: int) -> Sample:

@@ -180,7 +180,8 @@ class LiveEstimator:
         self._earlier: EarlierRun | None = None
         """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
-        self._gaps = self.conditioner.gaps
+        self._before_gap: tuple[EarlierRun, Vector] | None = None
+        """The run before the gap in progress, and ``_moved`` then."""
         self.state: State = initial_state(self.model)
         self._predicted = None
         self.sample: Sample | None = None
@@ -258,16 +259,22 @@ class LiveEstimator:
             return
         if earlier.has_moved(sample):
             self.ensemble.reset()
-        self._doubt_change(earlier, sample)
+        self._doubt_change(earlier, self._moved, sample)
 
-    def _doubt_change(self, earlier: EarlierRun, sample: Sample) -> None:
-        """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms it, (U15)."""
+    def _doubt_change(self, earlier: EarlierRun, moved: Vector, sample: Sample) -> None:
+        """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms it, (U15).
+
+        Args:
+            earlier: the run before that.
+            moved: ``_moved`` then.
+            sample: since then.
+        """
         if self.ensemble is None:
             return
-        mean = self.ensemble.mean_tensions(earlier.pose_change(self.model, sample))
-        self._moved = np.hypot(self._moved, mean)
+        mean = self.ensemble.mean_changes(earlier.pose_change(self.model, sample), sample)
+        before, self._moved = self._moved, np.maximum(self._moved, np.hypot(moved, mean))
         if self.corrections is not None:
-            self.corrections.widen(mean)
+            self.corrections.widen(np.sqrt(self._moved**2 - before**2))
         else:
             self.ensemble.show_at_least(self._moved)
 
@@ -336,9 +343,11 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        elif self.sample is not None and self.conditioner.gaps != self._gaps:
-            self._doubt_change(self._run_so_far(self.sample), sample)
-        self._gaps = self.conditioner.gaps
+        elif sample.after_gap and self.sample is not None:
+            self._before_gap = self._before_gap or (self._run_so_far(self.sample), self._moved)
+            self._doubt_change(*self._before_gap, sample)
+        else:
+            self._before_gap = None
         if self.ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
             return estimate

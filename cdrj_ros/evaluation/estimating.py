@@ -65,12 +65,15 @@ def pieces_of(
 def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estimates]:
     """``pieces_of`` for a robot whose joints have encoders."""
     ensemble = Ensemble(model) if uncertainty else None
-    moved = np.zeros(len(model.robot.cables))
+    moved = before = np.zeros(len(model.robot.cables))
     for piece, estimates, change in _ahead(_estimated(model, samples)):
         found = estimates
         if ensemble is not None:
-            if change is not None:
-                moved = np.hypot(moved, ensemble.mean_tensions(change))
+            if change is None:
+                before = moved
+            else:
+                mean = ensemble.mean_changes(change, piece.at(0))
+                moved = np.maximum(moved, np.hypot(before, mean))
                 ensemble.show_at_least(moved)
             found = ensemble.follow(piece, estimates)
         stddev = NO_STDDEVS if found.stddev is None else found.stddev
@@ -83,16 +86,18 @@ def _estimated(
 ) -> Iterator[tuple[Samples, Estimates, Vector | None]]:
     """Consecutive pieces of a pass and their estimates, without standard deviations.
 
-    A gap ends a piece.  With the piece after it comes what the poses before and after the gap
-    differ by in the tensions [N], shape (elements,).
+    A sample in a gap is a piece.  With it comes what its pose and the one before the gap differ by
+    in the tensions [N], shape (elements,).
     """
     state, count = initial_state(model), samples.stamp_ns.size
     gaps = set(samples.after_gap.tolist()) - {0}
-    for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *gaps, count})):
+    ends = gaps | {k + 1 for k in gaps}
+    for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *ends, count})):
         piece, change = samples.part(slice(begin, end)), None
         if begin in gaps:
-            before = samples.at(begin - 1)
-            earlier = EarlierRun(state, before.motor_angle, before.joint_angle)
+            if begin - 1 not in gaps:
+                before = samples.at(begin - 1)
+                earlier = EarlierRun(state, before.motor_angle, before.joint_angle)
             change = earlier.pose_change(model, piece.at(0))
         state, estimates = run(model, state, piece)
         yield piece, estimates, change

@@ -93,7 +93,7 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
         seen += Counter(done.refused)
         seen["segments"] += len(done.segments) > 1
         for sample in wanted:
-            for what in ("doubtful", "unseen", "offset"):
+            for what in ("doubtful", "unseen", "offset", "after_gap"):
                 seen[what] += bool(np.any(getattr(sample, what)))
     of_messages = {"malformed", "empty", "unknown_name"}
     assert set(seen) >= {*REFUSALS, "segments", "doubtful", "unseen", "offset"} - of_messages, seen

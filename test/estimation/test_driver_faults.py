@@ -6,11 +6,12 @@ The truth is the rig of the file, so that even small errors count.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.campaign import MS, SECOND, Course, course_of, judge
+from support.campaign import MS, SECOND, START, Course, course_of, judge
 from support.driver_faults import (
     Fault,
     feed,
@@ -66,8 +67,14 @@ def swing(model: Model, hertz: float = 0.3) -> Callable[[np.ndarray], np.ndarray
 
 
 @pytest.fixture(scope="module")
-def course(robot: Model) -> Course:
-    return course_of(robot, 6.0, swing(robot))
+def courses(robot: Model) -> Callable[[float], Course]:
+    """By the frequency of the swing [Hz]."""
+    return cache(lambda hertz: course_of(robot, 6.0, swing(robot, hertz)))
+
+
+@pytest.fixture(scope="module")
+def course(courses: Callable[[float], Course]) -> Course:
+    return courses(0.3)
 
 
 def test_stamps_of_publication_keep_status_0(robot: Model, course: Course) -> None:
@@ -175,22 +182,43 @@ def test_readings_that_are_old_for_a_while_leave_no_history_that_is_taken_for_kn
 
 
 @pytest.mark.parametrize("which", ["motors", "joints"])
-@pytest.mark.parametrize("gap_s", [1.2, 2.0])
+@pytest.mark.parametrize(
+    ("hertz", "gap_s"), [(0.1, 0.1), (0.1, 0.5), (0.3, 0.3), (0.3, 1.2), (0.3, 2.0)]
+)
 def test_an_axis_that_counts_anew_after_a_gap_has_the_difference_as_standard_deviation(
-    gap_s: float, which: str, robot: Model, course: Course
+    gap_s: float, hertz: float, which: str, robot: Model, courses: Callable[[float], Course]
 ) -> None:
-    messages = messages_of(robot, course, 200)
+    """However short: what it was zeroed by shows in the mean tensions."""
+    messages = messages_of(robot, courses(hertz), 200)
     for axis in names_of(robot, which):
         outputs = feed(robot, zeroed(axis, BEGIN_S, gap_s)(messages))
-        assert judge(course, outputs, BEGIN).beyond(5.0) <= LAW
+        assert judge(courses(hertz), outputs, BEGIN).beyond(5.0) <= LAW
 
 
-def test_a_gap_in_motion_keeps_status_0(robot: Model, course: Course) -> None:
+@pytest.mark.parametrize("gap_s", [0.3, 1.5])
+def test_a_gap_in_motion_keeps_status_0(gap_s: float, robot: Model, course: Course) -> None:
     messages = messages_of(robot, course, 200)
-    outputs = feed(robot, messages[: round(200 * BEGIN_S)] + messages[round(200 * BEGIN_S + 300) :])
+    begin, end = round(200 * BEGIN_S), round(200 * (BEGIN_S + gap_s))
+    outputs = feed(robot, messages[:begin] + messages[end:])
     verdict = judge(course, outputs, BEGIN)
     assert verdict.ratio.size > 0.9 * verdict.judged
     assert verdict.beyond(5.0) <= LAW
+
+
+def test_a_gap_of_one_topic_leaves_no_doubt_of_what_was_between_its_readings(
+    robot: Model, course: Course
+) -> None:
+    """The line between them differs from the motion, which the mean tensions show there."""
+    motors = len(robot.robot.motors)
+    live, outputs = LiveEstimator(robot), []
+    for message in messages_of(robot, course, 200):
+        stamp_ns, names, positions = message
+        outputs += live.feed("joints", stamp_ns, names[motors:], positions[motors:])[1]
+        if not BEGIN <= stamp_ns - START < BEGIN + 300 * MS:
+            outputs += live.feed("motors", stamp_ns, names[:motors], positions[:motors])[1]
+    verdict = judge(course, outputs, BEGIN + 500 * MS)
+    assert verdict.ratio.size > 0.9 * verdict.judged
+    assert judge(course, outputs).beyond(5.0) <= LAW
 
 
 @pytest.mark.parametrize("hertz", [200, 50])
