@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.observations import Recorded, samples_of
+from cdrj_ros.identification.poses import rest_poses
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Winch
 from cdrj_ros.robot.parameters import with_numbers
@@ -265,9 +265,9 @@ def course(name: str, seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
     source = str(ROOT / "config" / "robots" / f"{name}.yaml")
     now = steps.begin(text, source)
     yield "fresh", compared(now.model, other)
-    now = steps.tared(now, poses)
-    yield "tare, preloads", compared(steps.preloaded(now, readings[:1]).model, other)
-    now = steps.preloaded(now, readings)
+    now = now.also(rest=poses)
+    yield "tare, preloads", compared(now.also(preload=readings[:1]).model, other)
+    now = now.also(preload=readings)
     yield "in three poses", compared(now.model, other)
     drums = {
         node.motors[0][0]: 2.0 * (node.radius + CALLIPER_NOISE * float(generator.standard_normal()))
@@ -275,11 +275,11 @@ def course(name: str, seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
         for node in cable.nodes
         if isinstance(node, Winch)
     }
-    now = steps.drums_measured(now, drums)
+    now = now.also(drum=drums)
     yield "+ drums", compared(now.model, other)
     for what, recorded in (("+ efforts", motion), ("+ one cell", with_cells[0]),
                            ("+ two cells", with_cells[1])):  # fmt: skip
-        yield what, compared(steps.fitted(now, [recorded]).model, other)
+        yield what, compared(now.also(motion=[recorded]).model, other)
 
 
 def main() -> None:

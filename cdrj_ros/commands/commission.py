@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Final
@@ -13,8 +14,7 @@ import numpy as np
 
 from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unusual
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
-from cdrj_ros.commands.commission_rests import pose_words
-from cdrj_ros.commands.commission_steps import TAKE, Commissioned, begin, provenance
+from cdrj_ros.commands.commission_steps import Commissioned, Measured, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
@@ -23,6 +23,7 @@ from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.identification.fit import lacking, sentences
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.poses import pose_words
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
@@ -116,7 +117,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     known = judged(now.model, now.heard)
     say(f"new file: {words_of(known)}")
     topics = channels_of(arguments)
-    for name, take in TAKE.items():
+    for name in (one.name for one in fields(Measured)):
         given = getattr(arguments, name)
         if not given and not arguments.yes:
             if name in ("motion", "cells"):
@@ -128,7 +129,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             words = [given] if isinstance(given, str) else given
             on = name == "rest" and not arguments.yes
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
-        now = take(now, _measured(now, name, given, topics))
+        now = now.also(**{name: _measured(now, name, given, topics)})
         if name in ("motion", "cells") and (pair := swapped(now)):
             raise UsageError(SWAPPED.format(*pair))
         known = judged(now.model, now.heard)
@@ -192,7 +193,7 @@ def _measured(now: Commissioned, name: str, given: Any, topics: Topics | Columns
         return {motor: 1e-3 * size for motor, size in _numbers(given, "--drum", "MOTOR=MM").items()}
     read = [_read(now, bag, topics) for bag in given]
     for one in read:
-        refuse_efforts(now.measured, one)
+        refuse_efforts(now.unfitted, one)
     return read
 
 
@@ -255,18 +256,21 @@ def _asked(question: str) -> str:
 FEW: Final = 4
 """Cables up to which each is named after every step."""
 
+ROUGH: Final = 0.1
+"""Width of ``Judged.between`` from which both ends are printed."""
+
 
 def words_of(one: Judged) -> str:
     """What is printed of a file: the share of ``OK``, and how well cables are known."""
+    least, most = one.between
+    share = f"{one.ok:.0%}" if most - least < ROUGH else f"{least:.0%} to {most:.0%}"
     worst = sorted(one.relative.items(), key=lambda item: -item[1])
     if len(worst) > FEW:
         (name, most), (_, least) = worst[0], worst[-1]
-        return (
-            f"OK {one.ok:.0%}; standard deviation over tension: {least:.1%} to {most:.1%}, "
-            f"most in {name}"
-        )
-    cables = ", ".join(f"{name} {share:.1%}" for name, share in one.relative.items())
-    return f"OK {one.ok:.0%}; standard deviation over tension: {cables}"
+        known = f"{least:.1%} to {most:.1%}, most in {name}"
+    else:
+        known = ", ".join(f"{name} {share:.1%}" for name, share in one.relative.items())
+    return f"OK {share}; standard deviation over tension: {known}"
 
 
 def say_cables(one: Judged) -> None:

@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.commands.commission_fits import PartFit
-from cdrj_ros.commands.commission_steps import Commissioned, read_again
+from cdrj_ros.commands.commission_steps import Commissioned
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.parts import PartFit
 from cdrj_ros.model.packing import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.groups import motors_of
@@ -72,18 +72,15 @@ def swapped(now: Commissioned) -> tuple[str, str] | None:
 
     Tried where a fit leaves far more than the noise of its sensors, or moves a number far.
     """
-    found, least = None, _worst(now.fits)
-    if not now.readings:
-        return None
-    least /= BETTER
-    names = {name.split("/")[0]: name for name in now.readings[0]}
+    found, least, readings = None, _worst(now.fits) / BETTER, now.measured.preload
+    read = {name.split("/")[0]: value for row in readings[:1] for name, value in row.items()}
     for fit in now.fits:
-        own = [cable.name for cable in fit.part.robot.cables if cable.name in names]
+        own = [cable.name for cable in fit.part.robot.cables if cable.name in read]
         for pair in combinations(own if _worst([fit]) > UNUSUAL else (), 2):
-            first, second = (now.readings[0][names[cable]] for cable in pair)
-            if max(first, second) < APART * min(first, second):
+            first, second = sorted(read[cable] for cable in pair)
+            if second < APART * first:
                 continue
-            other = _worst(read_again(now, [_exchanged(row, pair) for row in now.readings]).fits)
+            other = _worst(now.also(preload=[_exchanged(row, pair) for row in readings]).fits)
             if other < least:
                 found, least = pair, other
     return found

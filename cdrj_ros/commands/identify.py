@@ -16,13 +16,7 @@ from typing import Final, Literal, NamedTuple
 
 from cdrj_ros import __version__
 from cdrj_ros.commands.entry import DONE, run_command
-from cdrj_ros.commands.identify_entries import (
-    COVARIANCE_LIMIT,
-    fit_errors,
-    model_errors,
-    uncertainty_section,
-    with_residuals,
-)
+from cdrj_ros.commands.identify_entries import model_errors, with_residuals
 from cdrj_ros.commands.identify_task import Task, parser, posed, task_of
 from cdrj_ros.evaluation.channels import BagComparison
 from cdrj_ros.evaluation.inputs import (
@@ -36,6 +30,12 @@ from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import ProgressBar, printable, say
 from cdrj_ros.foundation.yaml import Document
+from cdrj_ros.identification.entries import (
+    COVARIANCE_LIMIT,
+    fit_errors,
+    fitted_numbers,
+    uncertainty_section,
+)
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.priors import Moved, pose_ranges
@@ -299,17 +299,17 @@ def _with_uncertainty(
 ) -> str:
     """The robot file's text with the block ``uncertainty``."""
     stated = dict(task.document.get("uncertainty", {}))
+
+    def section(errors: Mapping[str, float]) -> str:
+        numbers = fitted_numbers(found, stated)
+        entry = uncertainty_section(numbers, stated, errors, found.drums, unseen=bool(unseen))
+        return with_section(text, "uncertainty", entry)
+
     if not unseen:
-        return with_section(
-            text, "uncertainty", uncertainty_section(found, stated, fit_errors(found))
-        )
+        return section(fit_errors(found))
     stated.pop("model_error", None)
-    narrow = with_section(text, "uncertainty", uncertainty_section(found, stated, {}))
-    model = prepare(parse_robot(narrow, task.source))
-    errors = model_errors(model, unseen, task.topics, found.channels)
-    return with_section(
-        text, "uncertainty", uncertainty_section(found, stated, errors, unseen=True)
-    )
+    model = prepare(parse_robot(section({}), task.source))
+    return section(model_errors(model, unseen, task.topics, found.channels))
 
 
 def _write(out: str, text: str, task: Task) -> None:

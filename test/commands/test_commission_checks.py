@@ -11,11 +11,11 @@ from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_checks import refuse_efforts, swapped
 from cdrj_ros.commands.commission_judged import Judged
-from cdrj_ros.commands.commission_rests import rest_poses
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.poses import rest_poses
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
@@ -71,9 +71,9 @@ def test_readings_of_two_cables_that_were_swapped_are_named():
     right = {"a_0": 15.9, "a_1": 12.1, "a_2": 14.1}
     exchanged = {"a_0": 12.1, "a_1": 15.9, "a_2": 14.1}
     fresh = steps.begin(yaml.safe_dump(document), "finger")
-    tared = steps.tared(fresh, replace(motion, references={}))
+    tared = fresh.also(rest=replace(motion, references={}))
     for readings, pair in ((right, None), (exchanged, ("a_0", "a_1"))):
-        now = steps.fitted(steps.preloaded(tared, [readings]), [motion])
+        now = tared.also(preload=[readings]).also(motion=[motion])
         assert swapped(now) == pair
 
 
@@ -133,18 +133,17 @@ def test_a_drum_may_be_named_without_the_prefix_of_the_file():
     document = {**hand(finger("a")).document, "prefix": "lh_"}
     text = yaml.safe_dump(document)
     before = steps.begin(text, "finger")
-    short, whole = (
-        steps.drums_measured(before, {name: 0.0123}) for name in ("a_motor0", "lh_a_motor0")
-    )
+    short, whole = (before.also(drum={name: 0.0123}) for name in ("a_motor0", "lh_a_motor0"))
     assert short.text == whole.text
     assert short.model.robot.cables[0].nodes[0].radius == pytest.approx(0.00615)
 
 
 def test_a_hand_takes_a_line_a_step_and_its_cables_are_listed_once_the_worst_first(capsys):
-    few = Judged(0.5, {"upper": 0.1, "lower": 0.2}, ("upper/8",))
-    many = Judged(0.5, {f"cable{k}": 0.01 * (k + 1) for k in range(15)})
-    assert commission.words_of(few).endswith("upper 10.0%, lower 20.0%")
-    assert commission.words_of(many).endswith("1.0% to 15.0%, most in cable14")
+    few = Judged(0.5, (0.45, 0.52), {"upper": 0.1, "lower": 0.2}, ("upper/8",))
+    sigma = "standard deviation over tension"
+    many = Judged(0.5, (0.31, 0.72), {f"cable{k}": 0.01 * (k + 1) for k in range(15)})
+    assert commission.words_of(few) == f"OK 50%; {sigma}: upper 10.0%, lower 20.0%"
+    assert commission.words_of(many) == f"OK 31% to 72%; {sigma}: 1.0% to 15.0%, most in cable14"
     commission.say_cables(few)
     commission.say_cables(many)
     lines = capsys.readouterr().out.splitlines()

@@ -7,17 +7,23 @@ import pytest
 import yaml
 from support.fingers import WRIST, cable, finger, hand, recorded
 
+from cdrj_ros.api import Estimator
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_fits import fit_parts, parts_of, section_of
 from cdrj_ros.commands.commission_judged import judged
-from cdrj_ros.commands.identify_entries import stated_lines
+from cdrj_ros.commands.commission_steps import Measured
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.alternatives import DrumFinding
+from cdrj_ros.identification.entries import stated_lines
+from cdrj_ros.identification.parts import fit_parts, parts_of, section_of
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.groups import part_of
+from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, parse_robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
 from cdrj_ros.robot.writer import with_section
+from cdrj_ros.simulation.drives import follow_joints
+from cdrj_ros.simulation.motion import random
+from cdrj_ros.simulation.truth import simulate
 
 
 def text_of(robot):
@@ -92,15 +98,39 @@ def test_an_unrelated_finger_changes_no_bit_of_how_another_is_judged(two):
     assert [*whole.relative] == [cable.name for cable in two.cables]
 
 
+@pytest.mark.parametrize(("known", "narrow"), [(0.05, True), (0.098, False), (0.2, True)])
+def test_the_share_of_ok_that_is_foretold_comes_on_another_motion(known, narrow):
+    """A finger with preloads known to this share, 1 % off; truth with four cells per pulley."""
+    document = dict(hand(finger("a")).document)
+    paths = ["cables.a_0.preload", "cables.a_1.preload"]
+    entry = {"others": "exact", "parameters": paths, "stddev": [12.0 * known] * 2}
+    model = prepare(build_robot({**document, "uncertainty": entry}, "finger"))
+    robot = build_robot(with_numbers(document, dict.fromkeys(paths, 12.12)), "truth")
+    time = np.arange(0.0, 20.0, 0.02)
+    joints = np.stack([random(0.4, 0.3, seed, 0.5, 0.5)(time) for seed in (1, 2)], axis=1)
+    motors = follow_joints(prepare(robot), joints).motor_angle
+    truth = simulate(robot, time, joints, motor_angle=motors, cells=4, allow_slack=True)
+    node, ok = Estimator(model), []
+    for k, second in enumerate(time):
+        stamp = 10**18 + round(1e9 * second)
+        found = node.update(stamp, truth.motor_angle[k].tolist(), truth.joint_angle[k].tolist())
+        if found is not None and second > 5.0:
+            ok.append(found.status == 0)
+    least, most = judged(model).between
+    assert (most - least < 0.1) == narrow
+    assert least - 0.1 <= np.mean(ok) <= most + 0.1
+
+
 def test_a_file_is_judged_with_efforts_as_noisy_as_those_that_were_recorded(two):
     now, motion = steps.begin(text_of(two), "hand"), recorded(two)
-    heard = replace(now, recordings=(motion,)).heard
+    heard = replace(now, measured=Measured(motion=[motion])).heard
     assert heard == pytest.approx({motor.name: 0.005 for motor in two.motors}, rel=0.25)
-    assert replace(now, recordings=(replace(motion, references={}),)).heard == {}
+    silent = Measured(motion=[replace(motion, references={})])
+    assert replace(now, measured=silent).heard == {}
 
 
 def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two):
-    now = steps.fitted(steps.begin(text_of(two), "hand"), [recorded(two)])
+    now = steps.begin(text_of(two), "hand").also(motion=[recorded(two)])
     robot = now.model.robot
     friction = [cable.pulleys[0].friction.mu_c for cable in robot.cables]
     assert friction[0] == friction[1] != friction[2] == friction[3]
@@ -113,14 +143,14 @@ def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two):
 def test_a_part_without_references_keeps_what_its_file_says(two):
     motion = recorded(two)
     only = {name: one for name, one in motion.references.items() if "/a_" in name}
-    now = steps.fitted(steps.begin(text_of(two), "hand"), [replace(motion, references=only)])
+    now = steps.begin(text_of(two), "hand").also(motion=[replace(motion, references=only)])
     robot = now.model.robot
     assert [one.preload for one in robot.cables[2:]] == [one.preload for one in two.cables[2:]]
     entry = robot.document["uncertainty"]
     assert entry["drums"] == "may_slip"
     assert not [path for path in stated_numbers(entry).paths if path.startswith("cables.b_")]
     with pytest.raises(UsageError, match="they have none at all"):
-        steps.fitted(steps.begin(text_of(two), "hand"), [replace(motion, references={})])
+        steps.begin(text_of(two), "hand").also(motion=[replace(motion, references={})])
 
 
 def test_a_small_hand_on_a_wrist_is_fitted_as_one_and_a_large_one_by_fingers():

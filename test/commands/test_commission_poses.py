@@ -13,17 +13,17 @@ from support.places import PROTOTYPE
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_fits import unknowns_of
 from cdrj_ros.commands.commission_judged import judged
-from cdrj_ros.commands.commission_rests import rest_poses
-from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.identification.entries import fitted_numbers, uncertainty_section
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.observations import Recorded, samples_of
+from cdrj_ros.identification.parts import unknowns_of
+from cdrj_ros.identification.poses import rest_poses
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
@@ -121,9 +121,9 @@ def covered(model, recorded, tension):
 
 def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds():
     recorded, _ = rig(COURSE)
-    tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
-    one = steps.preloaded(tared, scale_readings()[:1])
-    three = steps.preloaded(tared, scale_readings())
+    tared = steps.begin(FRESH, str(PROTOTYPE)).also(rest=recorded)
+    one = tared.also(preload=scale_readings()[:1])
+    three = tared.also(preload=scale_readings())
     before, after = judged(one.model), judged(three.model)
     assert after.ok > 0.3 > before.ok
     assert all(after.relative[name] < 0.75 * before.relative[name] for name in before.relative)
@@ -138,9 +138,9 @@ def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds():
 
 def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable():
     recorded, _ = rig(COURSE)
-    tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
+    tared = steps.begin(FRESH, str(PROTOTYPE)).also(rest=recorded)
     for tension, comment in ((None, "cable that slips makes"), (slipping(), "cable that holds")):
-        after = steps.preloaded(tared, scale_readings(tension))
+        after = tared.also(preload=scale_readings(tension))
         (fit,) = after.fits
         assert all(one.comment.startswith(comment) for one in fit.found.drums.values())
         assert set(fit.found.drums) == {"upper", "lower"}
@@ -149,14 +149,14 @@ def test_a_reading_back_in_the_first_pose_shows_whether_the_drum_holds_the_cable
 def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readings():
     """Its friction differs from the file, and its residuals last, unlike errors of readings."""
     recorded, _ = rig(COURSE)
-    tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
-    before = steps.preloaded(tared, scale_readings())
+    tared = steps.begin(FRESH, str(PROTOTYPE)).also(rest=recorded)
+    before = tared.also(preload=scale_readings())
     other, truth = rig((0.0, 25.0, -30.0, 10.0, -15.0, 33.0, 0.0))
     stamps = other.motors["winch"].stamp_ns
     noise = np.random.default_rng(2).normal(0.0, 0.02, stamps.size)
     effort = truth.motor_effort[:, 0] + 0.05 * np.sin(stamps * 1e-9) + noise
     references = {"effort/winch": Series(stamps, stamps, effort)}
-    after = steps.fitted(before, [replace(other, references=references)])
+    after = before.also(motion=[replace(other, references=references)])
     (fit,) = after.fits
     assert {one.drums for one in fit.found.drums.values()} == {"hold"}
     radii = []
@@ -169,9 +169,9 @@ def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readi
 
 def test_a_gain_that_is_common_to_all_readings_changes_preloads_alone():
     recorded, _ = rig(COURSE)
-    tared = steps.tared(steps.begin(FRESH, str(PROTOTYPE)), recorded)
+    tared = steps.begin(FRESH, str(PROTOTYPE)).also(rest=recorded)
     plain, more = (
-        steps.preloaded(tared, [{k: gain * v for k, v in row.items()} for row in scale_readings()])
+        tared.also(preload=[{k: gain * v for k, v in row.items()} for row in scale_readings()])
         for gain in (1.0, 1.01)
     )
     first, second = plain.model.robot.cables[0], more.model.robot.cables[0]
@@ -181,7 +181,7 @@ def test_a_gain_that_is_common_to_all_readings_changes_preloads_alone():
 
 def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothing():
     """Two causes of error for the same two numbers, whose covariance adds up again."""
-    now = steps.preloaded(steps.begin(FRESH, str(PROTOTYPE)), [{"upper": 30.0, "lower": 20.0}])
+    now = steps.begin(FRESH, str(PROTOTYPE)).also(preload=[{"upper": 30.0, "lower": 20.0}])
     robot = now.model.robot
     known = robot.uncertainty
     unknowns = unknowns_of(robot, now.base)
@@ -190,7 +190,9 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
         unknowns, np.zeros(size), np.ones(size), np.eye(size), (), (), 0, 0, 0.0, 0
     )
     assert found.by_path["cables.upper.preload"] == pytest.approx(30.0)
-    entry = yaml.safe_load(uncertainty_section(found, {}, {}))["uncertainty"]
+    entry = yaml.safe_load(uncertainty_section(fitted_numbers(found, {}), {}, {}, {}))[
+        "uncertainty"
+    ]
     stddev = dict(zip(entry["parameters"], entry["stddev"], strict=True))
     for path, variance in zip(known.parameters, np.diag(known.covariance), strict=True):
         assert stddev[path] == pytest.approx(np.sqrt(variance), rel=5e-3), path

@@ -3,7 +3,7 @@
 import numpy as np
 import yaml
 
-from cdrj_ros.commands.identify_entries import COVARIANCE_LIMIT, uncertainty_section
+from cdrj_ros.identification.entries import COVARIANCE_LIMIT, fitted_numbers, uncertainty_section
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.identification.nuisance import nuisance_correlation
 from cdrj_ros.identification.unknowns import Unknown
@@ -30,7 +30,9 @@ def found(others):
 
 
 def written(others, before):
-    block = yaml.safe_load(uncertainty_section(found(others), before, {}))
+    block = yaml.safe_load(
+        uncertainty_section(fitted_numbers(found(others), before), before, {}, {})
+    )
     return dict(block["uncertainty"])
 
 

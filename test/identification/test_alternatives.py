@@ -9,10 +9,10 @@ import yaml
 from support.made_up import recording
 from support.places import PROTOTYPE
 
-from cdrj_ros.commands.identify_entries import uncertainty_section
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.alternatives import Misfit, finding
+from cdrj_ros.identification.entries import fitted_numbers, uncertainty_section
 from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.unknowns import parse_unknowns
@@ -69,7 +69,7 @@ def judged(document, *, slips, seconds=8.0):
 
 
 def drums_written(found):
-    text = uncertainty_section(found, {"drums": "may_slip"}, {})
+    text = uncertainty_section(fitted_numbers(found, {}), {"drums": "may_slip"}, {}, found.drums)
     return str(yaml.safe_load(text)["uncertainty"]["drums"])
 
 

@@ -7,10 +7,10 @@ import pytest
 import yaml
 from support.fingers import finger, hand
 
-from cdrj_ros.commands.commission_fits import fit_parts
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.fit import sentences
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.parts import fit_parts
 from cdrj_ros.identification.reading_errors import count_of, reading_error
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Sensor

@@ -1,4 +1,4 @@
-"""The fits of ``commission``: all causes of error of a robot, group by group.
+"""All causes of error of a robot fitted group by group, as ``commission`` does.
 
 Cables depend on the axes and numbers of their paths alone, so the fingers of a hand are fitted one
 after the other, each as if its cables were the whole robot: it gets the numbers that it would get
@@ -18,16 +18,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.commands.identify_entries import (
-    COVARIANCE_LIMIT,
-    fit_errors,
-    fitted_numbers,
-    section_with,
-)
 from cdrj_ros.estimation.sensors import sensors_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.identification.alternatives import DrumFinding, doubted
+from cdrj_ros.identification.entries import (
+    COVARIANCE_LIMIT,
+    fit_errors,
+    fitted_numbers,
+    uncertainty_section,
+)
 from cdrj_ros.identification.fit import Identification, identify
 from cdrj_ros.identification.nuisance import nuisance_causes
 from cdrj_ros.identification.observations import Recorded, chosen_channels
@@ -264,7 +264,8 @@ def section_of(robot: Robot, fits: Sequence[PartFit]) -> str:
     written = {path for one in known for path in one.paths}
     stated = stated_numbers(before)
     rest = stated.part([k for k, path in enumerate(stated.paths) if path not in written])
-    return section_with(joined([*known, rest]), before, errors, drums_of(robot, fits))
+    numbers = joined([*known, rest])
+    return uncertainty_section(numbers, before, errors, drums_of(robot, fits))
 
 
 def drums_of(robot: Robot, fits: Sequence[PartFit]) -> Mapping[str, DrumFinding]:
