@@ -126,18 +126,16 @@ void Beliefs::take(std::size_t k, const SensorReading& reading) {
     const double sudden = first ? FIRST_JUMP : std::min(JUMP_RATE * passed, FIRST_JUMP);
     note(one, reading);
     pass_time(one, passed);
+    std::vector<Explanation> found;
     std::vector<double> scores, rests;
-    bool used = false;
     for (Hypothesis& own : hypotheses) {
-        const Explanation found =
-            explain(own, one, own.right[k], square(reading.noise), passed, sudden);
-        const std::size_t b = rests.size();
+        const std::size_t b = found.size();
+        found.push_back(explain(own, one, own.right[k], square(reading.noise), passed, sudden));
         scores.push_back(
-            own.right[k] ? found.right : wrong(one, b, found.rest, found.anywhere));
-        rests.push_back(found.rest);
-        if (b == 0) used = found.used;
+            own.right[k] ? found[b].right : wrong(one, b, found[b], found.front().bent));
+        rests.push_back(found[b].rest);
     }
-    one.strays = used ? 0 : one.strays + 1;
+    one.strays = found.front().used ? 0 : one.strays + 1;
     one.rest = std::move(rests);
     if (one.strays == 0 || one.strays > STRAYS) {
         const double noise = square(reading.noise);
@@ -227,7 +225,8 @@ Beliefs::Explanation Beliefs::explain(
     const double anywhere =
         log_likelihood(rest, variance + square(STRAY * one.sensor.scale));
     const double stray = static_cast<double>(1 + one.strays) * std::log(OUTLIER) + anywhere;
-    const Explanation found{rest, log_sum(changed, stray), anywhere, is_right && stray < changed};
+    const Explanation found{
+        rest, log_sum(changed, stray), anywhere, bent, is_right && stray < changed};
     if (!found.used) return found;
     // the variances of sudden changes by their probabilities: many Gaussians become one
     for (std::size_t i = 0; i < count(); ++i) {
@@ -248,11 +247,14 @@ Beliefs::Explanation Beliefs::explain(
     return found;
 }
 
-/// Log likelihood of a reading if the sensor is wrong: anywhere, or as far off as before.
-double Beliefs::wrong(const Heard& one, std::size_t b, double rest, double anywhere) const {
-    if (one.rest.size() != hypotheses.size()) return anywhere;
-    const double steady = 2.0 * one.variance + square(STEADY * one.sensor.scale);
-    return log_sum(anywhere, log_likelihood(rest - one.rest[b], steady)) - std::log(2.0);
+/// Log likelihood of a reading if the sensor is wrong: anywhere, or as far off as before. It is foreseen
+/// no better than if all sensors are right and signatures leave `bent` of the correction open.
+double Beliefs::wrong(
+    const Heard& one, std::size_t b, const Explanation& reading, double bent) const {
+    if (one.rest.size() != hypotheses.size()) return reading.anywhere;
+    const double steady = 2.0 * one.variance + bent + square(STEADY * one.sensor.scale);
+    const double as_before = log_likelihood(reading.rest - one.rest[b], steady);
+    return log_sum(reading.anywhere, as_before) - std::log(2.0);
 }
 
 /// Let a sensor become wrong with a small probability, and keep every hypothesis alive.

@@ -166,6 +166,7 @@ private:
         double rest;      // its difference from what was expected
         double right;     // log likelihood if the sensor is right,
         double anywhere;  // and if it may read anything
+        double bent;      // variance of what signatures do not say of the correction
         bool used;        // whether it has corrected the unknowns
     };
 
@@ -178,7 +179,8 @@ private:
     double expect(const Hypothesis& own, const Heard& one, std::span<double> change) const;
     Explanation explain(
         Hypothesis& own, const Heard& one, bool is_right, double noise, double passed, double sudden);
-    double wrong(const Heard& one, std::size_t hypothesis, double rest, double anywhere) const;
+    double wrong(
+        const Heard& one, std::size_t hypothesis, const Explanation& reading, double bent) const;
     void fail(std::size_t k, double passed);
     Latest latest(
         Nanoseconds stamp_ns, std::span<const double> h, std::span<const double> deviation) const;

@@ -37,6 +37,9 @@ JUDGED_NS: Final = 500_000_000
 CONTRADICTED: Final = 2.0
 """Tensions contradict readings that show others by more than so many standard deviations."""
 
+SHOWN: Final = 0.5
+"""Of a change of a cable's preload its mean tension shows less than this share if it is slack."""
+
 
 Said = tuple[Vector, Vector, Vector]
 """What sensors say, see ``Group.correction``."""
@@ -156,7 +159,7 @@ class Group:
         if self.verdict is not None:
             left = left * self.verdict.unexplained
             left = left + self._contradicted(shift, left)
-        return shift, known, left
+        return shift, known, left + self._hidden()
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -259,6 +262,18 @@ class Group:
         differs = (mean @ slopes - shift) ** 2
         variance = left + np.einsum("iq,ij,jq->q", slopes, covariance, slopes)
         return np.where(differs > CONTRADICTED**2 * variance, differs, 0.0)
+
+    def _hidden(self) -> Vector:
+        """Variances of tensions by preloads of slack cables, which signatures do not show.
+
+        Beyond one unit, as after a break, they may be taut all the same.
+        """
+        found, stddev = np.zeros(self.columns.size), self.beliefs.moments()[1]
+        for c, k in self._preloads.items():
+            part, unit = self._own.robot.parts[c], self.unknowns[k].unit
+            if stddev[k] > 1.0 and self.slopes[k, part].mean() < SHOWN * unit:
+                found[part] = (unit * stddev[k]) ** 2
+        return found
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:
         """What the sensors say about the present, (B4).

@@ -129,6 +129,18 @@ def test_readings_that_repeat_while_the_estimate_moves_are_no_readings():
     assert known.probability_right(1) > 0.9
 
 
+def test_sensors_that_agree_are_right_however_steady_their_readings_are():
+    """What signatures do not say of a large correction lasts, whether a sensor is right or not."""
+    generator = np.random.default_rng(7)
+    known = Beliefs(_unknowns(1))
+    _hear(known, *"ab")
+    for k in range(100):
+        for one in range(2):
+            _read(known, one, 0.1 * k, 30.0 + NOISE * generator.normal(), [20.0])
+    assert known.core.mean[0, 0] == pytest.approx(1.0, abs=0.05)
+    assert min(known.probability_right(one) for one in range(2)) > 0.9
+
+
 def test_a_reading_beyond_all_bounds_is_no_reading():
     known = Beliefs(_unknowns(1, jump=3.0) + _unknowns(1))
     _hear(known, "broken", "good")

@@ -67,6 +67,19 @@ def test_status_0_holds_whatever_happens_to_the_inputs(kind, seed, model, tmp_pa
     assert verdict.beyond(5.0) <= BEYOND_FIVE
 
 
+def test_a_slip_that_slackens_a_cable_over_a_restart_stays_in_doubt_beside_sensors(
+    model, course, tmp_path
+):
+    """By the model the cable is slack; what its preload changes does not show there."""
+    stop = 5 * SECOND
+    for sensors in ((CELL,), (EFFORT,), (CELL, EFFORT)):
+        slip = [("elbow", stop + 50 * MS, 0.06)]
+        faults = Faults(restart_ns=stop, stop_ns=100 * MS, slips=slip, sensors=sensors)
+        outputs = run(model, course, faults, scratch=tmp_path)
+        assert judge(course, outputs).ratio.size > 0, "some have status 0 until then"
+        assert judge(course, outputs, stop).beyond(5.0) <= BEYOND_FIVE
+
+
 # Single faults that were found manually ---------------------------------------------------------
 
 SLOW, FAST = (11.0, sine(0.3, 0.45)), (6.0, sine(3.0))
