@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unusual
+from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unmoved, unusual
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
 from cdrj_ros.commands.commission_steps import Commissioned, Measured, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
@@ -194,7 +194,13 @@ def _measured(now: Commissioned, name: str, given: Any, topics: Topics | Columns
     read = [_read(now, bag, topics) for bag in given]
     for one in read:
         refuse_efforts(now.unfitted, one)
+        for joint, share in unmoved(now.model.robot, one).items():
+            say(f"note: {joint} moves through {share:.0%} of its range in {one.name}; {OPEN}")
     return read
+
+
+OPEN: Final = "tensions elsewhere stay less known than foretold"
+"""What follows from a motion of some joints alone."""
 
 
 def _read(now: Commissioned, bag: str, topics: Topics | Columns) -> Recorded:

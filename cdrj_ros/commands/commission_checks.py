@@ -19,6 +19,7 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.parts import PartFit
 from cdrj_ros.model.packing import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import motors_of
 
 OPPOSITE: Final = -1.0 / 3.0
@@ -35,6 +36,9 @@ APART: Final = 1.05
 
 BETTER: Final = 3.0
 """Factor by which the largest deviation must fall for two readings to be swapped."""
+
+MOVED: Final = 0.5
+"""Share of a joint's range from which a motion shows what depends on its angle."""
 
 UNUSUAL: Final = 3.0
 """A number that a fit moves by so many of its standard deviations is reported."""
@@ -65,6 +69,17 @@ def refuse_efforts(model: Model, recorded: Recorded) -> None:
             f"{recorded.name}: efforts are {least:.3g} to {most:.3g} times what the preloads give; "
             f"effort_scale: {fits} fits, or the preloads are not in N (1 kgf is 9.81 N)"
         )
+
+
+def unmoved(robot: Robot, recorded: Recorded) -> dict[str, float]:
+    """Joints that a motion leaves nearly at rest, and the share of their ranges that it covers."""
+    found = {}
+    for joint in robot.joints:
+        covered = abs(joint.sensor.scale) * float(np.ptp(recorded.joints[joint.name].value))
+        whole = joint.upper - joint.lower
+        if covered < MOVED * whole:
+            found[joint.name] = covered / whole
+    return found
 
 
 def swapped(now: Commissioned) -> tuple[str, str] | None:

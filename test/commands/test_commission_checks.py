@@ -9,7 +9,7 @@ from support.fingers import finger, hand
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_checks import refuse_efforts, swapped
+from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unmoved
 from cdrj_ros.commands.commission_judged import Judged
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series
@@ -87,6 +87,15 @@ def test_efforts_of_the_wrong_sign_or_unit_are_refused_with_the_key_that_fits():
     with pytest.raises(UsageError, match=kgf):
         refuse_efforts(read_as(14.0 / 9.81, 17.0 / 9.81), pulled(14.0, 17.0))
     refuse_efforts(read_as(1.4, 17.0), pulled(14.0, 17.0))  # a load on one cable, not a unit
+
+
+def test_a_joint_that_hardly_moves_in_a_motion_is_named():
+    robot = hand(finger("a"))
+    angle = 0.5 + 0.4 * np.sin(np.arange(400) / 30.0)
+    stamps = EPOCH_NS + 5_000_000 * np.arange(400)
+    joints = {"a_mcp": Series(stamps, stamps, angle), "a_pip": Series(stamps, stamps, 0.1 * angle)}
+    found = unmoved(robot, Recorded("motion", {}, joints, {}))
+    assert found == pytest.approx({"a_pip": 0.08}, abs=1e-3)
 
 
 @pytest.mark.parametrize("seconds", [0.4, 1.0, 1.2, 1.6, 2.0, 3.0])
