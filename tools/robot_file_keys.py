@@ -143,11 +143,11 @@ def _described(text: str) -> tuple[str, str, str]:
 
 
 def _type(rule: Mapping[str, Any]) -> str:
-    if "if" in rule:
-        return " or ".join(dict.fromkeys(_type(_resolved(rule[b])) for b in ("else", "then")))
     part = rule.get("part", "")
     if part in PARTS:
         return PARTS[part]
+    if "if" in rule:
+        return " or ".join(dict.fromkeys(_type(_resolved(rule[b])) for b in ("else", "then")))
     if part and "properties" in rule:
         return "mapping"
     if "const" in rule or ("enum" in rule and "type" not in rule):

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.errors import Refusal, RobotFileError, listed
+from cdrj_ros.foundation.errors import Refusal, listed
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import Coupling, is_coupled
 from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Motor, PassiveTorque, Profile, Sensor
-from cdrj_ros.robot.document import term_complaints
 
 DEFAULT_BREAKAWAY_ANGLE: Final = 1e-3
 """Default angle over which the friction of an axis builds up [rad]."""
@@ -127,12 +126,6 @@ def _passive(entry: Document) -> PassiveTorque:
     return PassiveTorque(**numbers)
 
 
-MOST_KNOWN: Final = 256
-"""Terms that are kept; some 6 kB each."""
-
-_KNOWN: dict[Hashable, tuple[Profile, ...]] = {}
-
-
 class ProfileReader:
     """Reads the functions of one robot file."""
 
@@ -176,30 +169,6 @@ class ProfileReader:
         )
 
     def _function(self, path: str, entry: Document) -> tuple[Profile, ...]:
-        """A term, from memory if the same one has been read before.
-
-        An ensemble's members share their spans and wraps: reading each table anew took two fifths
-        of the time in which a change of parameters delays the estimate.
-        """
-        key = (
-            repr(entry),
-            self._couplings.get(entry["joint"]) if isinstance(entry.get("joint"), str) else None,
-            *((joint.name, joint.lower, joint.upper) for joint in self._joints.values()),
-        )
-        if key not in _KNOWN:
-            profiles = self._read_function(path, entry)
-            for profile in profiles:
-                for array in (profile.angle, profile.value, profile.slope):
-                    array.flags.writeable = False
-            if len(_KNOWN) >= MOST_KNOWN:
-                _KNOWN.clear()
-            _KNOWN[key] = profiles
-        return _KNOWN[key]
-
-    def _read_function(self, path: str, entry: Document) -> tuple[Profile, ...]:
-        if not _is_plain_term(entry):
-            for complaint in term_complaints(entry, path):
-                raise RobotFileError(f"{complaint} ({self._refuse.source})")
         coupling = self.coupling(f"{path}.joint", entry["joint"])
         if len(coupling.shares) > 1:
             return self._sum(path, entry, coupling)
@@ -271,15 +240,6 @@ def _monotone(values: Vector, slopes: Vector, step: float) -> Vector:
     most = np.where(left * right > 0.0, 3.0 * np.minimum(np.abs(left), np.abs(right)), 0.0)
     limited: Vector = np.clip(slopes, -most, most)
     return limited
-
-
-def _is_plain_term(entry: Document) -> bool:
-    """Whether a function is so simple that the slow validation by the schema can be skipped."""
-    return isinstance(entry.get("joint"), str) and all(
-        key in ("offset", "slope", "sine") and type(value) in (int, float)
-        for key, value in entry.items()
-        if key != "joint"
-    )
 
 
 def _constant(value: float) -> Profile:

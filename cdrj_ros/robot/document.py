@@ -175,26 +175,20 @@ def schema() -> Mapping[str, Any]:
     return load_schema("cdrj_ros.robot", "robot.schema.json")
 
 
-@lru_cache(maxsize=3)
-def _validator(definition: str = "") -> Any:
-    """The validator of the schema, of one key of the file, or of one definition."""
+@lru_cache(maxsize=2)
+def _validator(key: str = "") -> Any:
+    """The validator of the schema, or of one key of the file."""
     import jsonschema  # as in check_document
 
     rules = schema()
-    if definition:
-        part = rules["properties"].get(definition, {"$ref": f"#/$defs/{definition}"})
-        rules = {**part, "$defs": rules["$defs"]}
+    if key:
+        rules = {**rules["properties"][key], "$defs": rules["$defs"]}
     return jsonschema.Draft202012Validator(rules)
 
 
 def document_complaints(document: Document) -> Iterator[str]:
     """One line for each violation of the schema in a document."""
     return _complaints(_validator(), document, "")
-
-
-def term_complaints(term: Any, path: str) -> Iterator[str]:
-    """One line for each violation of the schema of a joint function in ``term`` at ``path``."""
-    return _complaints(_validator("term"), term, path)
 
 
 def _complaints(validator: Any, value: Any, path: str) -> Iterator[str]:
