@@ -17,7 +17,6 @@ def test_the_programs_and_the_command_of_the_page_run(tmp_path, monkeypatch, cap
     assert capsys.readouterr().out == blocks(page, "text")[0]
     assert (tmp_path / "tensions.png").stat().st_size > 10_000
     log = scope["log"]
-    assert isinstance(log, dict)
     log = {**log, "m1_cur": np.zeros(log["t_s"].size)}
     np.savetxt("log.csv", np.column_stack(list(log.values())), delimiter=",",
                header=",".join(log), comments="")  # fmt: skip

@@ -11,20 +11,13 @@ import pytest
 from support.reading_streams import random_robot, random_stream
 from support.wound import robot_of
 
-from cdrj_ros import _core
 from cdrj_ros._core import LARGEST
 from cdrj_ros.estimation import conditioner as conditioning
-from cdrj_ros.estimation.conditioner import HORIZON_NS, Conditioner, condition
+from cdrj_ros.estimation.conditioner import Conditioner, condition
 from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.robot.document import LARGEST as LARGEST_NUMBER
 from cdrj_ros.robot.document import schema
-
-
-def test_a_message_of_one_topic_is_not_read_as_one_of_another():
-    with pytest.raises(TypeError):
-        _core.Conditioner([], 0, False, HORIZON_NS).feed(0, 1, ["a"], [0.0])
-
 
 ROBOT = robot_of(
     """
