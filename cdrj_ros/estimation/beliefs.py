@@ -37,7 +37,8 @@ class Beliefs:
         """Number of the robot's unknowns; those of the sensors follow."""
         self.sensors: list[Sensor] = []
         """Those that have been heard."""
-        sizes = [(one.start, one.drift, one.jump, one.error) for one in unknowns]
+        kinds = [one.kind for one in unknowns]
+        sizes = [(one.start, one.drift, one.jump, one.error) for one in kinds]
         self.core = _core.Beliefs(*np.array(sizes).reshape(-1, 4).T)
 
     def hear(self, sensor: Sensor, quantity: int, contributes: NDArray[np.bool_]) -> None:

@@ -164,7 +164,7 @@ class Corrections:
         right, found = self.right, {}
         for group in self.groups:
             mean, stddev = group.beliefs.moments()
-            frictions = {one.name: k for k, one in enumerate(group.unknowns) if one.kind is AXIS}
+            unknowns = {one.name: k for k, one in enumerate(group.unknowns)}
             for k, sensor in enumerate(group.beliefs.sensors):
                 bias, gain = group.beliefs.errors_of(k)
                 _, used, frozen, _ = group.beliefs.core.heard(k)
@@ -174,7 +174,7 @@ class Corrections:
                     f"bias {mean[bias]:.3g} +- {stddev[bias]:.2g} {unit}, "
                     f"gain {mean[gain]:+.1%} +- {stddev[gain]:.1%}"
                 )
-                friction = frictions.get(AXIS.what.format(sensor.name))
+                friction = unknowns.get(AXIS.what.format(sensor.name))
                 if friction is not None:
                     size = group.unknowns[friction].unit
                     words += (

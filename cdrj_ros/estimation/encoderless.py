@@ -55,7 +55,7 @@ class EncoderlessEstimator:
         self.model = model
         self.names = tuple(model.layout.joints[j] for j in model.robot.unmeasured)
         joints = ((j, model.robot.joints[j]) for j in model.robot.unmeasured)
-        self._core = _core.EncoderlessEstimator(
+        self.core = _core.EncoderlessEstimator(
             ensemble=new_members(model, draw(model, members)),
             joints=[
                 _core.EncoderlessJoint(
@@ -69,23 +69,6 @@ class EncoderlessEstimator:
             ],
             effort_noise=[motor.effort_noise for motor in model.robot.motors],
         )
-
-    @property
-    def state(self) -> Vector:
-        """The robot's state after the last sample, shape (state_size,)."""
-        return self._core.state
-
-    def reset(self) -> None:
-        """Discard the history; the next effort starts anew."""
-        self._core.reset()
-
-    def keep(self) -> None:
-        """Keep the history, to which ``roll_back`` returns from predicted samples."""
-        self._core.keep()
-
-    def roll_back(self) -> None:
-        """Undo everything since ``keep``; without effect if it was not called."""
-        self._core.roll_back()
 
     def run(self, samples: Samples, efforts: Table) -> Estimates:
         """Estimate samples that follow those of the call before.
@@ -109,7 +92,7 @@ class EncoderlessEstimator:
         values = np.empty((n, self.model.layout.size))
         stddev = np.empty((n, stddev_columns(self.model.layout).size))
         angle, angle_stddev = np.empty((n, count)), np.empty((n, count))
-        self._core.run(
+        self.core.run(
             np.ascontiguousarray(samples.stamp_ns),
             np.ascontiguousarray(samples.motor_angle, dtype=np.float64),
             np.ascontiguousarray(samples.joint_angle, dtype=np.float64),
@@ -190,7 +173,7 @@ class LiveEncoderless:
     def reset(self) -> None:
         """Discard efforts and history."""
         self.heard.clear()
-        self.solver.reset()
+        self.solver.core.reset()
 
     def feed_efforts(
         self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
@@ -203,9 +186,9 @@ class LiveEncoderless:
     def estimate(self, sample: Sample) -> Estimate:
         """Estimate a sample; a predicted one leaves the history as it is."""
         if sample.predicted:
-            self.solver.keep()
+            self.solver.core.keep()
         else:
-            self.solver.roll_back()
+            self.solver.core.roll_back()
         efforts = self.heard.at(sample.stamp_ns)
         self.lacks_efforts = not bool(np.isfinite(efforts).any())
         one = Samples(
@@ -221,7 +204,7 @@ class LiveEncoderless:
 
     def state_at(self, stamp_ns: int) -> State:
         """The robot's state after the last sample, whose stamp is given [ns]."""
-        return State(stamp_ns, self.solver.state)
+        return State(stamp_ns, self.solver.core.state)
 
 
 def efforts_at(

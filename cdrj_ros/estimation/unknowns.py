@@ -57,7 +57,7 @@ SMALLEST_PRELOAD: Final = 1.0
 
 
 class Kind(NamedTuple):
-    """How a number of the robot changes after its file was written."""
+    """How a number of the robot is off, or changes after its file was written."""
 
     name: str
     what: str
@@ -80,6 +80,9 @@ class Kind(NamedTuple):
     error: float = NONLINEAR
     """Error of a correction by it, as a share of the correction."""
 
+
+MODE: Final = Kind("mode", "", 1.0, start=1.0)
+"""What the file leaves open moves the tensions along with it, (B1)."""
 
 PRELOAD: Final = Kind(
     "preload", "preload of {}", 0.2, start=0.18, drift=0.01, jump=1.0, reported=0.25,
@@ -145,23 +148,17 @@ class Changed(NamedTuple):
 class Unknown:
     """One unknown of the estimate."""
 
+    kind: Kind
     name: str
     """``preload of upper``; empty for a mode, which belongs to many numbers."""
     unit: float
     """Its size in SI, of which its value is a multiple; 1 for a mode."""
-    start: float
-    drift: float
-    jump: float
-    error: float
-    """As ``Kind``."""
     more: Changed
     less: Changed
     """The robot at plus and minus one unit."""
     only: int = -1
     """The only cable that it changes, or the only axis, counted after the cables: the others of
     these robots show other unknowns; -1 where it changes several."""
-    kind: Kind | None = None
-    """Of a change; None for a mode."""
     path: str = ""
     """Of the number of the robot file that it changes; empty for several."""
 
@@ -183,10 +180,7 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
     shapes, only = _modes(model, known)
     more = _ends(model, known, shapes, only)
     less = _ends(model, known, -shapes, only)
-    modes = [
-        Unknown("", 1.0, 1.0, 0.0, 0.0, NONLINEAR, *ends)
-        for ends in zip(more, less, only, strict=True)
-    ]
+    modes = [Unknown(MODE, "", 1.0, *ends) for ends in zip(more, less, only, strict=True)]
     return modes + changes, shapes
 
 
@@ -277,10 +271,7 @@ def _effects(model: Model, ends: Sequence[Changed], only: Sequence[int]) -> Tabl
     Motors turn as the cables need without friction.
     """
     robot, same = model.robot, _same(model)
-    causes = [
-        Unknown("", 1.0, 1.0, 0.0, 0.0, 0.0, end, same, c)
-        for end, c in zip(ends, only, strict=True)
-    ]
+    causes = [Unknown(MODE, "", 1.0, end, same, c) for end, c in zip(ends, only, strict=True)]
     every = poses_in_range(robot)
     joints = every[np.linspace(0, len(every) - 1, min(POSES, len(every))).astype(int)]
     longer = lengths_at(model, joints) - lengths_at(model, robot.reference_pose[None])
@@ -361,10 +352,7 @@ def _unknown(
     size: float = 1.0,
     path: str = "",
 ) -> Unknown:
-    return Unknown(
-        kind.what.format(name), kind.unit * size, kind.start, kind.drift, kind.jump, kind.error,
-        more, less, only, kind, path,
-    )  # fmt: skip
+    return Unknown(kind, kind.what.format(name), kind.unit * size, more, less, only, path)
 
 
 def _of_axes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
@@ -396,8 +384,9 @@ def _of_axes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
             continue
         path = f"{'motors' if a < count else 'joints'}.{axis.name}.bearing_torque"
         size = np.hypot(AXIS.unit * scales[a], FRICTION_KNOWN * axis.passive.bearing_torque)
-        one = _unknown(AXIS, axis.name, more, same, len(robot.cables) + a, float(scales[a]))
-        yield replace(one, start=float(stated.get(path, size)) / one.unit)
+        scale = float(scales[a])
+        kind = AXIS._replace(start=float(stated.get(path, size)) / (AXIS.unit * scale))
+        yield _unknown(kind, axis.name, more, same, len(robot.cables) + a, scale)
 
 
 def _preloaded(cable: Cable, units: float) -> Cable:

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.estimation.sensors import Sensor
-from cdrj_ros.estimation.unknowns import AXIS, Unknown
+from cdrj_ros.estimation.unknowns import AXIS, MODE, Unknown
 from cdrj_ros.foundation.arrays import Table, Vector
 
 GAIN: Final = 0.05
@@ -261,9 +261,9 @@ def _broken(heard: Sequence[Heard]) -> int:
 
 def _of_robot(unknowns: Sequence[Unknown]) -> Iterator[Change]:
     """Of one unknown, and of all preloads, friction or slips by the same share."""
-    kinds = dict.fromkeys(one.kind for one in unknowns if one.kind and one.kind.reported)
+    kinds = dict.fromkeys(one.kind for one in unknowns if one.kind.reported)
     for kind in kinds:
-        own = [k for k, one in enumerate(unknowns) if one.kind is kind]
+        own = [k for k, one in enumerate(unknowns) if one.kind == kind]
         unit, factor = kind.words
         for k in own:
             amount = factor * unknowns[k].unit
@@ -299,7 +299,7 @@ class _Fit:
             sums[np.ix_(at, at)] += one.sums
         self.number = sum(one.number for one in heard)
         self.changes = [*_of_robot(unknowns), *_of_sensors(self.count, heard)]
-        self.modes = [k for k, one in enumerate(unknowns) if one.kind is None]
+        self.modes = [k for k, one in enumerate(unknowns) if one.kind is MODE]
         places = [(k,) for k in self.modes] + [one.places for one in self.changes]
         self.basis = np.zeros((size, len(places) + 1))
         for k, own in enumerate(places):
@@ -307,7 +307,7 @@ class _Fit:
         self.basis[-1, -1] = 1.0
         self.sums = self.basis.T @ sums @ self.basis
         changes = [LARGE * one.least for one in self.changes]
-        self.prior = np.array([unknowns[k].start for k in self.modes] + changes) ** 2
+        self.prior = np.array([unknowns[k].kind.start for k in self.modes] + changes) ** 2
 
     def places(self, k: int) -> list[int]:
         """Indices of the unknowns of a sensor's sums among all."""

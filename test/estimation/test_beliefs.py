@@ -8,7 +8,7 @@ import pytest
 from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.sensors import Accuracy, Sensor
-from cdrj_ros.estimation.unknowns import Unknown
+from cdrj_ros.estimation.unknowns import Kind, Unknown
 
 SECOND = 1_000_000_000
 NOISE = 0.1
@@ -17,7 +17,8 @@ NOISE = 0.1
 def _unknowns(count, jump=0.0, error=NONLINEAR):
     """Unknowns of standard deviation 1 that do not drift."""
     nothing = None
-    return [Unknown(f"u{k}", 1.0, 1.0, 0.0, jump, error, nothing, nothing) for k in range(count)]
+    kind = Kind("any", "{}", 1.0, start=1.0, jump=jump, error=error)
+    return [Unknown(kind, f"u{k}", 1.0, nothing, nothing) for k in range(count)]
 
 
 def _sensor(name, **changes):

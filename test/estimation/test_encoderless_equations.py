@@ -110,7 +110,7 @@ def test_the_angle_of_every_sample_minimises_both_sums(load_drift):
     estimator = EncoderlessEstimator(model, members=0)
     before = None
     for k in range(SAMPLES):
-        state = estimator.state
+        state = estimator.core.state
         found = estimator.run(read.part(slice(k, k + 1)), efforts[k : k + 1])
         angle, stddev = float(found.angles.value[0, 0]), float(found.angles.stddev[0, 0])
         if before is not None:

@@ -85,9 +85,13 @@ def test_prediction_leaves_the_memory_of_a_robot_without_all_encoders():
             given += live.feed("motors", stamp, motors, read.motor_angle[k])[1]
             if k % 20 == 0:
                 given += live.feed("joints", stamp, joints, read.joint_angle[k])[1]
-        live.encoderless.solver.roll_back()
+        live.encoderless.solver.core.roll_back()
         found.append(
-            (live.last_ns, live.encoderless.solver.state.tobytes(), live.state.values.tobytes())
+            (
+                live.last_ns,
+                live.encoderless.solver.core.state.tobytes(),
+                live.state.values.tobytes(),
+            )
         )
         stamps.append([output.stamp_ns for output in given])
     assert found[0] == found[1]
