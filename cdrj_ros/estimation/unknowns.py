@@ -90,7 +90,9 @@ PRELOAD: Final = Kind(
 )  # fmt: skip
 """Cables settle by some percent after they are mounted, creep slowly, and slip at a clamp."""
 
-ALIKE: Final = Kind("preloads", "preload of all cables", 0.2, start=0.18, drift=0.01)
+ALIKE: Final = PRELOAD._replace(
+    name="preloads", what="preload of all cables", reported=0.0, alike=""
+)
 """What preloads have in common: creep of one rope, temperature, the gain of one spring scale.  An
 effort that is a difference of cables hardly shows it."""
 

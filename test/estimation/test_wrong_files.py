@@ -64,6 +64,24 @@ def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(tool, k,
     assert tool.heard(model, read, truth, sensors).misleading <= 0.05
 
 
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+def test_preloads_that_are_all_wrong_are_within_five_deviations_of_an_effort_from_the_start(
+    tool, factor
+):
+    """It hardly shows them: what is left is how far off they may have been from the start."""
+    model, motion = load_model(tool.ROBOT), tool.true_motion(load_model(tool.ROBOT), 4.0)
+    wrong = tool.Wrong("preloads", {"cables.*.preload": factor})
+    truth = tool.true_readings(tool.fresh_model(model), wrong, motion)
+    read, live, beyond = tool.readings(model, motion, 0.0), LiveEstimator(model), []
+    for k, stamp in enumerate(read.stamp_ns.tolist()):
+        live.feed_efforts(stamp, ["winch"], truth.effort[k] + 0.01 * (k % 3 - 1))
+        out = live.take(read.at(k))
+        far = np.abs(out.tension - truth.tension[k]) > 5.0 * out.stddev[:16]
+        beyond.append(far[out.status == 0])
+    assert np.concatenate(beyond).size > 0
+    assert np.concatenate(beyond).mean() <= 0.001
+
+
 @pytest.mark.parametrize("pause", ["suspended", "gap"])
 def test_what_a_slip_has_taken_stays_in_doubt_over_a_break(tool, pause):
     """No load cell shows it afterwards."""
