@@ -12,8 +12,9 @@ constexpr std::size_t FOR_VELOCITY = 2, FOR_CURVATURE = 4;
 /// A speed that exceeds all before it counts as a little more, so that few do.
 constexpr double MORE = 1.1;
 
-/// Standard deviation of what lags are worth, by the swing of the mean tension.
-constexpr double SWUNG = 0.5;
+/// Standard deviation of what lags are worth, by the swing of the mean tension, of which a lag is worth all at
+/// first, and half of it once the axes have moved to and fro.
+constexpr double SWUNG = 0.6;
 
 double square(double x) { return x * x; }
 
