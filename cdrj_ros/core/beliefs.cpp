@@ -44,9 +44,6 @@ constexpr double FROZEN = -50.0;
 /// Least weight of a hypothesis, so that it can recover.
 constexpr double LEAST_WEIGHT = 1e-6;
 
-/// So many stray readings in a row are no evidence.
-constexpr Index STRAYS = 2;
-
 std::vector<double> squares(std::span<const double> stddev) {
     std::vector<double> found(stddev.begin(), stddev.end());
     for (double& one : found) one *= one;
@@ -136,6 +133,7 @@ void Beliefs::take(std::size_t k, const SensorReading& reading) {
         rests.push_back(found[b].rest);
     }
     one.strays = found.front().used ? 0 : one.strays + 1;
+    one.unexplained = found.front().far ? one.unexplained + 1 : 0;
     one.rest = std::move(rests);
     if (one.strays == 0 || one.strays > STRAYS) {
         const double noise = square(reading.noise);
@@ -226,7 +224,8 @@ Beliefs::Explanation Beliefs::explain(
         log_likelihood(rest, variance + square(STRAY * one.sensor.scale));
     const double stray = static_cast<double>(1 + one.strays) * std::log(OUTLIER) + anywhere;
     const Explanation found{
-        rest, log_sum(changed, stray), anywhere, bent, is_right && stray < changed};
+        rest, log_sum(changed, stray), anywhere, bent, is_right && stray < changed,
+        square(rest) > FAR * variance};
     if (!found.used) return found;
     // the variances of sudden changes by their probabilities: many Gaussians become one
     for (std::size_t i = 0; i < count(); ++i) {

@@ -34,6 +34,12 @@ inline constexpr double LASTS_S = 0.2;
 /// Time after which a reading weighs a third as evidence [s]: a few strokes of a slow joint.
 inline constexpr double FADES_S = 5.0;
 
+/// A squared residual by its variance beyond which a reading says nothing about the present.
+inline constexpr double FAR = 25.0;
+
+/// So many stray readings in a row are no evidence.
+inline constexpr Index STRAYS = 2;
+
 inline double square(double number) { return number * number; }
 
 /// What is open about a sensor; see `cdrj_ros.estimation.sensors`.
@@ -94,7 +100,8 @@ struct Heard {
     double highest = -INFINITE;
     Index used = 0;                // number of readings
     std::vector<double> rest{};    // last reading less what was expected, by hypotheses
-    Index strays = 0;              // how many of the latest were stray if all sensors are right
+    Index strays = 0;              // how many of the latest were stray if all sensors are right,
+    Index unexplained = 0;         // and how many were far from what was expected then
     Evidence evidence{};
 
     /// Whether equal readings contradict the motion.
@@ -147,6 +154,9 @@ public:
     /// Sensors change quantities to which they do not contribute by their unknowns alone: few members
     /// cannot tell more. `h`: the model's quantities now; `slopes`: their signatures, by unknowns;
     /// `deviation`: of the members from h by their histories, by members.
+    ///
+    /// A reading far from what is expected of a sensor that is right says where they are not: it leaves
+    /// them open by the same share as it is off.
     void present(
         Nanoseconds stamp_ns, std::span<const double> h, std::span<const double> slopes,
         std::span<const double> deviation, const Presence& found) const;
@@ -168,6 +178,7 @@ private:
         double anywhere;  // and if it may read anything
         double bent;      // variance of what signatures do not say of the correction
         bool used;        // whether it has corrected the unknowns
+        bool far;         // whether it was far from what was expected
     };
 
     struct Latest;
@@ -186,8 +197,8 @@ private:
         Nanoseconds stamp_ns, std::span<const double> h, std::span<const double> deviation) const;
     double noise_now(const Hypothesis& own, const Latest& latest, std::size_t sensor) const;
     void condition(
-        const Hypothesis& own, const Latest& latest, std::span<const double> slopes,
-        std::span<const double> bent, const Presence& found) const;
+        const Hypothesis& own, const Latest& latest, std::span<const double> h,
+        std::span<const double> slopes, std::span<const double> bent, const Presence& found) const;
 
     std::vector<double> drift_, jump_;              // variances of the robot's unknowns
     std::vector<double> error_;                     // of a correction by each, as a share of it

@@ -13,8 +13,8 @@ constexpr double WRONG = 0.3;
 /// For so long a reading also says something about the present [s].
 constexpr double USED_S = 0.4;
 
-/// A squared residual by its variance beyond which a reading says nothing about the present.
-constexpr double FAR = 100.0;
+/// Least size of what a reading should be, by what the preloads contribute, that tells a share of it.
+constexpr double SMALL = 1e-3;
 
 /// Least variance by which another one is divided.
 constexpr double TINY = 1e-30;
@@ -82,7 +82,7 @@ void Beliefs::present(
                 bent[q] += error_[i] * own.mean[i] * slope;
             }
         }
-        condition(own, last, slopes, bent, {shift, known, less});
+        condition(own, last, h, slopes, bent, {shift, known, less});
         for (std::size_t q = 0; q < size; ++q) {
             const double left = variance_of(sums[q], own.covariance) + square(bent[q]) - less[q];
             found.shift[q] += own.weight * shift[q];
@@ -147,12 +147,13 @@ double Beliefs::noise_now(const Hypothesis& own, const Latest& latest, std::size
 }
 
 /// (B4) under one hypothesis: adds the changes of all quantities; writes the shares of their
-/// histories' variances, and what is taken from the variances that the unknowns leave.
+/// histories' variances, and what is taken from the variances that the unknowns leave, or given to
+/// them where a sensor that is right reads something else.
 ///
-/// `bent`: standard deviation of what signatures do not say, of every quantity.
+/// `h`: the model's quantities; `bent`: standard deviation of what signatures do not say of each.
 void Beliefs::condition(
-    const Hypothesis& own, const Latest& latest, std::span<const double> slopes,
-    std::span<const double> bent, const Presence& found) const {
+    const Hypothesis& own, const Latest& latest, std::span<const double> h,
+    std::span<const double> slopes, std::span<const double> bent, const Presence& found) const {
     const std::size_t sensors = latest.read.size(), size = bent.size(), all = own.mean.size();
     DenseMatrix change(sensors, all), by_unknowns(sensors, all), total(sensors, sensors);
     DenseMatrix across = latest.history;
@@ -204,6 +205,15 @@ void Beliefs::condition(
             }
             found.known[q] = of_history / latest.spread[q];
             found.left[q] = of_all - of_history;
+        }
+    }
+    for (std::size_t s = 0; s < sensors; ++s) {
+        const Heard& one = *latest.read[s];
+        const bool may_be_wrong = one.unexplained <= STRAYS && one.unexplained < one.used;
+        if (near[s] || may_be_wrong || !own.right[latest.places[s]]) continue;
+        const double share = rest[s] / std::max(std::abs(one.h), SMALL * one.sensor.scale);
+        for (std::size_t q = 0; q < size; ++q) {
+            if (one.sensor.contributes[q]) found.left[q] -= square(share * h[q]);
         }
     }
 }
