@@ -246,7 +246,8 @@ class Group:
             )
             for k, sensor in enumerate(self.beliefs.sensors)
         ]  # fmt: skip
-        return judge(self.unknowns, heard, self._model.layout.cables) or self.verdict
+        cables = self._model.layout.cables
+        return judge(self.unknowns, heard, cables, self.verdict) or self.verdict
 
     def _contradicted(self, shift: Vector, left: Vector) -> Vector:
         """Variances of all quantities by which the changes found contradict what is published.

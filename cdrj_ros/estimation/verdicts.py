@@ -174,7 +174,10 @@ class Verdict:
 
 
 def judge(
-    unknowns: Sequence[Unknown], every: Sequence[Heard], cables: Sequence[str]
+    unknowns: Sequence[Unknown],
+    every: Sequence[Heard],
+    cables: Sequence[str],
+    before: Verdict | None = None,
 ) -> Verdict | None:
     """What the sensors of a group show.
 
@@ -182,6 +185,7 @@ def judge(
         unknowns: of the robot.
         every: sensors that were heard.
         cables: names of all cables of the robot.
+        before: the last verdict, whose changes stay while no other is clearly likelier.
 
     Returns:
         None if there are too few readings.  Frozen sensors tell nothing but a cable without load.
@@ -194,7 +198,7 @@ def judge(
     if sum(one.number for one in heard) < LEAST_NUMBER:
         return Verdict(broken=broken) if any(one.frozen for one in every) else None
     fit = _Fit(unknowns, heard)
-    chosen = fit.select()
+    chosen = fit.select(() if before is None else [one.change for one in before.found])
     mean, covariance, left = fit.solve(chosen)
     squares = [one.squares(mean[fit.places(k)]) for k, one in enumerate(heard)]
     deviation = {
@@ -346,14 +350,15 @@ class _Fit:
         mean_square = np.maximum((rest[-1, -1] - gains) / self.number, 1.0)
         return gains, 0.5 * (gains / mean_square - np.log1p(k * large / mean_square))
 
-    def select(self) -> list[Change]:
-        """The fewest changes that explain the evidence."""
+    def select(self, before: Sequence[Change]) -> list[Change]:
+        """The fewest changes that explain the evidence; those of ``before`` if they do as well."""
         chosen: list[Change] = []
         while len(chosen) < MOST:
             _, _, rest = self._without(self._at(chosen))
             others = [one for one in self.changes if one not in chosen]
             gains, odds = self._odds(rest, others)
-            best = int(np.argmax(odds))
+            known = np.array([one in before for one in others])
+            best = int(np.argmax(np.where(known, odds + AS_GOOD, odds)))
             explained = self.sums[-1, -1] - rest[-1, -1] + gains[best]
             if odds[best] < CERTAIN or gains[best] < FURTHER * explained:
                 break
