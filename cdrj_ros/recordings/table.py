@@ -212,7 +212,12 @@ def _from_csv(path: Path, wanted: Sequence[str]) -> dict[str, Vector]:
     _require(wanted, names, str(path))
     at = {name: names.index(name) for name in wanted}
     cells: dict[str, list[str]] = {name: [] for name in wanted}
-    for row in rows:
+    for number, row in enumerate(rows, 1):
+        if any(row[len(names) :]):
+            raise BagError(
+                f"{path}: row {number} has {len(row)} cells, the first line {len(names)}; "
+                "the decimal mark is a point"
+            )
         for name, k in at.items() if row else ():
             cells[name].append(row[k].strip() if k < len(row) else "")
     return {name: _numbers(path, name, column) for name, column in cells.items()}
@@ -226,8 +231,9 @@ def _numbers(path: Path, name: str, cells: Sequence[str]) -> Vector:
         return np.array([float(cell or "nan") for cell in cells])
     except (ValueError, OverflowError):
         row, cell = next((i, one) for i, one in enumerate(cells) if not _is_number(one))
+        hint = "; the decimal mark is a point" if _is_number(cell.replace(",", ".")) else ""
         raise BagError(
-            f"{path}: column {printable(name)}, row {row + 1} is no number: {cell[:40]!r}"
+            f"{path}: column {printable(name)}, row {row + 1} is no number: {cell[:40]!r}{hint}"
         ) from None
 
 

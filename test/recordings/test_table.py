@@ -93,7 +93,7 @@ def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables():
             {"t": TIME[::-1]},
             "column 't' must increase by whole nanoseconds; row 2 has 2.49 after 2.495",
         ),
-        ({"m": [*WINCH[:-1], "12,5"]}, "column m, row 500 is no number: '12,5'"),
+        ({"m": [*WINCH[:-1], "12,5"]}, "row 500 is no number: '12,5'; the decimal mark is a point"),
     ],
 )
 def test_a_mistake_is_answered_in_one_line(tmp_path, change, words):
