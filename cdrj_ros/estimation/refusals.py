@@ -102,7 +102,7 @@ def range_words(joint: Joint, angle: float) -> str:
     """A joint outside of its range, and the unit or sign that may explain it."""
     hint, beyond = "", max(joint.lower - angle, angle - joint.upper)
     if _may_be_degrees(joint, angle):
-        hint = ": in degrees? scale_deg: 1"
+        hint = ": in degrees? scale_deg: 1; or another axis's name?"
     elif joint.lower <= -angle <= joint.upper and beyond > BESIDE * (joint.upper - joint.lower):
         hint = f": the other way? scale: {-joint.sensor.scale:.4g}"
     return (

@@ -103,7 +103,10 @@ class LiveEstimator:
         self.travel = MotorTravel(model)
         """The latest poses, which tell why motors and joints do not fit each other,"""
         self.misfit = ""
-        """in words and with the key that mends it; empty while they fit."""
+        """in words and with the key that mends it; empty while they fit, and where readings beyond
+        the joints' ranges are refused, which says more."""
+        self._beyond = 0
+        """Number of these until the last pose."""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -369,7 +372,10 @@ class LiveEstimator:
         self.sample = sample
         self._recent.append(sample)
         if self.travel.follow(sample):
-            self.misfit = self.travel.suspicion() if self.misfitting else ""
+            beyond = self.conditioner.refused["out_of_range"]
+            compared = self.misfitting and beyond == self._beyond
+            self.misfit = self.travel.suspicion() if compared else ""
+            self._beyond = beyond
         if not estimate.solved:
             self.unsolved += 1
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import combinations
+from math import radians
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -54,10 +55,18 @@ THINNED: Final = 15
 """About so many poses are compared where many mistakes are."""
 
 UNIT: Final = 0.1
-"""Largest deviation with motors in degrees, beside which gears of 50 and 64 are other mistakes."""
+"""Largest deviation with motors in degrees, beside which gears of 50 and 64 are other mistakes, and
+where a motor has a joint's name."""
 
 BETTER: Final = 3.0
 """Factor by which a single mistake must reduce the deviation of the motors to be named."""
+
+RADIAN: Final = radians(1.0)
+"""Scale of a joint whose file says that it is read in degrees."""
+
+DEGREES: Final = "give scale as scale_deg, 1 where the file has none"
+SWAPPED: Final = "seem to be swapped: exchange their names"
+"""Remedies."""
 
 SLIGHT: Final = 1e-3
 """Change of a joint's angle from which the slopes of the motors' follow [rad] or [m]."""
@@ -199,23 +208,25 @@ class MotorTravel:
         """
         robot = self._model.robot
         turns = np.array([one.name not in robot.prismatic_joints for one in robot.joints])
-        words = "seem to be in degrees{}: give scale as scale_deg, 1 where the file has none"
-        radians = np.where(turns, _in_degrees(robot.joints, joint), joint)
-        yield Mistake(f"the joints {words.format('')}", motor, radians, SCATTER)
-        words = words.format(" (or before gears of about 57)")
-        yield Mistake(f"the motors {words}", _in_degrees(robot.motors, motor), joint, UNIT)
-        words = "the readings of {} and {} seem to be swapped: exchange their names"
-        for a, b in _pairs(motors, len(robot.motors)):
-            pair = robot.motors[a].name, robot.motors[b].name
-            yield Mistake(words.format(*pair), _swapped(robot.motors, motor, a, b), joint, SCATTER)
-        for a, b in _pairs(joints, len(robot.joints)):
-            pair = robot.joints[a].name, robot.joints[b].name
-            yield Mistake(words.format(*pair), motor, _swapped(robot.joints, joint, a, b), SCATTER)
-
-
-def _pairs(some: Indices, count: int) -> Iterator[tuple[int, int]]:
-    """Pairs of ``count`` indices of which at least one is among ``some``."""
-    return (pair for pair in combinations(range(count), 2) if np.isin(pair, some).any())
+        turned = np.where(turns, _in_degrees(robot.joints, joint), joint)
+        yield Mistake(f"the joints seem to be in degrees: {DEGREES}", motor, turned, SCATTER)
+        stated = any(one.sensor.scale == RADIAN for one in robot.joints)
+        other = ", or the joints in radians: scale: 1 in place of scale_deg" if stated else ""
+        words = f"in degrees (or before gears of about 57): {DEGREES}{other}"
+        turned = _in_degrees(robot.motors, motor)
+        yield Mistake(f"the motors seem to be {words}", turned, joint, UNIT)
+        # beside one motor alone, a joint under its name looks like another gear
+        suspects = [*motors, *(len(robot.motors) + joints)]
+        angle, alone = np.hstack([motor, joint]), len(motors) == 1
+        for a, b in combinations(range(len(robot.axes)), 2):
+            mixed = a < len(robot.motors) <= b
+            if (mixed and alone) or not np.isin((a, b), suspects).any():
+                continue
+            names = f"{robot.axes[a].name} and {robot.axes[b].name}"
+            right = _swapped(robot.axes, angle, a, b)
+            of_motors, of_joints = np.split(right, [len(robot.motors)], axis=1)
+            within = UNIT if mixed else SCATTER
+            yield Mistake(f"the readings of {names} {SWAPPED}", of_motors, of_joints, within)
 
 
 def _ratio(read: Vector, expected: Vector) -> float:

@@ -152,3 +152,44 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
         assert live.misfit == ""
         assert live.corrections is not None
         assert live.corrections.report().level == "ok", live.corrections.report().message
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [
+        pytest.param(lambda given: (given[0], given[1] + 0.01, given[2]), id="tare elsewhere"),
+        pytest.param(lambda given: (given[0] - 0.02, given[1], given[2]), id="motors displaced"),
+    ],
+)
+def test_efforts_that_contradict_the_file_from_the_first_leave_no_wrong_tension_ok(truth, readings):
+    """No filter explains the first readings of the efforts, nor may they be single wrong ones."""
+    text = TEXT + "uncertainty: {others: exact, drums: hold}\n"
+    live = LiveEstimator(prepare(parse_robot(text), check_range=False))
+    layout = live.model.layout
+    motors, joints, efforts = readings((truth.motor_angle, truth.joint_angle, truth.motor_effort))
+    for k in range(100):
+        stamp = 1_000_000_000 + 10_000_000 * k
+        live.feed_efforts(stamp, layout.motors, efforts[k])
+        live.feed("motors", stamp, layout.motors, motors[k])
+        for one in live.feed("joints", stamp, layout.joints, joints[k])[1]:
+            assert one.stddev is not None
+            error = np.abs(one.tension - truth.tension[k]) / one.stddev[: one.tension.size]
+            assert not ((one.status == 0) & (error > 5.0)).any(), f"{0.01 * k:.2f} s"
+
+
+def test_of_explanations_that_are_as_good_one_stays(truth):
+    """Doubled preloads and halved efforts read alike."""
+    text = preloads(2.0, "deep", "superficial", "extensor")(TEXT)
+    live = LiveEstimator(prepare(parse_robot(text), check_range=False))
+    layout, generator = live.model.layout, np.random.default_rng(0)
+    said = []
+    for k in range(1000):
+        stamp = 1_000_000_000 + 10_000_000 * k
+        noise = generator.normal(0.0, NOISE, len(layout.motors))
+        live.feed_efforts(stamp, layout.motors, truth.motor_effort[k] + noise)
+        live.feed("motors", stamp, layout.motors, truth.motor_angle[k])
+        live.feed("joints", stamp, layout.joints, truth.joint_angle[k])
+        named = [name for name in live.corrections.report().named if name][:1]
+        if named and named != said[-1:]:
+            said += named
+    assert len(said) == 1, said

@@ -67,6 +67,22 @@ def test_swapped_axes_are_named_as_a_swap_through_their_scales(model):
     words = "the readings of {} and {} seem to be swapped: exchange their names"
     assert said(model, swapped, JOINT) == words.format("one", "two")
     assert said(model, MOTOR, JOINT[:, ::-1]) == words.format("near", "far")
+    mixed = np.hstack([JOINT[:, [0]], MOTOR[:, [1]]])
+    assert said(model, mixed, np.hstack([MOTOR[:, [0]], JOINT[:, [1]]])) == words.format(
+        "one", "near"
+    )
+
+
+def test_a_joint_under_the_name_of_its_only_motor_is_another_gear(model):
+    """Both would explain that it turns a third as far."""
+    assert said(model, MOTOR / [9.0, 1.0], JOINT * [1.0, 1.0]).startswith("one turns 0.111 times")
+
+
+def test_radians_of_a_joint_that_the_file_reads_in_degrees_are_named():
+    text = TEXT.replace("name: near,", "name: near, scale_deg: 1,")
+    read = prepare(parse_robot(text.replace("name: far,", "name: far, scale_deg: 1,"), "two"))
+    words = said(read, MOTOR, np.radians(JOINT))
+    assert "or the joints in radians: scale: 1 in place of scale_deg" in words
 
 
 def test_one_wrong_gear_is_still_a_scale(model):
