@@ -269,11 +269,12 @@ class Group:
 
         Beyond one unit, as after a break, they may be taut all the same.
         """
-        found, stddev = np.zeros(self.columns.size), self.beliefs.moments()[1]
+        found = np.zeros(self.columns.size)
         for c, k in self._preloads.items():
             part, unit = self._own.robot.parts[c], self.unknowns[k].unit
-            if stddev[k] > 1.0 and self.slopes[k, part].mean() < SHOWN * unit:
-                found[part] = (unit * stddev[k]) ** 2
+            if self.slopes[k, part].mean() < SHOWN * unit:
+                stddev = self.beliefs.moments()[1][k]
+                found[part] = (unit * stddev) ** 2 if stddev > 1.0 else 0.0
         return found
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:
