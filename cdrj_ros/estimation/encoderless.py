@@ -9,7 +9,7 @@ see docs/model.md.
 
 from __future__ import annotations
 
-from collections import deque
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -109,48 +109,43 @@ class EncoderlessEstimator:
 class RecentEfforts:
     """The latest efforts of the motors, for the samples of a live estimator."""
 
-    def __init__(self, motors: tuple[str, ...]) -> None:
-        """Begin without any; ``motors`` are the names in the robot's order."""
-        self._index = {name: m for m, name in enumerate(motors)}
-        self._recent: list[deque[tuple[int, float]]] = [deque(maxlen=KEPT) for _ in motors]
+    def __init__(self, clock_offset_ns: Mapping[str, int]) -> None:
+        """Begin without any.
+
+        Args:
+            clock_offset_ns: added to the stamps, by motor in the robot's order [ns].
+        """
+        self.clock_offset_ns = clock_offset_ns
+        self.clear()
 
     def clear(self) -> None:
         """Forget all of them."""
-        for recent in self._recent:
-            recent.clear()
+        self._recent: dict[str, list[tuple[int, float]]] = {n: [] for n in self.clock_offset_ns}
 
     def add(self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector) -> None:
         """Take the efforts of a message [N m]; unknown names and impossible numbers are ignored."""
         for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
-            m = self._index.get(name)
-            if m is None or not abs(effort) <= LARGEST:
+            recent = self._recent.get(name)
+            if recent is None or not abs(effort) <= LARGEST:
                 continue
-            recent = self._recent[m]
-            if recent and stamp_ns <= recent[-1][0]:
-                continue
-            recent.append((stamp_ns, float(effort)))
+            at = stamp_ns + self.clock_offset_ns[name]
+            if not recent or at > recent[-1][0]:
+                recent.append((at, float(effort)))
+                del recent[:-KEPT]
 
     def at(self, stamp_ns: int) -> Vector:
         """Efforts at a stamp, as of ``efforts_at``, shape (motors,)."""
-        return np.array([_effort_at(recent, stamp_ns) for recent in self._recent])
+        return np.array([_effort_at(recent, stamp_ns) for recent in self._recent.values()])
 
 
-def _effort_at(recent: deque[tuple[int, float]], stamp_ns: int) -> float:
+def _effort_at(recent: Sequence[tuple[int, float]], stamp_ns: int) -> float:
     """One motor's effort at a stamp, interpolated; NaN where none is within ``EFFORT_AGE_NS``."""
-    after: tuple[int, float] | None = None
-    for one in reversed(recent):
-        if one[0] > stamp_ns:
-            after = one
-            continue
-        nearest = (
-            stamp_ns - one[0] if after is None else min(stamp_ns - one[0], after[0] - stamp_ns)
-        )
-        if nearest > EFFORT_AGE_NS:
-            return np.nan
-        if after is None:
-            return one[1]
-        return one[1] + (after[1] - one[1]) * ((stamp_ns - one[0]) / (after[0] - one[0]))
-    return after[1] if after is not None and after[0] - stamp_ns <= EFFORT_AGE_NS else np.nan
+    after = bisect_right(recent, (stamp_ns, np.inf))
+    beside = recent[max(after - 1, 0) : after + 1]
+    times = [at - stamp_ns for at, _ in beside]
+    if min(map(abs, times), default=np.inf) > EFFORT_AGE_NS:
+        return np.nan
+    return float(np.interp(0.0, times, [effort for _, effort in beside]))
 
 
 class LiveEncoderless:
@@ -164,24 +159,16 @@ class LiveEncoderless:
             before: the estimate with other numbers of the same robot, whose efforts are kept.
         """
         self.solver = EncoderlessEstimator(model)
-        motors = model.robot.motors
-        self.heard: RecentEfforts = before.heard if before else RecentEfforts(model.layout.motors)
+        offsets = {motor.name: motor.sensor.clock_offset_ns for motor in model.robot.motors}
+        self.heard: RecentEfforts = before.heard if before else RecentEfforts(offsets)
+        self.heard.clock_offset_ns = offsets
         self.lacks_efforts: bool = before is not None and before.lacks_efforts
         """Whether no effort was found for the last sample."""
-        self._clock_offset_ns = {motor.name: motor.sensor.clock_offset_ns for motor in motors}
 
     def reset(self) -> None:
         """Discard efforts and history."""
         self.heard.clear()
         self.solver.core.reset()
-
-    def feed_efforts(
-        self, stamp_ns: int, names: Sequence[str], efforts: Sequence[float] | Vector
-    ) -> None:
-        """Take measured efforts of motors [N m]; other names are ignored."""
-        for name, effort in zip(names, efforts):  # noqa: B905 fewer efforts than names: none
-            if name in self._clock_offset_ns:
-                self.heard.add(stamp_ns + self._clock_offset_ns[name], (name,), (effort,))
 
     def estimate(self, sample: Sample) -> Estimate:
         """Estimate a sample; a predicted one leaves the history as it is."""

@@ -444,7 +444,7 @@ class LiveEstimator:
     ) -> None:
         """Queue measured efforts of motors and joints [N m]; other names are ignored."""
         if self.encoderless is not None:
-            self.encoderless.feed_efforts(stamp_ns, names, efforts)
+            self.encoderless.heard.add(stamp_ns, names, efforts)
         elif self._uses_sensors and len(efforts) == len(names):
             self.readings.feed(stamp_ns, names, efforts)
 

@@ -93,7 +93,7 @@ def test_efforts_are_interpolated_and_unknown_far_from_any_reading():
     assert np.allclose(found[1:4, 0], [0.5, 1.0, 2.5])
     assert np.all(np.isnan(found[[0, 4], 0]))
     assert np.all(np.isnan(found[:, 1]))
-    heard = RecentEfforts(("one", "other"))
+    heard = RecentEfforts({"one": 0, "other": 0})
     for stamp, value in zip(stamps.tolist(), series.value.tolist(), strict=True):
         heard.add(stamp, ["one", "strange"], [value, 1.0])
     one_by_one = np.array([heard.at(int(stamp)) for stamp in at])
