@@ -148,7 +148,7 @@ def _observed(problem: Problem, cause: Cause) -> Sequence[Observations]:
     """The recordings; conditioned anew if the cause changes how readings become angles."""
     if not changes_conditioning(cause):
         return problem.observations
-    return [replace(one, samples=None, groups=None) for one in problem.observations]
+    return [replace(one, samples=None) for one in problem.observations]
 
 
 def _same(path: str) -> str:

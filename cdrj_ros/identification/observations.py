@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.foundation.arrays import Series, Stamps, Table, Vector
+from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import EFFORT, Layout, channel_columns
 from cdrj_ros.model.prepared import Model
@@ -53,12 +53,14 @@ class Read(NamedTuple):
     begin: NDArray[np.intp]
     """Index of the first one of every mean, shape (n,); empty: each is compared by itself."""
 
-    def means(self, values: Table) -> Table:
-        """Of rows of values at all stamps, shape (m, columns) to (n, columns)."""
+    def means(self, stamp_ns: Stamps, values: Vector) -> Vector:
+        """Of values at the stamps of samples [ns], between which they are interpolated."""
+        read, time = ((one - stamp_ns[0]).astype(float) for one in (self.stamp_ns, stamp_ns))
+        at: Vector = np.interp(read, time, values)
         if not self.begin.size:
-            return values
-        count = np.diff(np.append(self.begin, len(values)))
-        return np.add.reduceat(values, self.begin, axis=0) / count[:, None]
+            return at
+        means: Vector = np.add.reduceat(at, self.begin)
+        return means / np.diff(np.append(self.begin, at.size))
 
 
 @dataclass(frozen=True)
@@ -103,22 +105,6 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Group:
-    """Channels with the same stamps, placed between the samples."""
-
-    members: tuple[int, ...]
-    """Indices of the channels."""
-    columns: NDArray[np.intp]
-    """Indices in the estimate, shape (members,)."""
-    right: NDArray[np.intp]
-    """Index of the sample at or after every reference, at least 1, shape (n,)."""
-    share: Vector
-    """Position between the sample before and that sample, from 0 to 1, shape (n,)."""
-    read: Read
-    """The stamps, which some means of them may stand for."""
-
-
-@dataclass(frozen=True)
 class Observations:
     """One recording, thinned for a round of the fit."""
 
@@ -130,8 +116,6 @@ class Observations:
     offsets: tuple[float, ...]
     """Offsets of the sensors of all axes with which they were conditioned [rad]."""
     channels: tuple[Channel, ...]
-    groups: tuple[Group, ...] | None = None
-    """The channels by their stamps; None if the unknowns change the samples."""
     slipping: NDArray[np.bool_] | None = None
     """Which cables of the estimated robot slip on their drums, shape (cables,); None: none."""
 
@@ -208,9 +192,7 @@ def observe(
     offsets = model.robot.offsets
     if moving:
         return Observations(recorded, extent.stride, None, offsets, channels)
-    samples = thinned(whole, extent.stride)
-    groups = groups_of(channels, samples.stamp_ns)
-    return Observations(recorded, extent.stride, samples, offsets, channels, groups)
+    return Observations(recorded, extent.stride, thinned(whole, extent.stride), offsets, channels)
 
 
 class _Chosen:
@@ -290,24 +272,6 @@ def thinned(samples: Samples, stride: int) -> Samples:
         np.ascontiguousarray(samples.motor_angle[::stride]),
         np.ascontiguousarray(samples.joint_angle[::stride]),
     )
-
-
-def groups_of(channels: Sequence[Channel], stamp_ns: Stamps) -> tuple[Group, ...]:
-    """The channels by their stamps, placed between the samples at ``stamp_ns``."""
-    members: dict[int, list[int]] = {}
-    for k, channel in enumerate(channels):
-        members.setdefault(id(channel.read.stamp_ns), []).append(k)
-    since = int(stamp_ns[0])
-    own = (stamp_ns - since).astype(np.float64)
-    groups = []
-    for listed in members.values():
-        read = channels[listed[0]].read
-        wanted = np.clip((read.stamp_ns - since).astype(np.float64), own[0], own[-1])
-        right = np.clip(np.searchsorted(own, wanted), 1, own.size - 1)
-        share = (wanted - own[right - 1]) / (own[right] - own[right - 1])
-        columns = np.array([channels[k].column for k in listed])
-        groups.append(Group(tuple(listed), columns, right, share, read))
-    return tuple(groups)
 
 
 Weights = Literal["spread", "noise"]

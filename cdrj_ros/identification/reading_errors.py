@@ -40,8 +40,8 @@ def reading_variance(problem: Problem, coordinates: Vector) -> float:
     changes = []
     for observed in problem.observations:
         samples = samples_by(model, observed)
-        there = replace(observed, samples=_with_errors(model.robot, observed, samples, generator))
-        there = replace(there, offsets=model.robot.offsets, groups=None)
+        erring = _with_errors(model.robot, observed, samples, generator)
+        there = replace(observed, samples=erring, offsets=model.robot.offsets)
         change = residuals_of_one(model, there) - residuals_of_one(model, observed)
         changes.append(change)
     return float(np.sum(np.concatenate(changes)[~noise_stated(problem)] ** 2)) / WORTH

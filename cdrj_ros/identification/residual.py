@@ -135,21 +135,23 @@ def _bags_of(
     angles = np.hstack([samples.motor_angle, samples.joint_angle])
     dt = np.diff(samples.stamp_ns, prepend=samples.stamp_ns[:1]) * 1e-9
     columns = stddev_columns(model.layout).tolist()
-    for group in observed.groups or ():
-        for k in group.members:
-            channel = observed.channels[k]
-            some = slice(None, None, -(-channel.reference.size // MOST_ROWS))
-            own = estimates.values[:, channel.column]
-            inputs = np.column_stack([own, angles[:, axes[channel.name]]])
-            bag = _Bag(inputs, dt, group.right[some], group.share[some], np.empty(0), np.empty(0))
-            deviation = estimates.stddev[:, columns.index(channel.column)]
-            yield (
-                channel.name,
-                bag._replace(
-                    missing=channel.reference[some] - bag.at_references(own),
-                    stddev=bag.at_references(deviation),
-                ),
-            )
+    time = samples.stamp_ns - samples.stamp_ns[0]
+    for channel in observed.channels:
+        some = slice(None, None, -(-channel.reference.size // MOST_ROWS))
+        at = channel.stamp_ns[some] - samples.stamp_ns[0]
+        right = np.clip(np.searchsorted(time, at), 1, time.size - 1)
+        share = (at - time[right - 1]) / (time[right] - time[right - 1])
+        own = estimates.values[:, channel.column]
+        inputs = np.column_stack([own, angles[:, axes[channel.name]]])
+        bag = _Bag(inputs, dt, right, share, np.empty(0), np.empty(0))
+        deviation = estimates.stddev[:, columns.index(channel.column)]
+        yield (
+            channel.name,
+            bag._replace(
+                missing=channel.reference[some] - bag.at_references(own),
+                stddev=bag.at_references(deviation),
+            ),
+        )
 
 
 def _learned(names: tuple[str, ...], bags: Sequence[_Bag], stated: float | None) -> Learned:
