@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, get_args
@@ -175,31 +176,31 @@ class Problem:
         return self.residuals_of([coordinates])[0]
 
     def residuals_of(self, many: Sequence[Vector]) -> list[Vector]:
-        """Residuals at several coordinates, computed in parallel."""
-        return residuals_together([(self, many)])[0]
-
-    def possible_model(self, coordinates: Vector) -> Model | None:
-        """The estimator's model; None if the numbers describe no possible robot."""
-        try:
-            return self.model(coordinates)
-        except RobotFileError:
-            return None
-
-    def recall(self, coordinates: Vector) -> Vector | None:
-        """The residuals at these coordinates, if they were computed lately.
+        """Residuals at several coordinates, computed in parallel unless they were lately.
 
         A step, the Jacobian there and the standard errors share points: a quarter of all runs.
         """
-        return self._remembered.get(coordinates.tobytes())
-
-    def remember(self, coordinates: Vector, residuals: Vector) -> None:
-        """Keep the residuals at these coordinates, and forget the oldest beyond the limit."""
-        residuals.flags.writeable = False
-        self._remembered[coordinates.tobytes()] = residuals
-        while len(self._remembered) * residuals.nbytes > REMEMBERED_BYTES:
-            if len(self._remembered) == 1:
-                break
-            self._remembered.pop(next(iter(self._remembered)))
+        found, running = dict[bytes, Vector](), dict[bytes, list[Future[Vector]]]()
+        for coordinates in many:
+            key = coordinates.tobytes()
+            if key in self._remembered:
+                found[key] = self._remembered[key]
+            if key in found:
+                continue
+            self.evaluations += 1
+            found[key] = np.full(self.size, np.inf)
+            with suppress(RobotFileError):
+                model = self.model(coordinates)
+                running[key] = [
+                    self.pool.submit(residuals_of_one, model, one) for one in self.observations
+                ]
+        for key, parts in running.items():
+            found[key] = residuals = np.concatenate([part.result() for part in parts])
+            residuals.flags.writeable = False
+            self._remembered[key] = residuals
+            if len(self._remembered) > max(1, REMEMBERED_BYTES // residuals.nbytes):
+                self._remembered.pop(next(iter(self._remembered)))
+        return [found[coordinates.tobytes()] for coordinates in many]
 
 
 def _cables_moved(robot: Robot, unknowns: Sequence[Unknown]) -> NDArray[np.bool_]:
@@ -223,40 +224,6 @@ def _cables_read(robot: Robot, channels: Sequence[str]) -> NDArray[np.bool_]:
         ]
         found.append(own if any(own) else [True] * len(own))
     return np.array(found)
-
-
-def residuals_together(
-    requests: Sequence[tuple[Problem, Sequence[Vector]]],
-) -> list[list[Vector]]:
-    """Residuals of several problems at several coordinates each, all computed in parallel.
-
-    The long runs of one problem and the short ones of another thus share the processors, as do
-    runs and the preparation of further robots.
-    """
-    found: dict[tuple[int, bytes], Vector] = {}
-    running: list[tuple[Problem, Vector, list[Future[Vector]]]] = []
-    for problem, many in requests:
-        for coordinates in many:
-            key = id(problem), coordinates.tobytes()
-            known = problem.recall(coordinates)
-            if known is not None:
-                found[key] = known
-            if key in found:
-                continue
-            model = problem.possible_model(coordinates)
-            found[key] = np.full(problem.size, np.inf)
-            problem.evaluations += 1
-            if model is not None:
-                parts = [
-                    problem.pool.submit(residuals_of_one, model, one)
-                    for one in problem.observations
-                ]
-                running.append((problem, coordinates, parts))
-    for problem, coordinates, parts in running:
-        residuals = np.concatenate([part.result() for part in parts])
-        found[id(problem), coordinates.tobytes()] = residuals
-        problem.remember(coordinates, residuals)
-    return [[found[id(one), at.tobytes()] for at in many] for one, many in requests]
 
 
 def residuals_of_one(model: Model, observed: Observations) -> Vector:

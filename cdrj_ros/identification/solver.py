@@ -16,7 +16,7 @@ import numpy as np
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.identification.problem import Loss, Problem, Progress, residuals_together
+from cdrj_ros.identification.problem import Loss, Problem, Progress
 from cdrj_ros.identification.residual_statistics import effective_variance, noise_stated
 
 STEP: Final = 2e-3
@@ -122,9 +122,9 @@ def _minimum(
     if rough is None or rough is problem:
         rows = problem.residuals_of(difference_points(problem, here))
         residuals, slopes = rows[0], jacobian(problem, here, rows)
-    else:  # long runs over all samples and short ones share the processors
-        points = difference_points(rough, here, central=True)
-        (residuals,), rows = residuals_together([(problem, [here]), (rough, points)])
+    else:
+        residuals = problem.residuals(here)
+        rows = rough.residuals_of(difference_points(rough, here, central=True))
         slopes = jacobian(rough, here, rows, central=True)
     weights = robust_weights(problem, loss, residuals)
     if variance is None:

@@ -13,7 +13,7 @@ from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification import problem as module
 from cdrj_ros.identification.observations import Extent, Recorded, noise_of, observe, samples_of
 from cdrj_ros.identification.priors import unknown_causes
-from cdrj_ros.identification.problem import Problem, residuals_of_one, residuals_together
+from cdrj_ros.identification.problem import Problem, residuals_of_one
 from cdrj_ros.identification.solver import STEP, difference_points, jacobian
 from cdrj_ros.identification.unknowns import parse_unknowns, values_by_path
 from cdrj_ros.model.prepared import prepare
@@ -95,14 +95,14 @@ def test_no_point_is_run_twice_and_threads_do_not_change_a_bit(document, model, 
             rough = Problem(document, "test", unknowns, [observed(model, recorded)], pool)
             here = np.array([0.1, -0.2])
             beside = here + np.array([STEP, 0.0])
-            together = residuals_together([(fine, [here]), (rough, [here, beside, here])])
+            both = [fine.residuals(here), *rough.residuals_of([here, beside, here])]
             assert (fine.evaluations, rough.evaluations) == (1, 2)
             one_sided = jacobian(rough, here, rough.residuals_of(difference_points(rough, here)))
             assert rough.evaluations == 3, "two of its three points were known"
             points = difference_points(rough, here, central=True)
             both_sided = jacobian(rough, here, rough.residuals_of(points), central=True)
             assert rough.evaluations == 5
-            found.append([*together[0], *together[1], one_sided, both_sided])
+            found.append([*both, one_sided, both_sided])
     for one, two in zip(*found, strict=True):
         np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(found[0][1], found[0][3])
