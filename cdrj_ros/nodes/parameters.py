@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Final, NamedTuple
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from cdrj_ros.estimation.changes import preloads_of
 from cdrj_ros.estimation.conditioner import MODES
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.session import LiveEstimator, Options
@@ -16,7 +18,7 @@ from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
 from cdrj_ros.nodes.settings import Setting, as_double, parameter_file, values_of
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
-from cdrj_ros.robot.document import allowed_range, schema
+from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.parameters import number_at
 
 UNSET: Final = -1.0
@@ -157,7 +159,7 @@ def read(node: Node) -> Started:
         preload=list(values["preload"] or ()) or None,
         max_rate_hz=values["max_rate"],
         options=options,
-        friction={n: _checked_friction(n, value) for n, value in given.items() if value != UNSET},
+        friction={name: value for name, value in given.items() if value != UNSET},
     )
 
 
@@ -176,14 +178,6 @@ def _bandwidth(value: float) -> float | None:
         f"{TRACKING} must be in [{SLOWEST_HZ:g}, {FASTEST_HZ:g}] Hz, 0 for no filter, or "
         f"{UNSET:g} for the robot file's; got {value:g}"
     )
-
-
-def _checked_friction(name: str, value: float) -> float:
-    key = name.removeprefix("friction.")
-    allowed = allowed_range(schema()["$defs"]["friction"]["properties"][key])
-    if value not in allowed:
-        raise UsageError(f"{name} must be in {allowed}, or {UNSET:g}; got {value:g}")
-    return value
 
 
 # --- while the node runs ----------------------------------------------------------------------
@@ -229,59 +223,47 @@ def apply_changes(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
     Raises:
         CdrjError: a change is invalid; no change has been applied then.
     """
-    friction, preload = _checked(live, changes)
+    given = {change.name: change.value for change in changes}
+    friction = {name: float(given[name]) for name in given if name.startswith("friction.")}
+    options = replace(
+        live.options,
+        unsure_share=float(given.get("unsure_share", live.options.unsure_share)),
+        tracking=_bandwidth(float(given[TRACKING])) if TRACKING in given else live.options.tracking,
+    )
+    preload = _by_cable(live, given["preload"]) if "preload" in given else {}
+    if preload:
+        preloads_of(live.model, preload)  # refuses before anything has changed
     words = []
     before = live.model
     if friction:
         words.append(live.set_numbers(friction))
-    if preload is not None:
+    if preload:
         try:
             words.append(live.set_preload(preload))
         except CdrjError:
             if friction:
                 live.use(before)
             raise
-    for change in changes:
-        if change.name == "unsure_share":
-            live.set_unsure_share(float(change.value))
-            words.append(f"unsure_share = {change.value:g}")
-        elif change.name == TRACKING:
-            live.set_tracking(_bandwidth(float(change.value)))
-            words.append(f"{TRACKING} = {change.value:g}")
+    if "unsure_share" in given:
+        live.set_unsure_share(options.unsure_share)
+        words.append(f"unsure_share = {options.unsure_share:g}")
+    if TRACKING in given:
+        live.set_tracking(options.tracking)
+        words.append(f"{TRACKING} = {given[TRACKING]:g}")
     return "; ".join(words)
 
 
-def _checked(
-    live: LiveEstimator, changes: Sequence[Parameter]
-) -> tuple[dict[str, float], dict[str, float] | None]:
-    """The requested friction values by path, and the requested preloads by cable [N].
+def _by_cable(live: LiveEstimator, given: Sequence[float] | None) -> dict[str, float]:
+    """Preloads by cable [N].
 
     Raises:
-        UsageError: a value of any parameter is invalid.
+        UsageError: there is not one for each.
     """
-    friction: dict[str, float] = {}
-    preload: dict[str, float] | None = None
-    for change in changes:
-        if change.name.startswith("friction."):
-            friction[change.name] = _checked_friction(change.name, float(change.value))
-        elif change.name == "preload":
-            preload = _checked_preload(live, change.value)
-        elif change.name == "unsure_share" and not change.value > 0.0:
-            raise UsageError(f"unsure_share must be greater than 0, got {change.value:g}")
-        elif change.name == TRACKING:
-            _bandwidth(float(change.value))
-    return friction, preload
-
-
-def _checked_preload(live: LiveEstimator, given: Sequence[float] | None) -> dict[str, float]:
     if given is None:
         raise UsageError("preload cannot be unset while running")
-    values = list(given)
     cables = [cable.name for cable in live.model.robot.cables]
-    if len(values) != len(cables):
+    if len(given) != len(cables):
         raise UsageError(
-            f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(values)}"
+            f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(given)}"
         )
-    if not all(0.0 <= value < 1e6 for value in values):
-        raise UsageError(f"preload must be in [0, 1e6) N, got {values}")
-    return dict(zip(cables, values, strict=True))
+    return dict(zip(cables, given, strict=True))
