@@ -48,6 +48,10 @@ from cdrj_ros.model.prepared import Model
 KEPT: Final = 4_096
 """Last samples that are kept: more than ``REST_NS`` at 10 kHz."""
 
+BEYOND: Final = 0.05
+"""Share of readings beyond the joints' ranges from which their refusal says more than the others'
+motion."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -103,10 +107,7 @@ class LiveEstimator:
         self.travel = MotorTravel(model)
         """The latest poses, which tell why motors and joints do not fit each other,"""
         self.misfit = ""
-        """in words and with the key that mends it; empty while they fit, and where readings beyond
-        the joints' ranges are refused, which says more."""
-        self._beyond = 0
-        """Number of these until the last pose."""
+        """in words and with the key that mends it; empty while they fit."""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -373,9 +374,8 @@ class LiveEstimator:
         self._recent.append(sample)
         if self.travel.follow(sample):
             beyond = self.conditioner.refused["out_of_range"]
-            compared = self.misfitting and beyond == self._beyond
+            compared = self.misfitting and beyond < BEYOND * self.conditioner.accepted
             self.misfit = self.travel.suspicion() if compared else ""
-            self._beyond = beyond
         if not estimate.solved:
             self.unsolved += 1
 

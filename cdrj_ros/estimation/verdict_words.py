@@ -81,6 +81,9 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
     if verdict.swapped:
         names = " and ".join(verdict.swapped)
         return [f"the readings of {names} seem to be swapped: exchange their names"]
+    if not verdict.explained and verdict.times > 1.0:
+        text = f"efforts are {verdict.times:.3g} times what the cables' pull gives"
+        return [f"{text}: effort_scale: {1.0 / verdict.times:.3g} times as much mends it"]
     if not verdict.explained:
         worst = max(verdict.deviation, key=lambda name: verdict.deviation[name][1])
         (file, found), unit = verdict.deviation[worst], _unit(robot, worst)

@@ -59,6 +59,9 @@ and by which two mean readings are off that may be swapped."""
 ALIKE: Final = 0.1
 """Share within which each of these then fits the other sensor."""
 
+TIMES: Final = 5.0
+"""Efforts that are more than so many times what is expected, and unexplained, have another unit."""
+
 MOST: Final = 3
 """Largest number of changes at once."""
 
@@ -161,6 +164,8 @@ class Verdict:
     """Sensors that read what only a cable that pushes would give."""
     swapped: tuple[str, ...] = ()
     """Two sensors of which each reads what the other should; or none."""
+    times: float = 1.0
+    """How many times what is expected all efforts read, at least; 1 for less than ``TIMES``."""
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -214,7 +219,7 @@ def judge(
         tuple(fit.finding(chosen, one) for one in chosen),
         "" if opposite or swapped else broken, left, unexplained,
         (mean[: fit.count], max(left, 1.0) * covariance[: fit.count, : fit.count]), deviation,
-        opposite, swapped,
+        opposite, swapped, _times(heard),
     )  # fmt: skip
 
 
@@ -244,6 +249,13 @@ def _swapped(heard: Sequence[Heard]) -> tuple[str, ...]:
         if of_one and of_two and (one.sensor.axis < 0) == (two.sensor.axis < 0):
             return one.sensor.name, two.sensor.name
     return ()
+
+
+def _times(heard: Sequence[Heard]) -> float:
+    """How many times what is expected all efforts read, at least; 1 for less than ``TIMES``."""
+    efforts = [one for one in heard if one.sensor.axis >= 0 and one.expected != 0.0]
+    least = min((one.read / one.expected for one in efforts), default=1.0)
+    return least if least > TIMES else 1.0
 
 
 def _broken(heard: Sequence[Heard]) -> int:

@@ -99,6 +99,10 @@ SWAPPED = "the readings of {} and {} seem to be swapped: exchange their names"
             lambda text: text.replace("_motor, max", "_motor, effort_scale: 0.05, max"), kept,
             "scale of all efforts", id="efforts before the gear",
         ),
+        pytest.param(
+            same, lambda given: (given[0], given[1], 1e3 * given[2]),
+            "times what the cables' pull gives: effort_scale: 0.001", id="currents in mA",
+        ),
         pytest.param(preloads(2.0, "deep"), kept, "if its preload is, 18", id="doubled preload"),
         pytest.param(
             preloads(1.0 / 9.81, "deep", "superficial", "extensor"), kept,
