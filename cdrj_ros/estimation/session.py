@@ -49,8 +49,7 @@ KEPT: Final = 4_096
 """Last samples that are kept: more than ``REST_NS`` at 10 kHz."""
 
 BEYOND: Final = 0.05
-"""Share of readings beyond the joints' ranges from which their refusal says more than the others'
-motion."""
+"""Share of readings beyond the joints' ranges from which the others' motion tells no factor."""
 
 
 @dataclass(frozen=True)
@@ -374,8 +373,8 @@ class LiveEstimator:
         self._recent.append(sample)
         if self.travel.follow(sample):
             beyond = self.conditioner.refused["out_of_range"]
-            compared = self.misfitting and beyond < BEYOND * self.conditioner.accepted
-            self.misfit = self.travel.suspicion() if compared else ""
+            whole = beyond < BEYOND * self.conditioner.accepted
+            self.misfit = self.travel.suspicion(whole=whole) if self.misfitting else ""
         if not estimate.solved:
             self.unsolved += 1
 

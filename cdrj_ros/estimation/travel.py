@@ -131,8 +131,12 @@ class MotorTravel:
         self._joint.append(joint_angle.copy())
         return True
 
-    def suspicion(self) -> str:
-        """What may be wrong with which axis, and the key that mends it; empty if nothing is."""
+    def suspicion(self, *, whole: bool = True) -> str:
+        """What may be wrong with which axis, and the key that mends it; empty if nothing is.
+
+        Args:
+            whole: whether the poses are those of the whole motion, which tells single factors.
+        """
         if len(self._motor) < FEWEST:
             return ""
         motor, joint = np.array(self._motor), np.array(self._joint)
@@ -143,6 +147,8 @@ class MotorTravel:
         few = slice(None, None, 1 + len(motor) // THINNED)
         if mistake := self._mistake(motor[few], joint[few], expected[few], apart):
             return mistake
+        if not whole:
+            return ""
         ratios = zip(self._model.layout.motors, motor.T, expected.T, apart, strict=True)
         said = [self._sentence(name, _ratio(y, x)) for name, y, x, is_apart in ratios if is_apart]
         return "; ".join(filter(None, said))

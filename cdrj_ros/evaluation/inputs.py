@@ -26,7 +26,7 @@ from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import Source, open_source
 from cdrj_ros.recordings.table import Columns, table_with
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.names import fitting_prefix
+from cdrj_ros.robot.names import naming_hint
 
 TAKEN: Final = "References by message type: "
 """Beginning of the note that names the references that were found."""
@@ -138,11 +138,10 @@ def require_axes(path: str, recording: Recording, robot: Robot) -> None:
     ):
         missing = [axis.name for axis in wanted if axis.name not in there]
         if missing:
-            prefix = fitting_prefix(sorted(there), missing, robot.document)
-            hint = f"; prefix: {prefix} in the robot file would fit" if prefix else ""
+            hint = naming_hint(sorted(there), missing, robot.document)
             raise BagError(
                 f"{path} has no {kind} named {', '.join(missing)}; "
-                f"it has {', '.join(sorted(there)) or 'none'}{hint}"
+                f"it has {'; '.join(filter(None, (', '.join(sorted(there)) or 'none', hint)))}"
             )
 
 

@@ -33,7 +33,7 @@ from cdrj_ros.nodes.settings import (
 )
 from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.names import fitting_prefix
+from cdrj_ros.robot.names import naming_hint
 
 PATIENCE_S: Final = 3.0
 """Time without an estimate after which the reason is logged [s]."""
@@ -214,8 +214,8 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
     expected = [axis for axis in topic.axes if axis in unheard]
     if missing := [axis for axis in expected if axis not in names]:
         parts.append(f"the last names {_listed(names) or 'nothing'}, not {_listed(missing)}")
-        if prefix := printable(fitting_prefix(names, missing, robot.document))[:LONG]:
-            parts.append(f"prefix: {prefix} in the robot file would fit")
+        if hint := naming_hint(names, missing, robot.document):
+            parts.append(hint[: 2 * LONG])
     at = dict(zip(names, topic.last.positions, strict=False))  # a message may have none
     for joint in robot.joints:
         if joint.name in at and isfinite(at[joint.name]):

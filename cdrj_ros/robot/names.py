@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Final
 
+from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
 
 _KINDS: Final = ("motors.", "joints.", "effort/")
@@ -43,10 +44,8 @@ def known_name(name: str, names: Collection[str], document: Mapping[str, Any]) -
     return longer if name not in names and longer in names else name
 
 
-def fitting_prefix(
-    names: Sequence[str], missing: Sequence[str], document: Mapping[str, Any]
-) -> str:
-    """The prefix that would make every missing name one of the names; empty if none.
+def naming_hint(names: Sequence[str], missing: Sequence[str], document: Mapping[str, Any]) -> str:
+    """What would make every missing name one of the names, in words; empty for nothing.
 
     Args:
         names: published or recorded.
@@ -57,7 +56,9 @@ def fitting_prefix(
     for name in names:
         prefix = name.removesuffix(short[0])
         if prefix != name and all(prefix + one in names for one in short):
-            return prefix
+            return f"prefix: {printable(prefix) or repr('')} in the robot file would fit"
+    if {one.lower() for one in missing} <= {one.lower() for one in names}:
+        return "upper and lower case differ"
     return ""
 
 

@@ -6,6 +6,7 @@ from support.places import ROBOTS
 
 import cdrj_ros as cdrj
 from cdrj_ros.commands import simulate
+from cdrj_ros.robot.names import naming_hint
 
 FLEXORS = ("deep", "superficial", "extensor")
 
@@ -54,3 +55,12 @@ def test_a_wrong_prefix_is_answered_with_the_one_that_fits(tmp_path):
         wrong.write_text(prefix + text, "utf-8")
         with pytest.raises(cdrj.BagError, match="prefix: left_ in the robot file would fit"):
             cdrj.validate(wrong, recording, uncertainty=False)
+
+
+def test_names_without_the_prefix_or_in_other_letters_are_answered_likewise():
+    missing, document = ["Arm/Elbow", "Arm/Winch"], {"prefix": "Arm/"}
+    fits = "prefix: '' in the robot file would fit"
+    assert naming_hint(["Elbow", "Winch"], missing, document) == fits
+    differ = "upper and lower case differ"
+    assert naming_hint(["arm/elbow", "arm/winch"], missing, document) == differ
+    assert naming_hint(["Elbow"], missing, document) == ""
