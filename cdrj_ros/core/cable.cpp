@@ -3,21 +3,38 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <vector>
 
 #include "friction.hpp"
 
 namespace cdrj {
 namespace {
 
-constexpr int MOST_ITERATIONS = 40;
+/// Iterations from one first guess; a solution usually takes two to five.
+constexpr int MOST_ITERATIONS = 20;
+
+/// Iterations after which all contacts are balanced alone where a step has brought little.
+constexpr int PATIENCE = 5;
+
+/// Evaluations along one step, and of one contact that is balanced alone.
+constexpr int MOST_TRIALS = 60;
 
 /// A Newton step may not shorten a segment below this share of its material.
 constexpr double SMALLEST_SHRINK = 0.25;
 
-constexpr std::int64_t MOST_PIECES = 256;
+/// Stiffness beside a slack segment in the matrix, as a share of that of the next segment if it were taut.
+constexpr double LEAST = 1e-9;
 
-/// Factors of the bristles' stiffness with which a difficult sample is solved one after another.
+/// A step is good that passes the balance along itself by at most this share of the imbalance along it.
+constexpr double OVER = 0.1;
+
+/// It has brought enough where at most this share of the imbalance is left.
+constexpr double LEFT = 0.5;
+
+/// Factors of the bristles' stiffness with which a difficult sample is solved one after another (E23).
+///
+/// Where a long cable begins to slip on thousands of pulleys at once, Newton's method finds a few of
+/// them per iteration. Soft bristles spread the transition from slip to stick over many pulleys, so
+/// that a few iterations find it, and stiffening them narrows it.
 constexpr std::array<double, 4> HARDNESS{1e-6, 1e-4, 1e-2, 1.0};
 
 /// Friction of a contact [N], its derivative by the slip [N/m] and by the pull side's tension [-].
@@ -28,6 +45,12 @@ struct ContactFriction {
 Bristles bristles_of(const Contact& contact, double hardness) {
     return {
         contact.bristle_before, contact.stiffness * hardness, contact.bound, contact.breakaway};
+}
+
+/// Flux with which the bristles of a contact carry no force, about [m].
+double flux_at_rest(const Contact& contact, double hardness) {
+    const double kept = std::clamp(contact.bristle_before, -contact.bound, contact.bound);
+    return -kept / (contact.stiffness * hardness) - contact.shift;
 }
 
 /// Friction of a contact after a slip [m]; bristle force and bound are written.
@@ -72,14 +95,12 @@ struct MatrixRow {
 ///
 /// The bound of friction depends on the tension on the pull side, so its derivative also adds to the
 /// column of a neighbouring contact. `k_left`, `k_right`: stiffness of the segments before and after
-/// the contact [N/m]; `pulled_after`: whether the segment after it is on the pull side; `slack`
-/// replaces the stiffness of a slack segment in the matrix, not in the residual: without it a taut
-/// segment between slack ones makes the system singular.
+/// the contact [N/m]; `pulled_after`: whether the segment after it is on the pull side; `least`
+/// keeps the system regular, in the matrix, not in the residual, where taut segments between slack ones
+/// slide: friction at its bound has no slope.
 MatrixRow matrix_row(
-    const Contact& contact, double k_left, double k_right, bool pulled_after, double slack) {
-    MatrixRow row{k_left, -(k_left + k_right) - contact.by_slip, k_right};
-    if (k_left == 0.0) row.diagonal -= slack;
-    if (k_right == 0.0) row.diagonal -= slack;
+    const Contact& contact, double k_left, double k_right, bool pulled_after, double least) {
+    MatrixRow row{k_left, -(k_left + k_right) - contact.by_slip - least, k_right};
     if (pulled_after) {
         row.diagonal += contact.by_pull * k_right;
         row.upper -= contact.by_pull * k_right;
@@ -102,7 +123,7 @@ double shortened(double share, double change, double material) {
 ///
 /// Returns the fraction in (0, 1] of the step that leaves every segment some material.
 double newton_step(const Cable& cable) {
-    const auto& [elastic, law, first_flux, last_flux, dt, segments, contacts] = cable;
+    const auto& [elastic, law, first_flux, last_flux, dt, segments, contacts, hardness] = cable;
     const std::size_t n = contacts.size();
     double k_left = segment_stiffness(elastic, segments[0]);
     double upper_before = 0.0, step_before = 0.0;
@@ -111,9 +132,12 @@ double newton_step(const Cable& cable) {
         Contact& contact = contacts[i];
         const double k_right = segment_stiffness(elastic, segment);
         const bool pulled_after = segment.tension >= segments[i].tension;
-        const double slack = 1e-3 * elastic.axial_stiffness / segment.material;
+        // between slack segments a contact depends on no other: `settle` balances it
+        if (k_left == 0.0 && k_right == 0.0) contact.residual = 0.0;
+        const bool free = k_left == 0.0 || k_right == 0.0;
+        const double least = free ? LEAST * elastic.axial_stiffness / segment.material : 0.0;
         const auto [lower, diagonal, upper] =
-            matrix_row(contact, k_left, k_right, pulled_after, slack);
+            matrix_row(contact, k_left, k_right, pulled_after, least);
         const double scale = 1.0 / (diagonal - lower * upper_before);
         step_before = (-contact.residual - lower * step_before) * scale;
         upper_before = upper * scale;
@@ -143,6 +167,32 @@ void try_step(std::span<Contact> contacts, double hardness, Law law, double shar
         }
     }
 }
+
+/// Imbalance along the step of Newton's method [W per unit of it]; 0 at the best share of the step.
+double along_step(std::span<const Contact> contacts) {
+    double sum = 0.0;
+    for (const Contact& contact : contacts) sum += contact.residual * contact.step;
+    return sum;
+}
+
+/// Where an imbalance that falls from positive to negative is 0.
+struct Bracket {
+    double low, high;    // it is positive at one, negative at the other
+    double above, below; // the imbalance there; infinite where it is unknown
+    bool halve = false;
+
+    void take(double at, double imbalance) {
+        (imbalance > 0.0 ? low : high) = at;
+        (imbalance > 0.0 ? above : below) = imbalance;
+    }
+
+    /// The next place to try: on the line between both ends and midway in turn.
+    double next() {
+        const double line = low + (high - low) * (above / (above - below));
+        halve = !halve;
+        return halve && line > low && line < high ? line : 0.5 * (low + high);
+    }
+};
 
 /// Fluxes that scale the stretch L / l of every segment by one factor, which fits the material.
 ///
@@ -175,68 +225,6 @@ bool guess_is_usable(const Cable& cable) {
     return true;
 }
 
-/// Solve a sample with soft bristles first, then with harder and harder ones (E23).
-///
-/// Where a long cable begins to slip on thousands of pulleys at once, Newton's method finds a few of
-/// them per iteration. Soft bristles spread the transition from slip to stick over many pulleys, so
-/// that a few iterations find it, and stiffening them narrows it.
-Effort harden(Cable& cable) {
-    Effort effort{0, 0.0};
-    predict(cable);
-    for (const double hardness : HARDNESS) {
-        const auto [count, imbalance] = cable.newton(hardness);
-        effort = {effort.iterations + count, imbalance};
-    }
-    return effort;
-}
-
-/// Solve a sample that is too large for one step in equal pieces along the straight path.
-///
-/// With an imbalance above `acceptable` the remaining pieces were not solved and the fluxes are not
-/// those of the sample.
-Effort walk(Cable& cable, std::int64_t pieces) {
-    const std::vector<Segment> segments(cable.segments.begin(), cable.segments.end());
-    const std::vector<Contact> contacts(cable.contacts.begin(), cable.contacts.end());
-    std::vector<double> flux(contacts.size(), 0.0);
-    const double count_of_pieces = static_cast<double>(pieces);
-    Cable piece = cable;
-    piece.first_flux = cable.first_flux / count_of_pieces;
-    piece.last_flux = cable.last_flux / count_of_pieces;
-    piece.dt = cable.dt / count_of_pieces;
-    for (Contact& contact : cable.contacts) contact.shift /= count_of_pieces;
-    Effort effort{0, 0.0};
-    for (std::int64_t k = 0; k < pieces; ++k) {
-        const double begin = static_cast<double>(k) / count_of_pieces;
-        const double end = static_cast<double>(k + 1) / count_of_pieces;
-        for (std::size_t e = 0; e < segments.size(); ++e) {
-            const double start = segments[e].length_before, way = segments[e].length - start;
-            cable.segments[e].length_before = start + way * begin;
-            cable.segments[e].length = start + way * end;
-        }
-        predict(piece);
-        const auto [count, left] = piece.newton(1.0);
-        effort.iterations += count;
-        if (!(left <= effort.imbalance)) effort.imbalance = left;  // true for NaN too
-        if (!(left <= acceptable(cable.elastic))) break;  // leave out the remaining pieces
-        for (Segment& segment : cable.segments) segment.material_before = segment.material;
-        for (std::size_t i = 0; i < contacts.size(); ++i) {
-            flux[i] += cable.contacts[i].flux;
-            cable.contacts[i].bristle_before = cable.contacts[i].bristle;
-        }
-    }
-    for (std::size_t e = 0; e < segments.size(); ++e) {
-        cable.segments[e].length_before = segments[e].length_before;
-        cable.segments[e].length = segments[e].length;
-        cable.segments[e].material_before = segments[e].material_before;
-    }
-    for (std::size_t i = 0; i < contacts.size(); ++i) {
-        cable.contacts[i].bristle_before = contacts[i].bristle_before;
-        cable.contacts[i].shift = contacts[i].shift;
-        cable.contacts[i].flux = flux[i];
-    }
-    return effort;
-}
-
 /// Keep every other break point and the last one; returns how many are left.
 int thin_out(Drum& drum) {
     const int n = static_cast<int>(drum.points);
@@ -254,53 +242,100 @@ int thin_out(Drum& drum) {
 
 }  // namespace
 
-double Cable::balance(double hardness) {
-    const std::size_t n = contacts.size();
+void Cable::stretch(std::size_t e) {
+    Segment& segment = segments[e];
+    const double entering = e > 0 ? contacts[e - 1].trial : first_flux;
+    const double leaving = e < contacts.size() ? contacts[e].trial : last_flux;
+    segment.material = segment.material_before + entering - leaving;
+    segment.tension = tension_of(elastic, segment.length, segment.material);
+}
+
+void Cable::pull(std::size_t i) {
+    Contact& contact = contacts[i];
+    const double t_left = segments[i].tension, t_right = segments[i + 1].tension;
+    const auto [force, by_slip, by_pull] = contact_friction(
+        contact, hardness, contact.trial + contact.shift, std::max(t_left, t_right), law, dt);
+    contact.by_slip = by_slip;
+    contact.by_pull = by_pull;
+    contact.residual = t_right - t_left - force;
+}
+
+double Cable::balance() {
     double worst = 0.0;
-    double flux = contacts[0].trial;
-    double material = segments[0].material_before + first_flux - flux;
-    segments[0].material = material;
-    double t_left = tension_of(elastic, segments[0].length, material);
-    segments[0].tension = t_left;
-    for (std::size_t i = 0; i < n; ++i) {
-        Segment& right = segments[i + 1];
-        Contact& contact = contacts[i];
-        const double following = i + 1 < n ? contacts[i + 1].trial : last_flux;
-        material = right.material_before + flux - following;
-        right.material = material;
-        const double t_right = tension_of(elastic, right.length, material);
-        right.tension = t_right;
-        const auto [force, by_slip, by_pull] = contact_friction(
-            contact, hardness, flux + contact.shift, std::max(t_left, t_right), law, dt);
-        contact.by_slip = by_slip;
-        contact.by_pull = by_pull;
-        contact.residual = t_right - t_left - force;
-        if (!(std::abs(contact.residual) <= worst)) {  // true for NaN too
-            worst = std::abs(contact.residual);
-        }
-        t_left = t_right;
-        flux = following;
+    stretch(0);
+    for (std::size_t i = 0; i < contacts.size(); ++i) {
+        stretch(i + 1);
+        pull(i);
+        const double imbalance = std::abs(contacts[i].residual);
+        if (!(imbalance <= worst)) worst = imbalance;  // true for NaN too
     }
     return worst;
 }
 
-Effort Cable::newton(double hardness) {
-    const double enough = tolerance(elastic);
+void Cable::relax(std::size_t i) {
+    Contact& contact = contacts[i];
+    const Segment &left = segments[i], &right = segments[i + 1];
+    const double entering = i > 0 ? contacts[i - 1].trial : first_flux;
+    const double leaving = i + 1 < contacts.size() ? contacts[i + 1].trial : last_flux;
+    Bracket bracket{
+        leaving - right.material_before, entering + left.material_before, INFINITY, -INFINITY};
+    const auto balances = [&](double flux) {
+        if (!(flux > bracket.low && flux < bracket.high)) return false;
+        contact.trial = flux;
+        stretch(i);
+        stretch(i + 1);
+        pull(i);
+        bracket.take(flux, contact.residual);
+        return std::abs(contact.residual) <= 0.1 * tolerance(elastic);
+    };
+    const double left_taut = entering + left.material_before - left.length;
+    const double right_taut = leaving + right.length - right.material_before;
+    for (const double bend : {contact.trial, flux_at_rest(contact, hardness), left_taut, right_taut}) {
+        if (balances(bend)) return;
+    }
+    for (int trial = 0; trial < MOST_TRIALS; ++trial) {
+        if (balances(bracket.next())) return;
+    }
+}
+
+double Cable::search(double share, double before) {
+    const double first = along_step(contacts);
+    Bracket bracket{0.0, share, first, 0.0};
+    double worst = before;
+    for (int trial = 0; trial < MOST_TRIALS; ++trial) {
+        try_step(contacts, hardness, law, share);
+        worst = balance();
+        const double now = along_step(contacts);
+        if (worst <= tolerance(elastic) || !(first > 0.0)) break;
+        if (now >= -OVER * first && (trial == 0 || now <= LEFT * first)) break;
+        bracket.take(share, now);
+        share = bracket.next();
+    }
+    return worst;
+}
+
+double Cable::settle(bool all) {
+    const auto moves = [&](std::size_t i) {
+        return all || (!(segments[i].tension > 0.0) && !(segments[i + 1].tension > 0.0));
+    };
+    for (std::size_t i = 0; i < contacts.size(); ++i) {
+        if (moves(i)) relax(i);
+    }
+    for (std::size_t i = contacts.size(); all && i-- > 0;) relax(i);
+    return balance();
+}
+
+Effort Cable::newton(const Effort& before) {
     for (Contact& contact : contacts) contact.trial = contact.flux;
-    double worst = balance(hardness);
+    double worst = balance();
     for (int iteration = 0; iteration < MOST_ITERATIONS; ++iteration) {
-        if (worst <= enough) return {iteration, worst};
-        double share = newton_step(*this);
-        const double best = worst;
-        for (int halving = 0; halving < 6; ++halving) {
-            try_step(contacts, hardness, law, share);
-            worst = balance(hardness);
-            if (worst < best) break;
-            share *= 0.5;
-        }
+        if (worst <= tolerance(elastic)) return {before.iterations + iteration, worst};
+        const double before_step = worst;
+        worst = search(newton_step(*this), before_step);
+        if (!(worst <= LEFT * before_step) && law != Law::none) worst = settle(iteration >= PATIENCE);
         for (Contact& contact : contacts) contact.flux = contact.trial;
     }
-    return {MOST_ITERATIONS, worst};
+    return {before.iterations + MOST_ITERATIONS, worst};
 }
 
 Effort Cable::solve() {
@@ -310,23 +345,18 @@ Effort Cable::solve() {
         only.tension = tension_of(elastic, only.length, only.material);
         return {0, 0.0};
     }
-    const double enough = tolerance(elastic);
-    Effort effort{0, 0.0};
+    Effort effort{0, INFINITY};
     // In steady motion the given guess is better; in all other cases the predictor is.
-    if (guess_is_usable(*this)) {
-        effort = newton(1.0);
-        if (effort.imbalance <= enough) return effort;
-    }
-    const auto take = [&effort](const Effort& more) {
-        effort = {effort.iterations + more.iterations, more.imbalance};
-    };
+    if (guess_is_usable(*this)) effort = newton(effort);
+    if (effort.imbalance <= tolerance(elastic)) return effort;
     predict(*this);
-    take(newton(1.0));
-    for (std::int64_t pieces = 4; !(effort.imbalance <= enough) && pieces <= MOST_PIECES;
-         pieces *= 4) {
-        take(walk(*this, pieces));
+    effort = newton(effort);
+    if (effort.imbalance <= tolerance(elastic)) return effort;
+    predict(*this);
+    for (const double stage : HARDNESS) {
+        hardness = stage;
+        effort = newton(effort);
     }
-    if (!(effort.imbalance <= acceptable(elastic))) take(harden(*this));
     return effort;
 }
 

@@ -33,22 +33,42 @@ struct Cable {
     double dt;                       // duration of the sample [s]; 0 where it is unknown
     std::span<Segment> segments;     // lengths and the material before are given
     std::span<Contact> contacts;     // constants, shifts and bristle forces before are given
+    double hardness = 1.0;           // factor of the bristles' stiffness, (E23)
 
     /// Force imbalance of every contact at its trial flux (E11); returns the largest [N].
     ///
-    /// Residual i is (t_{i+1} - t_i) - friction_i, whose bound is (E8). `hardness` is a factor of
-    /// the bristles' stiffness. Material and tension of the segments, bristle force, bound, residual
-    /// and derivatives of the contacts are written.
-    double balance(double hardness);
+    /// Residual i is (t_{i+1} - t_i) - friction_i, whose bound is (E8). Material and tension of the
+    /// segments, bristle force, bound, residual and derivatives of the contacts are written.
+    double balance();
 
-    /// Newton's method with a line search for (E11), from the fluxes of the contacts.
-    Effort newton(double hardness);
-
-    /// Advance the cable by the sample, or by the stages of (E23) where that is hard.
+    /// Solve (E11), from the fluxes of the contacts or a guess of its own.
     ///
     /// The contacts hold a first guess of the fluxes, and then the solution. Unless the remaining
     /// imbalance is `acceptable`, the sample is not solved, and the caller must report it.
     Effort solve();
+
+private:
+    /// Material and tension of a segment at the trial fluxes.
+    void stretch(std::size_t e);
+
+    /// Friction and residual of a contact between segments that are stretched.
+    void pull(std::size_t i);
+
+    /// Newton's method from the fluxes of the contacts; its iterations are added to those before.
+    Effort newton(const Effort& before);
+
+    /// Try a step of which a share leaves all segments material; returns the imbalance left [N].
+    double search(double share, double before);
+
+    /// Balance all contacts, or those between slack segments, one after another; returns what is left [N].
+    ///
+    /// The residual of a contact falls as its own flux grows and rises with its neighbours': (E11) is an
+    /// M-function, so that this leads to its only solution from anywhere (Rheinboldt 1970), while Newton's
+    /// method may turn in circles between slack and taut. It is slow where taut segments follow each other.
+    double settle(bool all);
+
+    /// Balance one contact alone: move its flux to where its residual is 0, and keep the others'.
+    void relax(std::size_t i);
 };
 
 // What a winch drum holds: cable comes off at the strain at which it went on (E3).

@@ -4,6 +4,7 @@
 // with breakaway = 1 it is an elastic, perfectly plastic contact whose minor loops close exactly.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
 #include "laws.hpp"
@@ -42,7 +43,8 @@ inline Friction elastoplastic_force(const Bristles& bristles, double slip) {
 /// switch the friction from one bound to the other, and the next step would switch it back; such a
 /// step ends where the bristle force is zero.
 inline bool shorten_elastoplastic(const Bristles& bristles, double slip, double& next) {
-    const auto [before, stiffness, bound, breakaway] = bristles;
+    const auto [stored, stiffness, bound, breakaway] = bristles;
+    const double before = std::clamp(stored, -bound, bound);
     const double was = before + stiffness * slip, is = before + stiffness * next;
     if (!((was > bound && is < -bound) || (was < -bound && is > bound))) return false;
     next = -before / stiffness;

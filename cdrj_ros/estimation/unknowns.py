@@ -48,10 +48,6 @@ POSES: Final = 24
 SMALL: Final = 0.01
 """Part of a standard deviation that is compared there: more would make cables slack."""
 
-SLIGHT: Final = 0.01
-"""A mode leaves out a cause of which it has less than this part of a standard deviation: its share
-of the variance is 10⁻⁴, and friction that is not quite 0 makes slack cables slow to solve."""
-
 SMALLEST_PRELOAD: Final = 1.0
 """Preload by which the changes of a cable with less are measured [N]."""
 
@@ -222,7 +218,6 @@ def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int]]:
     for cable in (*every, -1):
         own = [k for k, other in enumerate(only) if other == cable]
         squares, turn = np.linalg.eigh(effects[own] @ effects[own].T)
-        turn[np.abs(turn) < SLIGHT] = 0.0
         shapes.append(factor[:, own] @ turn[:, squares >= LEAST**2])
         found += [cable] * shapes[-1].shape[1]
     return np.concatenate(shapes, axis=1), found
