@@ -141,6 +141,15 @@ def test_lags_of_joints_that_oppose_each_other_at_their_fastest_add_up_later(
     assert judge(course, feed(robot, messages)).beyond(5.0) <= LAW
 
 
+@pytest.mark.parametrize("which", ["joint", "motor"])
+def test_a_slow_axis_that_lags_by_a_tenth_of_a_second_is_unsure_before_a_tension_is_wrong(
+    which: str, robot: Model, courses: Callable[[float], Course]
+) -> None:
+    axis = first_joint(robot) if which == "joint" else names_of(robot, "motors")[0]
+    messages = older(axis, 20)(messages_of(robot, courses(0.1), 200))
+    assert judge(courses(0.1), feed(robot, messages)).beyond(5.0) <= LAW
+
+
 def test_a_lag_that_no_driver_should_have_takes_status_0_away(robot: Model, course: Course) -> None:
     messages = older(first_joint(robot), 20)(messages_of(robot, course, 200))
     assert judge(course, feed(robot, messages), 4500 * MS).beyond(5.0) <= LAW
