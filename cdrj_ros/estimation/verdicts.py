@@ -190,7 +190,7 @@ def judge(
         unknowns: of the robot.
         every: sensors that were heard.
         cables: names of all cables of the robot.
-        before: the last verdict, whose changes stay while no other is clearly likelier.
+        before: the last verdict, whose changes are named while no other is clearly likelier.
 
     Returns:
         None if there are too few readings.  Frozen sensors tell nothing but a cable without load.
@@ -203,7 +203,8 @@ def judge(
     if sum(one.number for one in heard) < LEAST_NUMBER:
         return Verdict(broken=broken) if any(one.frozen for one in every) else None
     fit = _Fit(unknowns, heard)
-    chosen = fit.select(() if before is None else [one.change for one in before.found])
+    chosen = fit.select(())
+    said = fit.select([one.change for one in before.found]) if before is not None else chosen
     mean, covariance, left = fit.solve(chosen)
     squares = [one.squares(mean[fit.places(k)]) for k, one in enumerate(heard)]
     deviation = {
@@ -216,7 +217,7 @@ def judge(
     opposite = tuple(one.sensor.name for one in heard if _is_opposite(one, unknowns))
     swapped = _swapped(heard)
     return Verdict(
-        tuple(fit.finding(chosen, one) for one in chosen),
+        tuple(fit.finding(said, one) for one in said),
         "" if opposite or swapped else broken, left, unexplained,
         (mean[: fit.count], max(left, 1.0) * covariance[: fit.count, : fit.count]), deviation,
         opposite, swapped, _times(heard),
@@ -252,9 +253,19 @@ def _swapped(heard: Sequence[Heard]) -> tuple[str, ...]:
 
 
 def _times(heard: Sequence[Heard]) -> float:
-    """How many times what is expected all efforts read, at least; 1 for less than ``TIMES``."""
-    efforts = [one for one in heard if one.sensor.axis >= 0 and one.expected != 0.0]
-    least = min((one.read / one.expected for one in efforts), default=1.0)
+    """How many times what is expected all efforts read, at least; 1 for less than ``TIMES``.
+
+    Their readings must follow what is expected, but for ``ALIKE`` of the squares.
+    """
+    times = []
+    for one in heard:
+        (own, across), squares = one.sums[-2, -2:], one.sums[-1, -1]
+        if one.sensor.axis < 0:
+            continue
+        if not across**2 > (1.0 - ALIKE) * own * squares:
+            return 1.0
+        times.append(1.0 + float(across / own))
+    least = min(times, default=1.0)
     return least if least > TIMES else 1.0
 
 
