@@ -92,29 +92,25 @@ def _sized(cause: str, name: str, size: float, robot: Robot) -> str:
         return f"{shown} by {abs(size):.3g} s"
     (axis,) = (one for one in robot.as_read.axes if one.name == name)
     if cause == "out_of_range" and isinstance(axis, Joint):
-        return range_words(axis, size)
+        return range_words(axis, size, slides=axis.name in robot.prismatic_joints)
     if cause == "implausible" and isfinite(size):
         return f"{shown} at {abs(size):.4g} rad/s, max_speed is {axis.max_speed:.4g}"
     return shown
 
 
-def range_words(joint: Joint, angle: float) -> str:
+def range_words(joint: Joint, angle: float, *, slides: bool) -> str:
     """A joint outside of its range, and the unit or sign that may explain it."""
     hint, beyond = "", max(joint.lower - angle, angle - joint.upper)
-    if _may_be_degrees(joint, angle):
-        hint = ": in degrees? scale_deg: 1; or another axis's name?"
+    unit, words = (1e-3, "mm? scale: 0.001") if slides else (radians(1.0), "degrees? scale_deg: 1")
+    far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
+    if far and joint.lower <= unit * angle <= joint.upper:
+        hint = f": in {words}; or another axis's name?"
     elif joint.lower <= -angle <= joint.upper and beyond > BESIDE * (joint.upper - joint.lower):
         hint = f": the other way? scale: {-joint.sensor.scale:.4g}"
     return (
         f"joint {printable(joint.name)} at {angle:.4g}, its range is {joint.lower:.4g} to "
         f"{joint.upper:.4g}{hint}"
     )
-
-
-def _may_be_degrees(joint: Joint, angle: float) -> bool:
-    """Whether an angle far out of range would be in range if its number were in degrees."""
-    far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
-    return far and joint.lower <= radians(angle) <= joint.upper
 
 
 def clocks_apart(ahead: Mapping[str, int]) -> str:

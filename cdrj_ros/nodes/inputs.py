@@ -221,7 +221,8 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
         if joint.name in at and isfinite(at[joint.name]):
             angle = axis_of(joint).angle_near(float(at[joint.name]), joint.reference_angle)
             if not joint.lower <= angle <= joint.upper:
-                parts.append(range_words(joint, angle))
+                slides = joint.name in robot.prismatic_joints
+                parts.append(range_words(joint, angle, slides=slides))
     return f"{topic.topic}: {', '.join(parts)}"
 
 

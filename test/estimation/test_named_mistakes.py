@@ -10,6 +10,7 @@ import pytest
 from support.places import ROBOTS
 
 import cdrj_ros as cdrj
+from cdrj_ros.estimation.refusals import range_words
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.model.prepared import prepare
@@ -197,3 +198,14 @@ def test_of_explanations_that_are_as_good_one_stays(truth):
         if named and named != said[-1:]:
             said += named
     assert len(said) == 1, said
+
+
+def test_a_sliding_joint_far_beyond_its_range_may_be_in_millimetres():
+    (slide,) = parse_robot(
+        "{name: r, motors: [{name: m}], joints: [{name: q, range: [0, 0.2]}], cables: [{name: c,"
+        " axial_stiffness: 1000, preload: 10, spans: [{joint: q, offset: 0.3, slope: 1}], nodes:"
+        " [{type: winch, motor: m, winding: 1, radius: 0.01}, {type: anchor}]}]}"
+    ).joints
+    words = "joint q at 120, its range is 0 to 0.2: in mm? scale: 0.001; or another axis's name?"
+    assert range_words(slide, 120.0, slides=True) == words
+    assert "degrees" in range_words(slide, 10.0, slides=False)
