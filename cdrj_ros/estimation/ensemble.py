@@ -137,11 +137,6 @@ class Ensemble:
         self.variance = self.core.variance
         """Their mean squares (U1), shape (columns,)."""
 
-    @property
-    def started(self) -> bool:
-        """Whether the members have had a sample since the last reset."""
-        return bool(self.core.progress[0] > 0)
-
     def reset(self) -> None:
         """Discard the members' history; the next sample starts them anew."""
         self.core.reset()

@@ -265,7 +265,7 @@ class Group:
         return np.where(differs > CONTRADICTED**2 * variance, differs, 0.0)
 
     def _hidden(self) -> Vector:
-        """Variances of tensions by preloads of slack cables, which signatures do not show.
+        """Variances of slack cables' forces by their preloads, which signatures do not show.
 
         Beyond one unit, as after a break, they may be taut all the same.
         """
@@ -274,7 +274,7 @@ class Group:
             part, unit = self._own.robot.parts[c], self.unknowns[k].unit
             if self.slopes[k, part].mean() < SHOWN * unit:
                 stddev = self.beliefs.moments()[1][k]
-                found[part] = (unit * stddev) ** 2 if stddev > 1.0 else 0.0
+                found[self._cable_of == c] = (unit * stddev) ** 2 if stddev > 1.0 else 0.0
         return found
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:

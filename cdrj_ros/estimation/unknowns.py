@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from math import degrees, radians
+from math import degrees, inf, radians
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -73,6 +73,8 @@ class Kind(NamedTuple):
     """Unit in which it is reported, and its amount per unit of SI."""
     alike: str = ""
     """Name of the same change of all cables, which is reported as one; empty for none."""
+    lowest: float = -inf
+    """Smallest change that is possible, in this unit."""
     error: float = NONLINEAR
     """Error of a correction by it, as a share of the correction."""
 
@@ -103,7 +105,7 @@ ZERO_M: Final = ZERO._replace(unit=1e-3, words=("mm", 1e3))
 
 FRICTION: Final = Kind(
     "friction", "friction of {}", 0.25, start=0.2, drift=0.01, reported=1.0,
-    alike="friction of all cables",
+    alike="friction of all cables", lowest=-4.0,
 )  # fmt: skip
 """Coefficients rise and fall with wear, dust and oil."""
 
@@ -114,7 +116,7 @@ Verdicts call it friction."""
 
 SLIP: Final = Kind(
     "slip", "slip of {} on its drum", 0.5, start=0.2, jump=2.0, reported=0.4, error=1.0,
-    alike="slip of all cables",
+    alike="slip of all cables", lowest=0.0,
 )  # fmt: skip
 """A cable may slip on its drum, which then keeps no strain: a share of its cable, mostly none, at
 times all.  Other errors of the model look alike to an effort, so the correction may be wholly
@@ -381,8 +383,9 @@ def _of_axes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
             continue
         path = f"{'motors' if a < count else 'joints'}.{axis.name}.bearing_torque"
         size = np.hypot(AXIS.unit * scales[a], FRICTION_KNOWN * axis.passive.bearing_torque)
-        scale = float(scales[a])
-        kind = AXIS._replace(start=float(stated.get(path, size)) / (AXIS.unit * scale))
+        scale, stated_size = float(scales[a]), axis.passive.bearing_torque
+        unit = AXIS.unit * scale
+        kind = AXIS._replace(start=float(stated.get(path, size)) / unit, lowest=-stated_size / unit)
         yield _unknown(kind, axis.name, more, same, len(robot.cables) + a, scale)
 
 

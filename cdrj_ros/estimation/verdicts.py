@@ -62,6 +62,9 @@ ALIKE: Final = 0.1
 TIMES: Final = 5.0
 """Efforts that are more than so many times what is expected, and unexplained, have another unit."""
 
+CLEARLY: Final = 2.0
+"""An amount is impossible if it is out of bounds by more than so many standard deviations."""
+
 MOST: Final = 3
 """Largest number of changes at once."""
 
@@ -124,6 +127,8 @@ class Change:
     """Smallest amount that is reported, along ``places``."""
     places: tuple[int, ...]
     """Unknowns that all change by this amount."""
+    lowest: float = -inf
+    """Smallest amount that is possible."""
 
 
 @dataclass(frozen=True)
@@ -294,10 +299,12 @@ def _of_robot(unknowns: Sequence[Unknown]) -> Iterator[Change]:
         unit, factor = kind.words
         for k in own:
             amount = factor * unknowns[k].unit
-            yield Change(unknowns[k].name, kind.name, unit, amount, kind.reported, (k,))
+            yield Change(
+                unknowns[k].name, kind.name, unit, amount, kind.reported, (k,), kind.lowest
+            )
         if kind.alike and len(own) > 1:
             share = 100.0 * kind.unit
-            yield Change(kind.alike, kind.name, "%", share, kind.reported, tuple(own))
+            yield Change(kind.alike, kind.name, "%", share, kind.reported, tuple(own), kind.lowest)
 
 
 def _of_sensors(count: int, heard: Sequence[Heard]) -> Iterator[Change]:
@@ -376,17 +383,26 @@ class _Fit:
     def select(self, before: Sequence[Change]) -> list[Change]:
         """The fewest changes that explain the evidence; those of ``before`` if they do as well."""
         chosen: list[Change] = []
+        refused: list[Change] = []
         while len(chosen) < MOST:
             _, _, rest = self._without(self._at(chosen))
-            others = [one for one in self.changes if one not in chosen]
+            others = [one for one in self.changes if one not in chosen and one not in refused]
             gains, odds = self._odds(rest, others)
             known = np.array([one in before for one in others])
             best = int(np.argmax(np.where(known, odds + AS_GOOD, odds)))
             explained = self.sums[-1, -1] - rest[-1, -1] + gains[best]
             if odds[best] < CERTAIN or gains[best] < FURTHER * explained:
                 break
-            chosen.append(others[best])
+            to = chosen if self._possible([*chosen, others[best]]) else refused
+            to.append(others[best])
         return chosen
+
+    def _possible(self, some: Sequence[Change]) -> bool:
+        """Whether changes are possible together: no friction drives, no drum gives cable back."""
+        amounts, inverse, rest = self._without(self._at(some))
+        stddev = np.sqrt(np.diag(inverse) * max(1.0, rest[-1, -1] / self.number))
+        highest = (amounts + CLEARLY * stddev)[len(self.modes) :]
+        return bool((highest >= [one.lowest for one in some]).all())
 
     def finding(self, chosen: Sequence[Change], change: Change) -> Finding:
         """A chosen change, and what would explain the readings in its place."""

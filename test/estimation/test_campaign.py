@@ -80,6 +80,15 @@ def test_a_slip_that_slackens_a_cable_over_a_restart_stays_in_doubt_beside_senso
         assert judge(course, outputs, stop).beyond(5.0) <= BEYOND_FIVE
 
 
+def test_no_friction_that_drives_explains_a_cell_that_is_stuck(model):
+    """It would undo the hysteresis that the cell lacks; beside a bias nothing else explains it."""
+    motion, begin = course_of(model, 9.0, sine(0.7)), 4 * SECOND
+    faults = Faults(sensors=(CELL,), lies={CELL: Lie("is stuck", 0, 33.2)})
+    verdict = judge(motion, run(model, motion, faults), begin)
+    assert verdict.judged > 0
+    assert verdict.beyond(2.0) <= BEYOND_TWO
+
+
 # Single faults that were found manually ---------------------------------------------------------
 
 SLOW, FAST = (11.0, sine(0.3, 0.45)), (6.0, sine(3.0))
