@@ -343,13 +343,19 @@ class InputWatch:
         return f"several estimators: {topic} is published by {_listed(names)}; stop or remap one"
 
     def _alternating(self) -> str:
-        """Axes whose readings alternate between two motions, and who publishes them; or empty."""
-        axes = self._live.conditioner.alternating
-        return "; ".join(
-            f"{', '.join(own)}, published by {_listed(publishing_nodes(self._node, one.topic))}"
-            for one in self._inputs
-            if (own := [axis for axis in axes if axis in one.axes])
-        )
+        """Axes whose readings alternate between two motions, and who publishes them; or empty.
+
+        Those of a single publisher may do so within counts or noise that the file does not state.
+        """
+        axes, found = self._live.conditioner.alternating, []
+        for one in self._inputs:
+            if own := [axis for axis in axes if axis in one.axes]:
+                names = publishing_nodes(self._node, one.topic)
+                alone = ": is resolution or noise in the robot file too small?"
+                found.append(
+                    f"{', '.join(own)}, published by {_listed(names)}{alone * (len(names) == 1)}"
+                )
+        return "; ".join(found)
 
     def _refusing(self) -> str:
         """Rate and causes of the readings refused since the last call; empty if tolerated.
