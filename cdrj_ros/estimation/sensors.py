@@ -265,13 +265,15 @@ class WaitingReadings:
         soon = last is not None and abs(stamp_ns - last.stamp_ns) < LEAST_NS
         return name not in self._ignored and not soon
 
-    def due(self, stamp_ns: int) -> Iterator[Reading]:
-        """Take the readings up to a sample's stamp [ns] out of the queue, one by one."""
+    def due(self, stamp_ns: int) -> list[Reading]:
+        """Take the readings up to a sample's stamp [ns] out of the queue."""
+        found = []
         waiting, self._waiting = self._waiting, []
         for one in waiting:
             if one.stamp_ns <= stamp_ns:
-                yield one
+                found.append(one)
             elif one.stamp_ns - stamp_ns <= AHEAD_NS:
                 self._waiting.append(one)
             else:
                 self.overlooked += 1
+        return found

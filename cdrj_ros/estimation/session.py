@@ -103,10 +103,8 @@ class LiveEstimator:
         self.unsolved = 0
         """Samples with at least one unsolved element, without predicted ones."""
         self.ensemble: Ensemble | None = None
-        self.travel = MotorTravel(model)
-        """The latest poses, which tell why motors and joints do not fit each other,"""
-        self.misfit = ""
-        """in words and with the key that mends it; empty while they fit."""
+        self._travel = MotorTravel(model)
+        self._misfit = ""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -139,7 +137,7 @@ class LiveEstimator:
         if model.robot.unmeasured:
             self.encoderless = LiveEncoderless(model, self.encoderless)
         self.model = model
-        self.travel.use(model)
+        self._travel.use(model)
         expected, self._expected = self._expected, None
         if options.uncertainty and not model.robot.unmeasured:
             if self.corrections is not None:
@@ -174,8 +172,6 @@ class LiveEstimator:
     def reset(self) -> None:
         """Discard readings, friction history and measurements; the counters are kept."""
         self.conditioner.reset()
-        self.travel = MotorTravel(self.model)
-        self.misfit = ""
         self._restart(known=False)
 
     def _restart(self, *, known: bool) -> None:
@@ -189,7 +185,9 @@ class LiveEstimator:
         self._predicted = None
         self.sample: Sample | None = None
         self._recent: deque[Sample] = deque(maxlen=KEPT)
-        """The last samples, among which a tare looks for a rest."""
+        """The last samples, among which a tare looks for a rest, and ``misfit`` for poses."""
+        self._travel.forget()
+        self._misfit = ""
         self.readings.forget()
         if self.encoderless is not None:
             self.encoderless.reset()
@@ -327,7 +325,9 @@ class LiveEstimator:
         """
         estimate = self._step(sample)
         if not sample.predicted:
-            self._watch(sample, estimate)
+            self.sample = sample
+            self._recent.append(sample)
+            self.unsolved += not estimate.solved
         if self.corrections is not None and estimate.solved:
             self._believe(self.corrections, sample, estimate)
         self._mark(sample, estimate)
@@ -367,16 +367,17 @@ class LiveEstimator:
             self.state = encoderless.state_at(sample.stamp_ns)
         return estimate
 
-    def _watch(self, sample: Sample, estimate: Estimate) -> None:
-        """Note the sample, and whether motors turn as far as the cables allow."""
-        self.sample = sample
-        self._recent.append(sample)
-        if self.travel.follow(sample):
+    @property
+    def misfit(self) -> str:
+        """Why motors and joints do not fit each other, and the key that mends it; or empty.
+
+        It looks at the samples since it was asked last: ask once a second.
+        """
+        if self._travel.follow(self._recent):
             beyond = self.conditioner.refused["out_of_range"]
             whole = beyond < BEYOND * self.conditioner.accepted
-            self.misfit = self.travel.suspicion(whole=whole) if self.misfitting else ""
-        if not estimate.solved:
-            self.unsolved += 1
+            self._misfit = self._travel.suspicion(whole=whole) if self.misfitting else ""
+        return self._misfit
 
     @property
     def misfitting(self) -> list[str]:

@@ -8,7 +8,7 @@ that follow other joints were published under the name of another axis.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 from math import radians
 from typing import Final, NamedTuple
@@ -95,8 +95,14 @@ class MotorTravel:
         """Start without a pose."""
         self._motor: deque[Vector] = deque(maxlen=KEPT)
         self._joint: deque[Vector] = deque(maxlen=KEPT)
-        self._looked_ns = NEVER
+        self.forget()
         self.use(model)
+
+    def forget(self) -> None:
+        """Forget all poses."""
+        self._motor.clear()
+        self._joint.clear()
+        self._looked_ns = NEVER
 
     def use(self, model: Model) -> None:
         """Continue with other numbers of the same robot."""
@@ -106,13 +112,15 @@ class MotorTravel:
         self._slopes = _slopes(model)
         """Motion of all motors that follow a joint, by its motion, shape (joints, motors)."""
 
-    def follow(self, sample: Sample) -> bool:
-        """Add the pose of a sample, once in ``POSE_NS``; whether it was kept."""
-        since_ns = abs(sample.stamp_ns - self._looked_ns)
-        if since_ns < (FIRST_NS if len(self._motor) < FEWEST else POSE_NS):
-            return False
-        self._looked_ns = sample.stamp_ns
-        return self.add(sample.motor_angle, sample.joint_angle)
+    def follow(self, samples: Iterable[Sample]) -> bool:
+        """Add the poses of the latest samples, once in ``POSE_NS``; whether one was kept."""
+        kept = False
+        for sample in samples:
+            apart_ns = FIRST_NS if len(self._motor) < FEWEST else POSE_NS
+            if sample.stamp_ns - self._looked_ns >= apart_ns:
+                self._looked_ns = sample.stamp_ns
+                kept |= self.add(sample.motor_angle, sample.joint_angle)
+        return kept
 
     def add(self, motor_angle: Vector, joint_angle: Vector) -> bool:
         """Add a pose: the angles of all motors and joints [rad] or [m].

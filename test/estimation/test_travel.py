@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.travel import MotorTravel, travel_suspicion
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
@@ -118,3 +119,18 @@ def test_nothing_is_said_of_few_poses(model):
     for k in range(3):
         travel.add(MOTOR[k, ::-1], JOINT[k])
     assert travel.suspicion() == ""
+
+
+def test_samples_that_are_looked_at_again_add_no_pose(model):
+    """Rare questions find the poses that many find: each second of the samples counts once."""
+    stamps = (1e9 * (1.0 + TIME)).astype(np.int64).tolist()
+    motor, joint = 0.02 * MOTOR, np.degrees(0.02 * JOINT)
+    samples = [Sample(*one) for one in zip(stamps, motor, joint, strict=True)]
+    often, once = MotorTravel(model), MotorTravel(model)
+    assert all(often.follow(samples[: k + 1]) for k in range(len(samples)))
+    assert once.follow(samples)
+    later = [one._replace(stamp_ns=one.stamp_ns + 1) for one in samples[:-1]]
+    assert not once.follow([*samples, *later])
+    assert once.suspicion() == often.suspicion() == said(model, motor, joint) != ""
+    once.forget()
+    assert once.suspicion() == ""
