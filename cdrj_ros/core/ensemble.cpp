@@ -298,21 +298,21 @@ void Ensemble::choose(Nanoseconds before) {
 /// How the members of a cable are updated beside the one in turn; null where they are not.
 Ensemble::Walk* Ensemble::walk_of(Index c, Nanoseconds before) {
     if (memory.progress.updates == 0) return nullptr;
-    if (is_unknown(c, before)) {
-        keep_states();
-        const auto first = robot_.topology.segments_of(c).first;
-        for (Index k = 0; k < members(); ++k) {  // without material a member starts anew
-            State(robot_.topology.sizes, population.state(k).data()).material[first] = 0.0;
-        }
-        return &at_once_;
-    }
-    if (memory.unsolved[c] != 0 && !is_invalid(estimate_, c)) return &at_once_;
     const auto [first, beyond] = tensions_of(c);
     double here = 0.0, way = 0.0;
     for (const auto& [axis, gain] : draws.gains[first]) {
         here += gain * unseen_[axis] * (gain * unseen_[axis]);
         way += gain * midway_[axis] * (gain * midway_[axis]);
     }
+    if (is_unknown(c, std::sqrt(way), before)) {
+        keep_states();
+        const auto first_segment = robot_.topology.segments_of(c).first;
+        for (Index k = 0; k < members(); ++k) {  // without material a member starts anew
+            State(robot_.topology.sizes, population.state(k).data()).material[first_segment] = 0.0;
+        }
+        return &at_once_;
+    }
+    if (memory.unsolved[c] != 0 && !is_invalid(estimate_, c)) return &at_once_;
     if (here == 0.0 && way == 0.0) return nullptr;
     double least = INFINITE;
     for (Index q = first; q < beyond; ++q) least = std::min(least, shown(q, estimate_));
@@ -345,7 +345,13 @@ bool Ensemble::slips_on(Index c, double way, Nanoseconds before) const {
 }
 
 /// Whether the motion of an axis of a cable since the sample before is unknown.
-bool Ensemble::is_unknown(Index c, Nanoseconds before) const {
+///
+/// `way`: standard deviation of its tension midway [N]. Paths of motors and joints are drawn apart from each
+/// other; where they stretch the cable by more than what it carries, they are none that it allows.
+bool Ensemble::is_unknown(Index c, double way, Nanoseconds before) const {
+    const UncertainOutput& tension = quantities[tensions_of(c).first];
+    const double preload = robot_.constants.cables[c].preload;
+    if (way > std::max({preload, estimate_[tension.index], tension.slack})) return true;
     const bool gap = before >= 0 && memory.progress.last_stamp - before > GAP_NS;
     return std::ranges::any_of(robot_.topology.paths->of_cable[c].axes, [&](Index a) {
         return midway_[a] == INFINITE || (gap && std::abs(angle_[a] - angle_before_[a]) > MOVED);

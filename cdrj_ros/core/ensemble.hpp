@@ -213,7 +213,7 @@ private:
     bool has_turned(Index axis) const;
     void choose(Nanoseconds before);
     Walk* walk_of(Index cable, Nanoseconds before);
-    bool is_unknown(Index cable, Nanoseconds before) const;
+    bool is_unknown(Index cable, double way, Nanoseconds before) const;
     bool slips_on(Index cable, double way, Nanoseconds before) const;
     void walk(const Walk& walk, Nanoseconds before);
     bool takes_part(Index member, Nanoseconds before) const;

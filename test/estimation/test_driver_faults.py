@@ -220,8 +220,11 @@ def test_an_axis_that_counts_anew_after_a_gap_has_the_difference_as_standard_dev
         assert judge(courses(hertz), outputs, BEGIN).beyond(5.0) <= LAW
 
 
-@pytest.mark.parametrize("gap_s", [0.3, 1.5])
-def test_a_gap_in_motion_keeps_status_0(gap_s: float, robot: Model, course: Course) -> None:
+@pytest.mark.parametrize(("hertz", "gap_s"), [(0.3, 0.3), (0.3, 1.5), (1.0, 0.5), (1.0, 0.7)])
+def test_a_gap_in_motion_keeps_status_0(
+    gap_s: float, hertz: float, robot: Model, courses: Callable[[float], Course]
+) -> None:
+    course = courses(hertz)
     messages = messages_of(robot, course, 200)
     begin, end = round(200 * BEGIN_S), round(200 * (BEGIN_S + gap_s))
     outputs = feed(robot, messages[:begin] + messages[end:])
