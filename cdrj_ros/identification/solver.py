@@ -84,6 +84,7 @@ def minimise(
 
     Where most of the cost is noise, a tolerance on its change ends a fit too early, so steps are
     taken while they gain, and once more if they are a considerable fraction of a standard error.
+    At a kink, such as friction that reverses, every step promises a gain that none brings.
 
     Args:
         problem: problem whose residuals are minimised.
@@ -100,18 +101,18 @@ def minimise(
     """
     here = np.clip(begin, *limits(problem))
     problem.model(here)  # raises an error that states the reason
-    was_slow = False
+    gains = True
     for taken in range(MOST_STEPS + 1):
         found = _minimum(problem, here, loss, rough, variance)
         say(f"step {taken + 1}: rms residual {found.rms:.5g}")
-        slow = _expected(problem, found, found.step) >= (1.0 - GAIN) * found.cost
-        if taken == MOST_STEPS or (slow and (was_slow or found.size.max() <= settled)):
+        enough = (1.0 - GAIN) * found.cost
+        slow = _expected(problem, found, found.step) >= enough
+        if taken == MOST_STEPS or not gains or (slow and found.size.max() <= settled):
             break
-        was_slow = slow
-        better = _lower(problem, found)
+        better, cost = _lower(problem, found)
         if better is None:
             break
-        here = better
+        here, gains = better, cost < enough
     return found
 
 
@@ -136,8 +137,8 @@ def _minimum(
     return replace(found, step=step, size=size)
 
 
-def _lower(problem: Problem, found: Minimum) -> Vector | None:
-    """Coordinates with a lower cost; None if no damping helps.
+def _lower(problem: Problem, found: Minimum) -> tuple[Vector | None, float]:
+    """Coordinates with a lower cost, None if no damping helps, and the cost there.
 
     The damping rises until the cost falls by as much as if the residuals were linear, or by less
     than with the one before.  A step is doubled as long as the cost falls: it leads across kinks.
@@ -166,7 +167,7 @@ def _lower(problem: Problem, found: Minimum) -> Vector | None:
         if not now < least:
             break
         best, least = there, now
-    return best
+    return best, least
 
 
 def _step(problem: Problem, found: Minimum, damping: float) -> tuple[Vector, Vector]:
