@@ -19,6 +19,12 @@ from cdrj_ros.foundation.arrays import Vector
 FAULTY: Final = 0.1
 """Prior probability that a sensor is wrong, and what it keeps in the variance whatever it reads."""
 
+LARGEST: Final = 1e12
+"""Largest number in a state file: squares of larger ones are no tensions."""
+
+ROUNDING: Final = 1e-6
+"""Negative variance by rounding, as a share of the largest one."""
+
 VERIFIED: Final = 0.01
 """The same of a sensor that was compared with a spring scale or a known load."""
 
@@ -99,9 +105,12 @@ class Beliefs:
         """
         numbers = [np.array(memory[key], np.float64) for key in ("mean", "covariance", "weight")]
         _, covariance, weight = numbers
-        if not all(np.isfinite(one).all() for one in numbers):
-            raise ValueError("a number is infinite")
-        if (weight <= 0.0).any() or (np.einsum("bii->bi", covariance) < 0.0).any():
-            raise ValueError("a weight or a variance is negative")
+        if not all((np.abs(one) <= LARGEST).all() for one in numbers):
+            raise ValueError("a number is too large")
+        if (weight <= 0.0).any():
+            raise ValueError("a weight is not positive")
+        variances = np.linalg.eigvalsh(0.5 * (covariance + covariance.swapaxes(1, 2)))
+        if (variances < -ROUNDING * variances.max(axis=1, keepdims=True)).any():
+            raise ValueError("a variance is negative")
         stamps = np.array([stamp for _, stamp in memory["sensors"]], np.int64)
         self.core.restore(stamps, *numbers)

@@ -219,7 +219,7 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         assert live.corrections is not None
         try:
             live.corrections.recall(_unpacked(arrays["beliefs"]))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             live.corrections.forget()
             raise StateFileError(f"{path} holds no usable beliefs: {error}") from error
     if live.ensemble is not None and not live.ensemble.recall(arrays):

@@ -191,15 +191,23 @@ def test_what_is_known_outlasts_a_restart_and_damage_is_refused():
     assert np.array_equal(again.core.mean, known.core.mean)
     assert np.array_equal(again.core.covariance, known.core.covariance)
     assert np.array_equal(again.core.weight, known.core.weight)
+
+    def together(more):  # two unknowns that differ together by more than either does
+        both = np.eye(2, again.core.mean.shape[1])
+        return (np.array(memory["covariance"]) + more * both.T @ (1.0 - np.eye(2)) @ both).tolist()
+
     damages = [
         {"mean": [[0.0]]},
         {"covariance": (-np.array(memory["covariance"])).tolist()},
         {"weight": [float("nan")] * 4},
         {"sensors": [["a", 0]]},
         {"sensors": [["a", "now"], ["b", 0]]},
+        {"sensors": [["a", 10**30], ["b", 0]]},
+        {"mean": np.full_like(again.core.mean, 1e300).tolist()},
+        {"covariance": together(1e3)},
     ]
     for damage in damages:
-        with pytest.raises((KeyError, TypeError, ValueError)):
+        with pytest.raises((KeyError, TypeError, ValueError, OverflowError)):
             again.restore(memory | damage)
         assert np.array_equal(again.core.mean, known.core.mean)
     with pytest.raises(ValueError, match="unknowns"):
