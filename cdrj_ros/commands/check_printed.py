@@ -170,7 +170,7 @@ def _summary(
 def _print_suspicions(
     robot: str, suspicions: Sequence[Suspicion], console: Console, most: int | None = None
 ) -> None:
-    """Print suspicions, then remarks, at most ``most`` of each."""
+    """Print suspicions, then remarks, at most ``most`` texts of each, each with all its places."""
     from rich.text import Text
 
     grave = [suspicion for suspicion in suspicions if suspicion.grave]
@@ -183,11 +183,12 @@ def _print_suspicions(
     ):
         if entries:
             console.print(Text(f"{title}:", style=style))
-        for entry in entries[:most]:
-            line = Text("  ")
-            line.append(entry.where, style="bold").append(f": {entry.text}")
-            console.print(line)
-        if more := len(entries[len(entries) if most is None else most :]):
+        alike: dict[str, list[str]] = {}
+        for entry in entries:
+            alike.setdefault(entry.text, []).append(entry.where)
+        for text, where in list(alike.items())[:most]:
+            console.print(Text("  ").append(", ".join(where), style="bold").append(f": {text}"))
+        if more := len(list(alike)[len(alike) if most is None else most :]):
             console.print(Text(f"  and {more} more: --all prints them"))
 
 

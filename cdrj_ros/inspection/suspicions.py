@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from cdrj_ros.inspection.motors import encoderless_suspicions
 from cdrj_ros.inspection.poses import pose_text
-from cdrj_ros.inspection.ranges import CableCheck, Extent, Inspection, PulleyCheck
+from cdrj_ros.inspection.ranges import CableCheck, Inspection, PulleyCheck
 from cdrj_ros.model.impossible import Suspicion, unit_doubts
 from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at
 from cdrj_ros.model.untouched import untouched_bodies
@@ -156,20 +156,14 @@ def _arms_and_spans(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[S
                 cable.name, f"moves {size:.3g} m per radian of {joint.name}: are all lengths in m?"
             )
         if arm.low < -SMALL_ARM * size and arm.high > SMALL_ARM * size and size > 1e-9:
-            changing.append(f"about {joint.name} ({_arm(robot, joint.name, arm)})")
+            changing.append(joint.name)
     if changing:  # normal for the cables of a platform; a dead centre for a single joint
         yield Suspicion(
             cable.name,
-            f"its moment arm changes sign {', '.join(changing)}: it pulls one way in one part of "
-            "the range and the other way in the rest",
+            f"the moment arm changes sign about {', '.join(changing)}: the cable pulls one way in "
+            "one part of the range and the other way in the rest",
             grave=len(robot.joints) == 1,
         )
-
-
-def _arm(robot: Robot, joint: str, arm: Extent) -> str:
-    if joint in robot.prismatic_joints:
-        return f"{arm.low:.3g} to {arm.high:.3g}"
-    return f"{1e3 * arm.low:.3g} to {1e3 * arm.high:.3g} mm"
 
 
 def _tension(robot: Robot, cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
