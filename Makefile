@@ -82,7 +82,7 @@ soak: setup
 	@$(IN_ENV) CDRJ_HOSTILE=1000000 python -m pytest -q -s test/nodes/test_hostile.py
 	@$(IN_ENV) CDRJ_DAMAGES=10 python -m pytest -q test/robot/test_reader_fuzz.py \
 		test/recordings/test_fuzz.py
-	@$(IN_ENV) python tools/soak.py --minutes $(MINUTES)
+	@$(IN_ENV) python -m bench.soak --minutes $(MINUTES)
 
 # The pictures of the report and of `view` need Chromium on the path.
 figures: setup

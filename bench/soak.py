@@ -1,6 +1,6 @@
 """Feed an estimator process over DDS for a long time and check its answers: `make soak`.
 
-    python tools/soak.py [--minutes M] [--rate HZ]
+    python -m bench.soak [--minutes M] [--rate HZ]
 
 Motor readings at the given rate and joint readings at half of it are sent to an estimator process,
 with invalid messages in between.  All answers are counted, and the estimator's resident memory is
@@ -13,30 +13,19 @@ the rate instead of causing losses.
 from __future__ import annotations
 
 import argparse
-import os
-import signal
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from math import cos, nan, sin
-from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
 import psutil
-import rclpy
-from ament_index_python.packages import get_package_prefix
-from cdrj_msgs.msg import CableTensions
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
 
+from bench.figures import ROBOT
+from bench.processes import Process, estimator_command, isolate, listening, running, spin_until
+from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
-
-ROBOT = Path(__file__).resolve().parents[1] / "config" / "robots" / "prototype.yaml"
 
 MEMORY_GROWTH_MB = 5.0
 """Largest growth of resident memory after the first minute [MB]."""
@@ -44,7 +33,6 @@ MEMORY_GROWTH_MB = 5.0
 BEHIND = 500
 """Number of unanswered messages above which the sender waits."""
 
-PATIENCE_S = 60.0
 HOSTILE_EVERY = 997
 """Number of messages after which one that must be refused is sent."""
 
@@ -52,16 +40,19 @@ HOSTILE_EVERY = 997
 class Feeder:
     """Sends readings and counts the answers of an estimator process."""
 
-    def __init__(self, process: subprocess.Popen[bytes], rate: float) -> None:
-        self._process = process
-        self.node = Node("soak", namespace="cdrj")
-        self.executor = EventsExecutor()
-        self.executor.add_node(self.node)
+    def __init__(self, node: Any, executor: Any, process: Process, rate: float) -> None:
+        """Subscribe to the answers."""
+        from cdrj_msgs.msg import CableTensions
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from sensor_msgs.msg import JointState
+
+        self._process, self._executor = process, executor
         qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
-        self._motors = self.node.create_publisher(JointState, "motor_states", qos)
-        self._joints = self.node.create_publisher(JointState, "joint_states", qos)
-        self.node.create_subscription(CableTensions, "tensions", self._on_answer, qos, raw=True)
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self._motors = node.create_publisher(JointState, "cdrj/motor_states", qos)
+        self._joints = node.create_publisher(JointState, "cdrj/joint_states", qos)
+        node.create_subscription(CableTensions, "cdrj/tensions", self._on_answer, qos, raw=True)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self._motor = Template(JOINT_STATE, ("winch",), ("position",))
         self._joint = Template(JOINT_STATE, ("elbow",), ("position",))
         self._period_ns = round(1e9 / rate)
@@ -111,14 +102,13 @@ class Feeder:
             self._motors.publish(bad[self.hostile % len(bad)])
             self.hostile += 1
 
-    def wait_for(self, done: Callable[[], bool]) -> bool:
-        """Spin until ``done()``; False if the process has ended or the time limit is exceeded."""
-        deadline = monotonic() + PATIENCE_S
-        while not done():
-            if monotonic() > deadline or self._process.poll() is not None:
-                return False
-            self.executor.spin_once(timeout_sec=0.01)
-        return True
+    def wait_for(self, done: Callable[[], bool]) -> None:
+        """Spin until ``done()``.
+
+        Raises:
+            RuntimeError: the process has ended or the time limit is exceeded.
+        """
+        spin_until(self._executor, done, self._process)
 
     def run(self, minutes: float, rate: float) -> Iterator[str]:
         """Send everything and print the memory; yields what violates a bound."""
@@ -127,33 +117,26 @@ class Feeder:
         due = monotonic()
         while self.sent < total:
             while (ahead := due - monotonic()) > 0.0:
-                self.executor.spin_once(timeout_sec=min(ahead, 0.001))
+                self._executor.spin_once(timeout_sec=min(ahead, 0.001))
             due = max(due + 1.0 / rate, monotonic() - 0.1)  # what was missed is not made up
-            if not self.wait_for(lambda: self.sent - self.answered < BEHIND):
-                break
+            self.wait_for(lambda: self.sent - self.answered < BEHIND)
             self.send()
-            self.executor.spin_once(timeout_sec=0.0)
+            self._executor.spin_once(timeout_sec=0.0)
             if self.sent % each == 0 or self.sent == total:
                 resident.append(psutil.Process(self._process.pid).memory_info().rss / 1e6)
-                print(f"{self.sent} sent, {self.answered} answered, {resident[-1]:.1f} MB resident",
-                      flush=True)  # fmt: skip
+                memory = f"{resident[-1]:.1f} MB resident"
+                say(f"{self.sent} sent, {self.answered} answered, {memory}", flush=True)
         # a last motor reading without a joint reading of the same stamp is not answered
         expected = self.sent - (self.sent % 2 == 0)
         self.wait_for(lambda: self.answered >= expected)
         seen = self.diagnosed
         self.wait_for(lambda: self.diagnosed >= seen + 2)
-        if self._process.poll() is not None:
-            yield f"the estimator ended with exit code {self._process.returncode}"
-        if self.sent != total or self.answered != expected:
-            yield f"{total} to send, {self.sent} sent, {self.answered} of {expected} answered"
         if self.backwards:
             yield f"{self.backwards} answers were not later than the one before"
         accepted = int(self.counters.get("readings accepted", "0"))
         refused = sum(int(v) for key, v in self.counters.items() if key.startswith("refused: "))
         readings = self.sent + (self.sent + 1) // 2
-        print(
-            f"{readings} readings, {accepted} accepted; {self.hostile} hostile, {refused} refused"
-        )
+        say(f"{readings} readings, {accepted} accepted; {self.hostile} hostile, {refused} refused")
         if (accepted, refused) != (readings, self.hostile):
             yield "the counters of the estimator are others than what was sent"
         if resident and (growth := resident[-1] - resident[0]) > MEMORY_GROWTH_MB:
@@ -166,31 +149,22 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (default 30)")
     parser.add_argument("--rate", type=float, default=1000.0, help="motor readings per second")
     arguments = parser.parse_args()
-    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    executable = Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros", "estimator")
-    process = subprocess.Popen(
-        [executable, "--supervised", "--ros-args", "-p", f"robot:={ROBOT}", "-p", "timeout:=3600.0"]
-    )
-    rclpy.init(args=[])
-    feeder = Feeder(process, arguments.rate)
-    try:
-        if not feeder.wait_for(feeder.connected):
-            print("violated: the estimator did not start")
-            return 1
-        sleep(0.5)  # wait until both ends of every topic are matched
-        violated = list(feeder.run(arguments.minutes, arguments.rate))
-    except KeyboardInterrupt:
-        return 130
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        process.wait(PATIENCE_S)
-        feeder.executor.shutdown()
-        feeder.node.destroy_node()
-        rclpy.try_shutdown()
+    isolate()
+    with (
+        running(*estimator_command(ROBOT)) as process,
+        listening("soak") as (node, executor),
+    ):
+        feeder = Feeder(node, executor, process, arguments.rate)
+        try:
+            feeder.wait_for(feeder.connected)
+            sleep(0.5)  # wait until both ends of every topic are matched
+            violated = list(feeder.run(arguments.minutes, arguments.rate))
+        except RuntimeError as error:
+            violated = [f"{error}; {feeder.sent} sent, {feeder.answered} answered"]
+        except KeyboardInterrupt:
+            return 130
     for text in violated:
-        print(f"violated: {text}")
+        say(f"violated: {text}")
     return 1 if violated else 0
 
 
