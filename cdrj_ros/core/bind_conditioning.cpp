@@ -235,25 +235,7 @@ void bind_axis(nb::module_& core) {
             "name"_a, nb::kw_only(), "lower"_a, "upper"_a, "max_speed"_a, "clock_offset_ns"_a,
             "clock_stddev"_a, "period"_a, "scale"_a, "offset"_a, "corrected_at"_a,
             "correction"_a, "bandwidth"_a, "adaptive"_a, "band"_a, "negligible"_a, "count"_a,
-            "worth"_a, "start"_a, R"(
-            Keep the numbers.
-
-            Args:
-                name: in messages.
-                lower, upper: range of the angle [rad].
-                max_speed: [rad/s].
-                clock_offset_ns: added to stamps [ns].
-                clock_stddev: its standard deviation [s].
-                period: after which the reading wraps around [rad]; infinite if it does not.
-                scale, offset: angle = scale * unwrapped reading + offset [rad].
-                corrected_at, correction: angles, and what is added there [rad].
-                bandwidth: of the filter between counts [Hz]; 0 for none.
-                adaptive: whether that bandwidth rises with the motion.
-                band: greatest difference of an angle and its reading [rad].
-                negligible: standard deviations up to this are not reported [rad].
-                count: resolution of the readings [rad]; 0 where it is unknown.
-                worth: change of the angle that alone makes tensions ``UNSURE`` [rad].
-                start: an ambiguous first reading means the possible angle nearest to it [rad].)")
+            "worth"_a, "start"_a, "Keep the numbers; see ``Axis`` in core/records.hpp.")
         .def_ro("name", &Axis::name)
         .def_ro("lower", &Axis::lower)
         .def_ro("upper", &Axis::upper)

@@ -24,26 +24,6 @@ void bind_friction(nb::module_& core) {
     bind_kinds<Stribeck>(
         core, "Stribeck", STRIBECK_NAMES,
         "How static friction enters: (35) as printed, or the capstan equation with mu_s.");
-    core.attr("MINIMUM_TRANSMISSION") = MINIMUM_TRANSMISSION;
-    core.attr("BOUND_FLOOR") = BOUND_FLOOR;
-    core.def("stribeck_share", stribeck_share, "slip_speed"_a, "stribeck_speed"_a,
-        "Share in [0, 1] of static friction that is left at a slip speed: last factor of (33).");
-    core.def(
-        "sliding_loss",
-        [](double mu_c, double mu_s, double wrap_angle, Stribeck stribeck) {
-            return pair(sliding_loss(mu_c, mu_s, wrap_angle, stribeck));
-        },
-        "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "stribeck"_a, R"(
-        (34)-(37) as ``1 - eta_d = kinetic + static * stribeck_share(v)``; (kinetic, static).
-
-        ``printed`` scales the kinetic loss by mu_s / mu_c as in (35); ``capstan`` lets the loss at
-        rest be 1 - exp(-mu_s beta).)");
-    core.def(
-        "sliding_transmission", sliding_transmission, "slip_speed"_a, "mu_c"_a, "mu_s"_a,
-        "stribeck_speed"_a, "wrap_angle"_a, "stribeck"_a,
-        "(37): eta_d at a slip speed [m/s], kept above ``MINIMUM_TRANSMISSION``.");
-    core.def("bearing_transmission", bearing_transmission, "wrap_angle"_a, "bearing_ratio"_a,
-        "(41): eta_r of a pulley on a bearing; ``bearing_ratio`` = f_d d / r_p = 1 / alpha.");
     core.def(
         "blended_loss",
         [](double rho, double mu_c, double mu_s, double wrap_angle, double bearing_ratio,
@@ -52,10 +32,13 @@ void bind_friction(nb::module_& core) {
                 blended_loss(rho, mu_c, mu_s, wrap_angle, bearing_ratio, stribeck));
         },
         "rho"_a, "mu_c"_a, "mu_s"_a, "wrap_angle"_a, "bearing_ratio"_a, "stribeck"_a, R"(
-        (42), (43): ``1 - eta = kinetic + static * stribeck_share(v)`` of a pulley.
+        (42), (43): ``1 - eta = kinetic + static * share`` of a pulley; share: the last factor of (33).
 
         The transmission is eta = rho eta_d + (1 - rho) eta_r.  Returns (kinetic, static); their sum is
-        kept below 1 - ``MINIMUM_TRANSMISSION``.)");
+        kept below 0.999.
+
+        ``printed`` scales the kinetic loss by mu_s / mu_c as in (35); ``capstan`` lets the loss at
+        rest be 1 - exp(-mu_s beta).)");
     core.def(
         "cell_loss",
         [](double kinetic, double static_, double share) {
@@ -86,23 +69,6 @@ void bind_friction(nb::module_& core) {
 }
 
 void bind_cable(nb::module_& core) {
-    core.def(
-        "crept",
-        [](double share, double time, double flow_time, double strain, double delayed, double dt) {
-            const auto [after, growth] = crept({share, time, flow_time}, strain, delayed, dt);
-            return std::pair(after, growth);
-        },
-        "share"_a, "time"_a, "flow_time"_a, "strain"_a, "delayed"_a, "dt"_a, R"(
-        (E24) over a time in which a segment keeps its length.
-
-        Args:
-            share, time, flow_time: c, tau [s] and tau_f [s] of the cable.
-            strain: elastic strain at first; negative by as much as it hangs loose [-].
-            delayed: delayed strain at first [-].
-            dt: the time [s].
-
-        Returns:
-            The delayed strain afterwards, and the factor by which the unstretched length has grown.)");
     nb::class_<Drum>(core, "Drum",
         "What a winch drum holds (E3): cable comes off at the strain at which it went on.")
         .def(
@@ -128,13 +94,6 @@ void bind_cable(nb::module_& core) {
         "acceptable", [](const Numbers3& elastic) { return acceptable(elasticity_of(elastic)); },
         "elastic"_a,
         "Largest force imbalance of a usable sample; with a larger one it counts as unsolved [N].");
-    core.def(
-        "element_tension",
-        [](const Numbers3& elastic, double length, double material) {
-            return tension_of(elasticity_of(elastic), length, material);
-        },
-        "elastic"_a, "length"_a, "material"_a,
-        "(E1), (E21): tension of a segment from its length and its material [m] [N].");
 }
 
 }  // namespace

@@ -80,15 +80,6 @@ inline Loss sliding_loss(double mu_c, double mu_s, double wrap, Stribeck form) {
     return {kinetic, kinetic * (mu_s / mu_c - 1.0)};
 }
 
-/// (37): eta_d at a slip speed, kept above MINIMUM_TRANSMISSION.
-inline double sliding_transmission(
-    double slip_speed, double mu_c, double mu_s, double stribeck_speed, double wrap,
-    Stribeck form) {
-    const Loss loss = sliding_loss(mu_c, mu_s, wrap, form);
-    const double whole = loss.kinetic + loss.fading * stribeck_share(slip_speed, stribeck_speed);
-    return std::max(1.0 - whole, MINIMUM_TRANSMISSION);
-}
-
 /// (41): eta_r of a pulley on a bearing, from the balance (39) and the quadratic (40).
 ///
 /// `ratio` = f_d d / r_p = 1 / alpha, so that a frictionless bearing is 0, not infinity: numerator

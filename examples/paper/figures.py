@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from cdrj_ros._core import Stribeck, bearing_transmission, sliding_transmission
+from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.files import replacing
 from examples.paper.runs import CABLES, Run
@@ -151,13 +151,14 @@ SENSITIVITIES: Final[tuple[tuple[str, tuple[str, str, tuple[float, ...]]], ...]]
 def _eta_d(p: Mapping[str, float]) -> float:
     """(37) at a slip speed in units of v_s."""
     wrap = radians(p["wrap_deg"])
-    return sliding_transmission(p["speed"], p["mu_c"], p["mu_s"], 1.0, wrap, Stribeck.printed)
+    kinetic, static = blended_loss(1.0, p["mu_c"], p["mu_s"], wrap, 0.0, Stribeck.printed)
+    return 1.0 - kinetic - static * float(np.exp(-(p["speed"] ** 2)))
 
 
 def _eta_r(p: Mapping[str, float]) -> float:
     """(41)."""
     ratio = p["f_d"] * p["bearing_mm"] / p["radius_mm"]
-    return bearing_transmission(radians(p["wrap_deg"]), ratio)
+    return 1.0 - blended_loss(0.0, 0.0, 0.0, radians(p["wrap_deg"]), ratio, Stribeck.printed)[0]
 
 
 def sensitivity(_: Study) -> Figure:

@@ -10,12 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros._core import BOUND_FLOOR, Stribeck, blended_loss, stribeck_share
+from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Stamps, Table, Vector
 from cdrj_ros.model.laws import Elasticity, modulus_at, strain_at
 
-_SHARES: Final = np.vectorize(stribeck_share, otypes=[float])
 _LOSSES: Final = np.vectorize(blended_loss, otypes=[float, float])
+
+BOUND_FLOOR: Final = 1e-9
+"""Epsilon of (34) [N]."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class CableMotion:
         speed = np.zeros_like(kinetic)
         for k in range(1, len(dt)):  # the speed of a sample acts on the next one
             speed[k + 1] = (lag * speed[k] + moved[k - 1]) / (lag + dt[k - 1])
-        return kinetic + static * _SHARES(speed, speed_scale), kinetic + static
+        return kinetic + static * np.exp(-np.square(speed / speed_scale)), kinetic + static
 
 
 def taken_up(lengths: Table) -> Table:

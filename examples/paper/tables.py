@@ -9,12 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros._core import (
-    Stribeck,
-    bearing_transmission,
-    blended_loss,
-    sliding_transmission,
-)
+from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.evaluation.metrics import ChannelError
 from cdrj_ros.robot.description import Pulley, Robot
 from examples.paper.runs import CABLES, Run
@@ -131,12 +126,11 @@ def _transmissions(pulley: Pulley) -> list[str]:
     friction, wrap = pulley.friction, radians(_wrap_range(pulley)[1])
     mu = friction.mu_c, friction.mu_s
     ratio = friction.bearing_friction * pulley.bearing_diameter / pulley.radius
-    at_rest, fast = (
-        sliding_transmission(speed, *mu, 1.0, wrap, Stribeck.printed) for speed in (0.0, 100.0)
+    (bearing, _), (sliding, further), (kinetic, static) = (
+        blended_loss(rho, *mu, wrap, ratio, Stribeck.printed) for rho in (0.0, 1.0, friction.rho)
     )
-    kinetic, static = blended_loss(friction.rho, *mu, wrap, ratio, Stribeck.printed)
     return [
-        f"{bearing_transmission(wrap, ratio):.5f}", f"{at_rest:.4f}", f"{fast:.4f}",
+        f"{1.0 - bearing:.5f}", f"{1.0 - sliding - further:.4f}", f"{1.0 - sliding:.4f}",
         f"{1.0 - kinetic - static:.4f}",
     ]  # fmt: skip
 
