@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Final
 
 from cdrj_ros.foundation.output import printable
@@ -58,6 +59,12 @@ class Refusal:
         """Create the error of a key; ``text`` says what was given and what is allowed."""
         text = text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
         return RobotFileError(f"{path} {text} ({self.source})")
+
+
+def nearest(unknown: str, known: Sequence[str]) -> str:
+    """A hint at the known name that is most like an unknown one, or at all of them."""
+    close = get_close_matches(unknown, known, n=1)
+    return f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
 
 
 def listed(names: Iterable[str]) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from itertools import repeat
 from math import exp, isfinite, log
@@ -18,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError, nearest
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import motor_shares
 from cdrj_ros.robot.document import allowed_range
@@ -181,11 +180,7 @@ def _parse_item(document: Document, item: str) -> list[Unknown]:
         radii = drum_radii(document).values()
         return [_unknown(document, tuple(paths), (1,) * len(paths)) for paths in radii]
     if item.isidentifier() and item not in SHORT_FORMS:
-        close = get_close_matches(item, SHORT_FORMS, n=1)
-        raise UsageError(
-            f"{item} is not a short form"
-            + (f"; did you mean {close[0]}?" if close else f"; there are {', '.join(SHORT_FORMS)}")
-        )
+        raise UsageError(f"{item} is not a short form; {nearest(item, list(SHORT_FORMS))}")
     members = split_outside(SHORT_FORMS.get(item, item), "=")
     if len(members) == 1:
         pattern, sign = _signed(members[0])

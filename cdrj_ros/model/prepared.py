@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.foundation.errors import RobotFileError, UsageError
+from cdrj_ros.foundation.errors import RobotFileError, UsageError, nearest
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.filling import pack
 from cdrj_ros.model.impossible import reason
@@ -413,10 +412,9 @@ def installed_path(path: str, folder: str, kind: str) -> Path:
             if (place / f"{path}.yaml").exists():
                 return place / f"{path}.yaml"
         names = sorted({file.stem for place in folders for file in place.glob("*.yaml")})
-        close = get_close_matches(path, names, n=1)
-        nearest = f"; did you mean {close[0]}?" if close else ""
         raise RobotFileError(
-            f"there is no {kind} {printable(path)}, and none of that name is installed{nearest}"
+            f"there is no {kind} {printable(path)}, and none of that name is installed; "
+            f"{nearest(path, names)}"
         )
     return Path(path)
 

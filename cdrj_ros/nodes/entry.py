@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from difflib import get_close_matches
+from functools import partial
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import NoReturn
 
+from cdrj_ros.foundation.errors import nearest
 from cdrj_ros.foundation.interruption import INTERRUPTED, run_module
 
 
@@ -22,47 +23,17 @@ def _run(name: str) -> NoReturn:
     A node that takes ``--supervised`` ends with code 0 after Ctrl-C, also while it is imported.
     """
     supervised = name in ("estimator", "rig", "markers") and "--supervised" in sys.argv[1:]
-    run_module(
-        name,
-        f"cdrj_ros.nodes.{name}",
-        0 if supervised else INTERRUPTED,
-    )
+    run_module(name, f"cdrj_ros.nodes.{name}", 0 if supervised else INTERRUPTED)
 
 
-def commission() -> NoReturn:
-    """Run ``commission``, which is no node until it records."""
-    run_module("commission", "cdrj_ros.nodes.commission")
-
-
-def estimator() -> NoReturn:
-    """Run the estimator node."""
-    _run("estimator")
-
-
-def replay() -> NoReturn:
-    """Run the replay node."""
-    _run("replay")
-
-
-def watch() -> NoReturn:
-    """Run the watch node, which shows the live table."""
-    _run("watch")
-
-
-def rig() -> NoReturn:
-    """Run the rig node."""
-    _run("rig")
-
-
-def markers() -> NoReturn:
-    """Run the markers node."""
-    _run("markers")
-
-
-def view() -> NoReturn:
-    """Run the view node, or show a bag."""
-    _run("view")
-
+commission = partial(_run, "commission")
+estimator = partial(_run, "estimator")
+markers = partial(_run, "markers")
+replay = partial(_run, "replay")
+rig = partial(_run, "rig")
+view = partial(_run, "view")
+watch = partial(_run, "watch")
+"""Each runs the node of its name; ``commission`` is no node until it records."""
 
 PACKAGE = "cdrj_ros"
 """The package whose name stands before a launch file on the command line of ros2 launch."""
@@ -85,11 +56,7 @@ def refuse_unknown(file: Path, given: Sequence[str], known: Sequence[str]) -> No
     for one in given:
         name, assigned, _ = one.partition(":=")
         if assigned and name not in known:
-            close = get_close_matches(name, known, n=1)
-            nearest = f"did you mean {close[0]}? " if close else ""
-            raise RuntimeError(
-                f"there is no argument {name!r}: {nearest}There are {', '.join(known)}"
-            )
+            raise RuntimeError(f"there is no argument {name!r}: {nearest(name, known)}")
 
 
 def _on_command_line(file: Path, argv: Sequence[str]) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import pairwise
 from textwrap import wrap
 from typing import Any, Final
@@ -20,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError, nearest
 from cdrj_ros.messages.topics import TRUTH
 
 WIDTH: Final = 96
@@ -145,9 +144,7 @@ def refuse_unknown_parameters(arguments: Sequence[str], settings: Sequence[Setti
         name, assigned, _ = rule.partition(":=")
         of_this_node = flag in ("-p", "--param") and assigned and ":" not in name
         if of_this_node and name not in known and not name.startswith(OF_ROS):
-            close = get_close_matches(name, known, n=1)
-            nearest = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
-            raise UsageError(f"there is no parameter {name}; {nearest}")
+            raise UsageError(f"there is no parameter {name}; {nearest(name, known)}")
 
 
 _HEADER: Final = """\

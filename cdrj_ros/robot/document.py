@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import lru_cache
 from importlib import resources
 from math import pi
@@ -14,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from cdrj_ros.foundation.errors import RobotFileError
+from cdrj_ros.foundation.errors import RobotFileError, nearest
 from cdrj_ros.foundation.files import InputError, read_regular
 from cdrj_ros.foundation.yaml import Document, YamlError, load_yaml, yaml_nodes
 from cdrj_ros.robot.names import with_prefix
@@ -353,9 +352,8 @@ def _key_complaint(error: Any, start: str) -> str:
         where = _path(start, [*error.absolute_path, missing])
         return f"{where} is missing: {described}".rstrip(": ")
     unknown = next(key for key in given if key not in rules)
-    close = get_close_matches(unknown, sorted(rules), n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(sorted(rules))}"
-    hint = next((words for words, keys in ELSEWHERE.items() if unknown in keys), hint)
+    elsewhere = (words for words, keys in ELSEWHERE.items() if unknown in keys)
+    hint = next(elsewhere, nearest(unknown, sorted(rules)))
     return f"{_path(start, [*error.absolute_path, unknown])} is not a known key; {hint}"
 
 

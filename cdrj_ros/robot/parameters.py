@@ -19,11 +19,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
-from difflib import get_close_matches
 from math import isnan, nan, pi
 from typing import Any, Final
 
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.errors import UsageError, nearest
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.couplings import is_coupled
@@ -328,9 +327,8 @@ def _unknown(
     here = ".".join(_named(document, spot)) or "the robot file"
     if not names:
         return UsageError(f"{path}: {here} is a number, nothing follows after it")
-    close = get_close_matches(segment, names, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(names)}"
-    return UsageError(f"{path}: {here} has no {segment or 'empty name'!r}; {hint}")
+    named = segment or "empty name"
+    return UsageError(f"{path}: {here} has no {named!r}; {nearest(segment, names)}")
 
 
 def _number(document: Document, path: str, parent: _Spot, spot: _Spot) -> Number:

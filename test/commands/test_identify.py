@@ -149,7 +149,7 @@ def test_a_mistake_is_answered_in_one_line_with_its_remedy(arguments, taught, ca
         ("priors: {friction.rho: {mean: 1, stddev: 0}}", "stddev must be greater than 0, got 0"),
         ("channels: [tension/upper/99]", "there are tension/upper/1"),
         ("settle: .nan", "settle must be a finite number"),
-        ("setle: 3", "setle is not a known key; did you mean 'settle'?"),
+        ("setle: 3", "setle is not a known key; did you mean settle?"),
         ("[1]", "must hold a mapping with settings of identify"),
     ],
 )

@@ -133,5 +133,5 @@ def test_an_installed_robot_is_found_by_its_name():
 def test_a_misspelt_name_is_answered_with_the_nearest_one():
     with pytest.raises(RobotFileError, match=r"did you mean prototype[?]"):
         robot_path("protoype")
-    with pytest.raises(RobotFileError, match=r"is installed$"):
+    with pytest.raises(RobotFileError, match=r"is installed; there are cdpr, "):
         robot_path("xyzzy")

@@ -118,8 +118,8 @@ WRAP = "wrap_angle: 1.5"
 TURNED = "wrap_angle: {joint: q, offset: 1.5, slope: 0.2}"
 TABLE = "angle: [-1, 0, 1], value: [0, 0.1, 0.3]"
 REFUSED = {
-    "unknown key": ("mu_c: 0.1", "mu_cc: 0.1", "friction.mu_cc is not a known key", "'mu_c'"),
-    "unknown key like none": ("mu_c: 0.1", "zzzz: 0.1", "friction.zzzz is not a known key", "known keys: bearing_friction,"),
+    "unknown key": ("mu_c: 0.1", "mu_cc: 0.1", "friction.mu_cc is not a known key", "did you mean mu_c?"),
+    "unknown key like none": ("mu_c: 0.1", "zzzz: 0.1", "friction.zzzz is not a known key", "there are bearing_friction,"),
     "negative radius": ("radius: 0.01}", "radius: -0.01}", "cables[0].nodes[0].radius", "greater than 0, got -0.01"),
     "zero wrap": (WRAP, "wrap_angle: 0", "cables[0].nodes[1].wrap_angle", "greater than 0 rad, got 0"),
     "friction in per cent": ("mu_c: 0.1", "mu_c: 15", "friction.mu_c", "at most 2, got 15"),
@@ -158,7 +158,7 @@ REFUSED = {
     "wrap where it follows": ("position: [1, 0]", f"position: [1, 0], {WRAP}", "cables[1].nodes[1].wrap_angle", "must not be given"),
     "moving end of a constant wrap": (WRAP, f"{WRAP}, moving_end: after", "cables[0].nodes[1].moving_end is allowed only where wrap_angle is a function of a joint", "got 'after'"),
     "moving end beside a position": ("position: [1, 0]", "position: [1, 0], moving_end: before", "cables[1].nodes[1].moving_end follows from the positions", "got 'before'"),
-    "moving end of a winch": ("radius: 0.01}", "radius: 0.01, moving_end: before}", "cables[0].nodes[0].moving_end is not a known key", "known keys: axis,"),
+    "moving end of a winch": ("radius: 0.01}", "radius: 0.01, moving_end: before}", "cables[0].nodes[0].moving_end is not a known key", "there are axis,"),
     "position beside spans": ("{type: anchor}", "{type: anchor, position: [1, 1]}", "cables[0].nodes[2].position", "described by spans"),
     "turn of a point": ("position: [0.5, -1]", "position: [0.5, -1], turn: cw", "cables[1].nodes[2].turn", "no meaning for a point"),
     "direction of a revolute frame": ("    joint: q", "    joint: q\n    direction: [1, 0]", "frames[0].direction", "prismatic"),

@@ -85,8 +85,8 @@ def test_every_key_sets_what_it_says():
     ("text", "words"),
     [
         ("[1]", "must hold a mapping with sensors, drives, load or faults"),
-        ("sensor: {}", "sensor is not a known key; known keys: drives, faults"),
-        ("motors: {count: 3}", "motors.count is not a known key; did you mean 'counts'?"),
+        ("sensor: {}", "sensor is not a known key; there are drives, faults"),
+        ("motors: {count: 3}", "motors.count is not a known key; did you mean counts?"),
         ("motors: {noise: -1}", "motors.noise must be at least 0, got -1"),
         ("motors: {noise: .nan}", "motors.noise must be a finite number"),
         ("joints: {counts: 10.5}", "joints.counts must be of type integer, got 10.5"),
