@@ -36,12 +36,9 @@ import csv
 import json
 import re
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import median_filter
 
 from cdrj_ros.foundation.errors import BagError, CdrjError
@@ -53,119 +50,52 @@ STANDARD_GRAVITY = 9.80665
 """Newtons per kilogram-force."""
 WIRES = ("wire_0", "wire_1")
 SEGMENTS = tuple(f"segment_{k}" for k in range(1, 9))
-COLUMNS = (
-    "sec",
-    "nanosec",
-    "image",
-    "motor position #0",
-    "motor position #1",
-    "loadcell #0",
-    "loadcell #1",
-)
 NEIGHBOURS = 11
 MISREADING = 1.5
 """Difference from the median of NEIGHBOURS rows [N]."""
 
-Floats = npt.NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Recording:
-    """One recording in SI units; n images, of which m have joint angles."""
-
-    name: str
-    stamp_ns: npt.NDArray[np.int64]
-    """Shape (n,)."""
-    screw_angle: Floats
-    """Shape (n, 2) [rad]."""
-    seen: npt.NDArray[np.bool_]
-    """Shape (n,): whether the image has joint angles."""
-    segment_angle: Floats
-    """Shape (m, 8) [rad]."""
-    tension: Floats
-    """Shape (n, 2) [N]."""
-
-    def misread(self) -> npt.NDArray[np.bool_]:
-        """Readings of the cells far from those about them, shape (n, 2)."""
-        usual = median_filter(self.tension, size=(NEIGHBOURS, 1), mode="nearest")
-        return np.asarray(np.abs(self.tension - usual) > MISREADING)
-
-
-def read_recording(data: Path) -> Recording:
-    """Read one `data_NAME.csv` and the joint angles beside it.
+def convert(data: Path, folder: Path) -> str:
+    """Write the bag of one `data_NAME.csv` and the joint angles beside it; returns what it holds.
 
     Raises:
-        BagError: a file, a column or an angle is missing or not a number, or the stamps go back.
+        BagError: a column or an angle is missing or not a number, or the stamps go back.
     """
-    rows = _rows(data)
-    angles = _angles(data.with_name(f"curve_fit_result-joint_angle_{_label(data)}.json"))
+    label = data.stem.removeprefix("data_")
+    entries = data.with_name(f"curve_fit_result-joint_angle_{label}.json")
     try:
-        stamps = [int(row["sec"]) * 10**9 + int(row["nanosec"]) for row in rows]
-        counts = [[float(row[f"motor position #{k}"]) for k in (0, 1)] for row in rows]
-        grams = [[float(row[f"loadcell #{k}"]) for k in (0, 1)] for row in rows]
-    except (TypeError, ValueError) as error:
-        raise BagError(f"{data}: a column holds something other than a number: {error}") from None
-    stamp_ns = np.array(stamps, np.int64)
+        with data.open(encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        stamp_ns = np.array([int(row["sec"]) * 10**9 + int(row["nanosec"]) for row in rows])
+        counts = np.array([[float(row[f"motor position #{k}"]) for k in (0, 1)] for row in rows])
+        grams = np.array([[float(row[f"loadcell #{k}"]) for k in (0, 1)] for row in rows])
+        angles = {
+            entry["Image Filename"]: entry["Joint Angles Relative"]
+            for entry in json.loads(entries.read_text(encoding="utf-8"))
+        }
+        seen = np.array([row["image"] in angles for row in rows])
+        segments = np.array([angles[row["image"]] for row in rows if row["image"] in angles], float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BagError(f"{data} or {entries.name}: {error!r}") from None
+    if segments.shape[1:] != (len(SEGMENTS),) or not np.isfinite(segments).all():
+        raise BagError(f"{entries}: not {len(SEGMENTS)} numbers for every image")
     if (np.diff(stamp_ns) <= 0).any():
         raise BagError(f"{data}: the times in sec and nanosec must increase")
-    seen = np.array([row["image"] in angles for row in rows])
-    found = [angles[row["image"]] for row in rows if row["image"] in angles]
-    if not found:
-        raise BagError(f"{data}: no image of it has joint angles in the JSON file beside it")
-    return Recording(
-        name=re.sub(r"[^\w+-]+", "_", _label(data), flags=re.ASCII).strip("_"),
-        stamp_ns=stamp_ns,
-        screw_angle=np.array(counts) * (2.0 * np.pi / COUNTS_PER_TURN),
-        seen=seen,
-        segment_angle=np.array(found),
-        tension=np.array(grams) * (1e-3 * STANDARD_GRAVITY),
-    )
-
-
-def write_bag(recording: Recording, folder: Path) -> tuple[Path, int]:
-    """Write the bag `folder/NAME`; return its path and the number of misreadings left out."""
-    stamp_ns, misread = recording.stamp_ns, recording.misread()
-    with BagWriter(folder / recording.name) as bag:
-        bag.write_joint_states("/cdrj/motor_states", stamp_ns, WIRES, recording.screw_angle)
-        bag.write_joint_states(
-            "/cdrj/joint_states", stamp_ns[recording.seen], SEGMENTS, recording.segment_angle
-        )
+    tension = grams * (1e-3 * STANDARD_GRAVITY)
+    usual = median_filter(tension, size=(NEIGHBOURS, 1), mode="nearest")
+    right = np.abs(tension - usual) <= MISREADING
+    with BagWriter(folder / re.sub(r"[^\w+-]+", "_", label, flags=re.ASCII).strip("_")) as bag:
+        screws = counts * (2.0 * np.pi / COUNTS_PER_TURN)
+        bag.write_joint_states("/cdrj/motor_states", stamp_ns, WIRES, screws)
+        bag.write_joint_states("/cdrj/joint_states", stamp_ns[seen], SEGMENTS, segments)
         for k, wire in enumerate(WIRES):
-            right = ~misread[:, k]
-            tension = recording.tension[right, k : k + 1]
-            bag.write_tensions("/reference/tensions", stamp_ns[right], [f"{wire}/1"], tension)
-        return bag.path, int(misread.sum())
-
-
-def _label(data: Path) -> str:
-    return data.stem.removeprefix("data_")
-
-
-def _rows(data: Path) -> list[dict[str, str]]:
-    with data.open(encoding="utf-8", newline="") as stream:
-        reader = csv.DictReader(stream)
-        missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-        if missing:
-            raise BagError(f"{data}: the columns {', '.join(missing)} are missing")
-        rows = list(reader)
-    if not rows:
-        raise BagError(f"{data}: has no rows")
-    return rows
-
-
-def _angles(path: Path) -> dict[str, list[float]]:
-    """Joint angles by image name [rad]."""
-    if not path.is_file():
-        raise BagError(f"{path} is missing: it holds the joint angles")
-    entries: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-    angles = {entry["Image Filename"]: entry.get("Joint Angles Relative") for entry in entries}
-    for image, values in angles.items():
-        if values is None or len(values) != len(SEGMENTS) or not np.isfinite(values).all():
-            raise BagError(
-                f"{path}: 'Joint Angles Relative' of {image} must be {len(SEGMENTS)} numbers, "
-                f"got {values}"
+            own = right[:, k]
+            bag.write_tensions(
+                "/reference/tensions", stamp_ns[own], [f"{wire}/1"], tension[own, k : k + 1]
             )
-    return angles
+    seconds = (stamp_ns[-1] - stamp_ns[0]) * 1e-9
+    misread = np.count_nonzero(~right)
+    return f"{bag.path}: {len(rows)} images, {seconds:.0f} s, {misread} misreadings"
 
 
 def main() -> int:
@@ -181,11 +111,7 @@ def main() -> int:
         if not found:
             raise BagError(f"{asked.datasets} holds no file data_*.csv")
         for data in found:
-            recording = read_recording(data)
-            path, misread = write_bag(recording, asked.out / data.parent.name)
-            seconds = (recording.stamp_ns[-1] - recording.stamp_ns[0]) * 1e-9
-            images = len(recording.stamp_ns)
-            print(f"{path}: {images} images, {seconds:.0f} s, {misread} misreadings")
+            print(convert(data, asked.out / data.parent.name))
     except (CdrjError, OSError) as error:
         print(f"convert_continuum: {error}", file=sys.stderr)
         return 2
