@@ -117,16 +117,22 @@ def printable(text: object) -> str:
 
 def said_once(remarks: Iterable[str]) -> list[str]:
     """Remarks that differ in the name at their beginning alone, joined to one with all names."""
+    ends = (remark.partition(" ") for remark in remarks)
+    return named_once(
+        (name.rstrip(":"), f": {rest}" if name.endswith(":") else f" {rest}")
+        for name, _, rest in ends
+    )
+
+
+def named_once(remarks: Iterable[tuple[str, str]]) -> list[str]:
+    """Remarks with all names of which they are true, from pairs of a name and what follows it."""
     names: dict[str, list[str]] = {}
-    for remark in remarks:
-        name, _, rest = remark.partition(" ")
-        own = names.setdefault(rest if name.endswith(":") else f" {rest}", [])
-        own += [name.rstrip(":")]
+    for name, rest in remarks:
+        names.setdefault(rest, []).append(name)
     return [
-        f"{', '.join(own)}: {rest}" if not rest.startswith(" ")
-        else f"{'each of ' if len(own) > 1 else ''}{', '.join(own)}{rest}"
+        f"{'each of ' if len(own) > 1 and rest[:1] == ' ' else ''}{', '.join(own)}{rest}"
         for rest, own in names.items()
-    ]  # fmt: skip
+    ]
 
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"

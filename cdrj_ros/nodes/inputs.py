@@ -90,12 +90,8 @@ class InputTopic:
         self.publishers = 0
         self.remapping = ""
         """Where messages of this type are, or are not, while this topic has no publisher."""
-        self.silent_s = 0.0
-        """Time since the last message, to the second, as of the last ``look`` [s]."""
         self.heard_s = -inf
         """Steady time of the last message, good or not [s]."""
-        self._changed = 0, 0.0
-        """Number of messages at the last change of it, and its time [s]."""
 
     def subscribe(self, callback: Callable[[bytes], None]) -> None:
         """Subscribe; ``callback`` takes every serialised message."""
@@ -130,15 +126,9 @@ class InputTopic:
             self.by_arrival = True
             self._node.get_logger().warning(f"{self.topic}: {BY_ARRIVAL}")
 
-    def look(self, now_s: float) -> None:
-        """Measure the silence; call once a second.
-
-        Args:
-            now_s: time of a steady clock [s].
-        """
-        if self.messages != self._changed[0]:
-            self._changed = self.messages, now_s
-        self.silent_s = now_s - self._changed[1] if self.messages else 0.0
+    def silent(self, after_s: float) -> bool:
+        """Whether the last message came longer than a time ago [s]."""
+        return self.messages > 0 and monotonic() - self.heard_s > after_s
 
     def adapt(self) -> str:
         """Count the publishers and adapt to best-effort ones; call while inputs are missing.
@@ -191,7 +181,7 @@ def missing_inputs(
         apart: clocks that differ, in words.
         robot: provides the joints and their ranges.
     """
-    silent = [topic.topic for topic in topics if topic.silent_s > SILENT_S]
+    silent = [topic.topic for topic in topics if topic.silent(SILENT_S)]
     if unheard:
         what = f"no reading of {_listed(unheard)} accepted"
     elif silent:
@@ -305,8 +295,6 @@ class InputWatch:
         """State of the inputs and outputs; call once a second."""
         conditioner = self._live.conditioner
         silence_s = self.silence_s()
-        for one in self._inputs:
-            one.look(monotonic())
         refusing = self._refusing()
         age = float("inf")
         if latest is not None:

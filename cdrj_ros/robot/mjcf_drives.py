@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -73,22 +73,8 @@ def _linear(model: Any, mujoco: Any) -> Any:
     return linear & ((model.eq_obj2id < 0) | (model.eq_data[:, 2:5] == 0.0).all(axis=1))
 
 
-def named_once(remarks: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Remarks, each with all names of which it is true, from pairs of name and remark."""
-    names: dict[str, list[str]] = {}
-    for name, remark in remarks:
-        names.setdefault(remark, []).append(name)
-    for remark, own in names.items():
-        yield f"{'each of ' * (len(own) > 1)}{', '.join(own)} {remark}"
-
-
-def other_constraints(model: Any, mujoco: Any, label: Label) -> Iterator[str]:
-    """What is said of the equality constraints that are not carried over."""
-    return named_once(_other_constraints(model, mujoco, label))
-
-
-def _other_constraints(model: Any, mujoco: Any, label: Label) -> Iterator[tuple[str, str]]:
-    """Name of every such constraint with what it is between, and a remark."""
+def other_constraints(model: Any, mujoco: Any, label: Label) -> Iterator[tuple[str, str]]:
+    """Every equality constraint that is not carried over, with what it is between, and a remark."""
     kinds = mujoco.mjtEq
     between = {
         kinds.mjEQ_JOINT: "JOINT", kinds.mjEQ_TENDON: "TENDON",
@@ -129,8 +115,8 @@ def tendon_actuators(model: Any, mujoco: Any) -> dict[int, list[int]]:
 
 def other_actuators(
     model: Any, mujoco: Any, label: Label, moving: Collection[int]
-) -> Iterator[str]:
-    """What is said of the actuators that pull no tendon.
+) -> Iterator[tuple[str, str]]:
+    """Name of every actuator that pulls no tendon, and a remark.
 
     Args:
         model: the compiled model.
@@ -138,13 +124,6 @@ def other_actuators(
         label: names its objects.
         moving: joints of the robot file.
     """
-    return named_once(_other_actuators(model, mujoco, label, moving))
-
-
-def _other_actuators(
-    model: Any, mujoco: Any, label: Label, moving: Collection[int]
-) -> Iterator[tuple[str, str]]:
-    """Name of every such actuator, and a remark."""
     kinds = mujoco.mjtTrn
     without = "without a cable: it is not among the motors, and the joint is measured"
     for k in range(model.nu):

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.output import printable, said_once
+from cdrj_ros.foundation.output import named_once, printable, said_once
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.mjcf_bodies import Bodies, numbers_of
 from cdrj_ros.robot.mjcf_drives import (
@@ -272,6 +272,6 @@ class _Import:
         of_model = self._model, self._mujoco, self._label
         moving = self._bodies.moving()
         self._remarks += self._bodies.renamed()
-        self._remarks += other_constraints(*of_model)
-        self._remarks += other_actuators(*of_model, moving)
+        others = (*other_constraints(*of_model), *other_actuators(*of_model, moving))
+        self._remarks += named_once((name, f" {remark}") for name, remark in others)
         self._remarks += other_properties(*of_model, moving)
