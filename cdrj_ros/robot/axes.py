@@ -24,14 +24,7 @@ def read_motors(document: Document, refuse: Refusal) -> Iterator[Motor]:
         RobotFileError: an error that the schema cannot express.
     """
     for k, entry in enumerate(document["motors"]):
-        yield Motor(
-            entry["name"],
-            **given(entry, "reference_angle", "max_speed", "effort_noise", "effort_scale"),
-            effort_sign=entry.get("effort_sign", Motor.effort_sign),
-            effort_verified=entry.get("effort_verified", Motor.effort_verified),
-            passive=_passive(entry),
-            sensor=_sensor(f"motors[{k}]", entry, refuse),
-        )
+        yield Motor(**_axis(f"motors[{k}]", entry, refuse, "effort_noise"))
 
 
 def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
@@ -53,17 +46,22 @@ def read_joints(document: Document, refuse: Refusal) -> Iterator[Joint]:
                 f"must lie in the range [{lower:g}, {upper:g}], got {reference:g}",
             )
         yield Joint(
-            entry["name"],
-            lower,
-            upper,
-            reference,
-            **given(entry, "max_speed", "load_drift", "effort_noise", "effort_scale"),
-            effort_sign=entry.get("effort_sign", Joint.effort_sign),
-            effort_verified=entry.get("effort_verified", Joint.effort_verified),
-            passive=_passive(entry),
-            sensor=_sensor(f"joints[{k}]", entry, refuse),
+            **_axis(f"joints[{k}]", entry, refuse, "load_drift", "effort_noise"),
+            lower=lower,
+            upper=upper,
             measured=entry.get("measured", Joint.measured),
         )
+
+
+def _axis(path: str, entry: Document, refuse: Refusal, *numbers: str) -> dict[str, Any]:
+    """The fields of a ``MovingAxis``, and further numbers."""
+    words = ("name", "effort_sign", "effort_verified")
+    return {
+        **{key: entry[key] for key in words if key in entry},
+        **given(entry, "reference_angle", "max_speed", "effort_scale", *numbers),
+        "passive": _passive(entry),
+        "sensor": _sensor(path, entry, refuse),
+    }
 
 
 def given(entry: Document, *keys: str, **renamed: str) -> dict[str, float]:
@@ -106,16 +104,21 @@ def _correction(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     if entry is None:
         return (), ()
-    angle, value = tuple(map(float, entry["angle"])), tuple(map(float, entry["value"]))
-    if len(angle) != len(value):
-        raise refuse(
-            f"{path}.value", f"must have {len(angle)} entries like angle, got {len(value)}"
-        )
-    steps = np.diff(angle)
-    if not np.all(steps > 0.0):
-        raise refuse(f"{path}.angle", "must increase")
-    if not np.all(np.diff(value) > -steps):
+    angle, value = _pairs(path, entry, refuse)
+    if not np.all(np.diff(value) > -np.diff(angle)):
         raise refuse(f"{path}.value", "falls so steeply that two readings would give one angle")
+    return tuple(angle.tolist()), tuple(value.tolist())
+
+
+def _pairs(path: str, entry: Document, refuse: Refusal) -> tuple[Vector, Vector]:
+    """Increasing angles, and a value for each."""
+    angle, value = np.array(entry["angle"], dtype=float), np.array(entry["value"], dtype=float)
+    if angle.size != value.size:
+        raise refuse(
+            f"{path}.value", f"must have {angle.size} entries like angle, got {value.size}"
+        )
+    if not np.all(np.diff(angle) > 0.0):
+        raise refuse(f"{path}.angle", "must increase")
     return angle, value
 
 
@@ -204,14 +207,7 @@ class ProfileReader:
 
     def _table(self, path: str, entry: Document, grid: Vector) -> tuple[Vector, Vector]:
         """Values of a table at the angles of a grid, and their slopes."""
-        angle = np.array(entry["angle"], dtype=float)
-        value = np.array(entry["value"], dtype=float)
-        if angle.size != value.size:
-            raise self._refuse(
-                f"{path}.value", f"must have {angle.size} entries like angle, got {value.size}"
-            )
-        if not np.all(np.diff(angle) > 0.0):
-            raise self._refuse(f"{path}.angle", "must increase")
+        angle, value = _pairs(path, entry, self._refuse)
         lower, upper = sorted((grid[0], grid[-1]))
         slack = 1e-9 + 1e-6 * (upper - lower)
         if angle[0] > lower + slack or angle[-1] < upper - slack:

@@ -152,54 +152,47 @@ def residual_shape(inputs: int) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Motor:
-    """A motor whose encoder is read; its drums are winch nodes of cables."""
+class MovingAxis:
+    """What motors and joints have in common; of a prismatic joint m stands for rad, N for N m."""
 
     name: str
     reference_angle: float = 0.0
-    """Angle in the pose in which the preload was measured [rad]."""
+    """Angle in the pose in which the preload was measured, of a joint within its range [rad]."""
     max_speed: float = float("inf")
     """Faster readings are refused [rad/s]."""
     effort_sign: int = 1
-    """+1: efforts are those of the cables on the motor; -1: those that the motor must supply."""
+    """+1: efforts are those of the cables on the axis; -1: those that balance them."""
     effort_scale: float = 1.0
     """Effort per unit of the published effort [N m]; not 0."""
-    passive: PassiveTorque = PassiveTorque()
-    sensor: Sensor = Sensor()
-    effort_noise: float = 0.01
-    """Standard deviation of measured efforts [N m]."""
     effort_verified: bool = False
     """Whether its efforts were compared with a known load."""
+    passive: PassiveTorque = PassiveTorque()
+    sensor: Sensor = Sensor()
 
 
 @dataclass(frozen=True)
-class Joint:
+class Motor(MovingAxis):
+    """A motor whose encoder is read; its drums are winch nodes of cables."""
+
+    effort_noise: float = 0.01
+    """Standard deviation of measured efforts [N m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint(MovingAxis):
     """A joint, whose angle is measured or estimated from the efforts of the motors."""
 
-    name: str
     lower: float
-    """Lower end of the range [rad]; [m] for a prismatic joint."""
+    """Lower end of the range [rad]."""
     upper: float
-    """Upper end of the range [rad]; [m] for a prismatic joint."""
-    reference_angle: float = 0.0
-    """Angle in the pose in which the preload was measured, within the range [rad]."""
-    max_speed: float = float("inf")
-    """Faster readings are refused [rad/s]."""
-    effort_sign: int = 1
-    """+1: efforts are those of the cables on the joint; -1: those that balance them."""
-    effort_scale: float = 1.0
-    """Effort per unit of the published effort [N m], [N] of a prismatic joint; not 0."""
-    passive: PassiveTorque = PassiveTorque()
-    sensor: Sensor = Sensor()
+    """Upper end of the range [rad]."""
     effort_noise: float | None = None
-    """Standard deviation of measured efforts [N m] or [N]; None: they are not used."""
-    effort_verified: bool = False
-    """Whether its efforts were compared with a known load."""
+    """Standard deviation of measured efforts [N m]; None: they are not used."""
     measured: bool = True
     """Whether it has an encoder."""
     load_drift: float = 0.0
-    """Standard deviation of the change of its load within 1 s [N m] or [N], of a joint without
-    encoder; 0: nothing is known of the load."""
+    """Standard deviation of the change of its load within 1 s [N m], of a joint without encoder;
+    0: nothing is known of the load."""
 
 
 @dataclass(frozen=True)
