@@ -12,7 +12,7 @@ import numpy as np
 from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.output import printable
+from cdrj_ros.foundation.output import listed, printable
 from cdrj_ros.robot.description import Joint, Robot
 
 REFUSALS: Final[Mapping[str, str]] = {
@@ -78,8 +78,7 @@ def refusal_words(counts: Mapping[str, int], sizes: Sizes, robot: Robot) -> str:
             for axis, of_axis in sizes.items()
             if cause in of_axis
         ]
-        more = f" and {len(named) - SHOWN} more" if len(named) > SHOWN else ""
-        parts = [f"{count} {cause} ({REFUSALS.get(cause, cause)})", ", ".join(named[:SHOWN]) + more]
+        parts = [f"{count} {cause} ({REFUSALS.get(cause, cause)})", listed(named, SHOWN)]
         said = ": ".join(part for part in parts if part)
         words.append(", ".join(part for part in (said, REMEDIES.get(cause, "")) if part))
     return "; ".join(words)

@@ -15,7 +15,7 @@ from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.refusals import sparse_words
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.output import printable
+from cdrj_ros.foundation.output import listed, printable
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
 from cdrj_ros.model.prepared import Model
 
@@ -157,8 +157,8 @@ def _verdict(
         (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
         (deaf, error, "no effort of a motor: joints without encoder need it"),
         (health.misfit, error, health.misfit),
-        (flagged[INVALID], error, f"not solved: {', '.join(flagged[INVALID])}"),
-        (flagged[OVERLOAD], error, f"overload: {', '.join(flagged[OVERLOAD])}"),
+        (flagged[INVALID], error, f"not solved: {listed(flagged[INVALID])}"),
+        (flagged[OVERLOAD], error, f"overload: {listed(flagged[OVERLOAD])}"),
         (
             health.age_s > health.timeout_s, warn,
             f"estimates are {health.age_s:.3g} s old: a topic lags, or all inputs come late",
@@ -169,26 +169,26 @@ def _verdict(
         ),
         (
             live.conditioner.stuck, warn,
-            f"readings are old although their stamps are new: {', '.join(live.conditioner.stuck)}",
+            f"readings are old although their stamps are new: {listed(live.conditioner.stuck)}",
         ),
         (health.other_estimators, warn, health.other_estimators),
         (
             stepped, warn,
-            f"readings stepped further than the axis can move: {', '.join(stepped)}; ~/tare",
+            f"readings stepped further than the axis can move: {listed(stepped)}; ~/tare",
         ),
         (
             lagging, warn,
-            f"readings lag: {', '.join(lagging)}; a late topic, or another clock (clock_offset)",
+            f"readings lag: {listed(lagging)}; a late topic, or another clock (clock_offset)",
         ),
         (
             live.misfitting, warn,
-            f"misfit of motors and joints (unit?): {', '.join(live.misfitting)}",
+            f"misfit of motors and joints (unit?): {listed(live.misfitting)}",
         ),
-        (doubted, warn, f"sensors that contradict the others or the robot: {', '.join(doubted)}"),
+        (doubted, warn, f"sensors that contradict the others or the robot: {listed(doubted)}"),
         (health.refusing, warn, health.refusing),
-        (flagged[SLACK], warn, f"slack: {', '.join(flagged[SLACK])}"),
+        (flagged[SLACK], warn, f"slack: {listed(flagged[SLACK])}"),
         (flagged[UNSURE] and sparse, warn, f"unsure: {sparse}"),
-        (flagged[UNSURE], warn, f"unsure: {', '.join(flagged[UNSURE])}"),
+        (flagged[UNSURE], warn, f"unsure: {listed(flagged[UNSURE])}"),
     )  # fmt: skip
     for holds, level, message in causes:
         if holds:

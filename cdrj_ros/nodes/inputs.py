@@ -21,7 +21,7 @@ from cdrj_ros.estimation.conditioner import axis_of
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, range_words, refusal_words
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.output import counted, printable
+from cdrj_ros.foundation.output import counted, listed, printable
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health
@@ -52,9 +52,6 @@ BY_ARRIVAL: Final = (
     "contain the error of these. Set header.stamp to the time of the reading to avoid it"
 )
 """What is said of a topic without stamps."""
-
-MANY: Final = 8
-"""Maximum number of names in a list."""
 
 LONG: Final = 60
 """Maximum number of characters shown of a name."""
@@ -218,9 +215,7 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     """A list of untrusted names, truncated and made printable."""
-    shown = [printable(name)[:LONG] or "''" for name in names[:MANY]]
-    more = f" and {len(names) - MANY} more" if len(names) > MANY else ""
-    return ", ".join(shown) + more
+    return listed([printable(name)[:LONG] or "''" for name in names])
 
 
 class InputWatch:

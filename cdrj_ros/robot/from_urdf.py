@@ -19,7 +19,7 @@ from xml.etree import ElementTree as Xml
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.foundation.output import printable, said_once
+from cdrj_ros.foundation.output import listed, printable, said_once
 from cdrj_ros.foundation.yaml import Document, yaml_flow
 from cdrj_ros.robot.couplings import Coupling
 from cdrj_ros.robot.imported import beginning, prefix_offered
@@ -29,9 +29,6 @@ from cdrj_ros.robot.urdf import ROOT, held_joints, joints_of, urdf_element
 
 FASTER: Final = 2.0
 """Largest speed that a reading may have, in units of the limit of commands."""
-
-MOST_LINKS: Final = 8
-"""Number of links that the file, or a remark, names."""
 
 LEFT_OUT: Final = "none of its reductions is in the file"
 """What becomes of a transmission that is not carried over."""
@@ -79,13 +76,8 @@ def _no_cables(links: Sequence[str]) -> tuple[str, ...]:
     return (
         "cables: []",
         "# One entry for each, in place of [], as in docs/tutorial.md, with nodes on the links",
-        f"# {printable(_some(links))}",
+        f"# {printable(listed(links))}",
     )
-
-
-def _some(links: Sequence[str]) -> str:
-    left = len(links) - MOST_LINKS
-    return ", ".join(links[:MOST_LINKS]) + (f", and {left} more" if left > 0 else "")
 
 
 @dataclass
@@ -298,7 +290,7 @@ class _Begun:
             if one.refused:
                 alike.setdefault(one.refused, []).append(_couples(one))
         for reason, names in alike.items():
-            yield f"transmission {_some(names)}: {reason}: {LEFT_OUT}"
+            yield f"transmission {listed(names)}: {reason}: {LEFT_OUT}"
 
     def _of_gears(self) -> Iterator[str]:
         """What is said of simple transmissions whose joints are the motors."""

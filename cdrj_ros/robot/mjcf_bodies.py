@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.foundation.output import printable
+from cdrj_ros.foundation.output import listed, printable
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.mjcf_drives import HELD, following_joints
 
@@ -173,11 +173,7 @@ class Bodies:
         others = set(self._joint_names) - {self._joint_names[j] for j in self.moving()}
         said = [text for name, text in self._renamed.items() if name not in others]
         if said:
-            more = len(said) - NAMED
-            yield (
-                f"names have letters, digits and _ only, each once: {', '.join(said[:NAMED])}"
-                + (f", and {more} more in the same way" if more > 0 else "")
-            )
+            yield f"names have letters, digits and _ only, each once: {listed(said, NAMED)}"
 
     def joints(self) -> list[Document]:
         """Joints that move frames, and those that they follow."""
