@@ -12,12 +12,11 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite, pi
+from math import inf, pi
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as Xml
 
-from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
 from cdrj_ros.foundation.output import listed, printable, said_once
 from cdrj_ros.foundation.yaml import Document, yaml_flow
@@ -111,7 +110,7 @@ class _Begun:
         self._title, self._held = root.get("name", ""), held_joints(root)
         self._joints = {one.name: one for one in joints}
         self._moving = [one.name for one in joints if one.motion != "fixed" and not one.mimic]
-        self._speeds = _speeds(root, path)
+        self._speeds = {one.name: one.max_speed for one in joints}
         self._control = control_of(root)
         self._transmissions = [*transmissions_of(root, path)]
         followed = [one for one in self._transmissions if self._follows(one)]
@@ -324,18 +323,4 @@ def _drums(shafts: Mapping[str, Coupling]) -> str:
 
 
 def _fastest(speed: float) -> Document:
-    return {"max_speed": FASTER * speed} if speed > 0.0 else {}
-
-
-def _speeds(root: Xml.Element, path: Path) -> dict[str, float]:
-    """Greatest speeds of the joints of a URDF that states them, by name [rad/s] or [m/s]."""
-    found = {}
-    for joint in root.findall("joint"):
-        limit = joint.find("limit")
-        text = "" if limit is None else limit.get("velocity", "")
-        try:
-            found[joint.get("name", "")] = float(text or 0.0)
-        except ValueError:
-            given = printable(text)[:60]
-            raise RobotFileError(f"{path}: must be a number, got {given!r}") from None
-    return {name: speed for name, speed in found.items() if isfinite(speed)}
+    return {"max_speed": FASTER * speed} if 0.0 < speed < inf else {}

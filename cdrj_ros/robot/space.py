@@ -146,6 +146,8 @@ class UrdfJoint:
     limits: tuple[float, float] | None
     mimic: tuple[str, float, float] | None
     """Joint, multiplier and offset."""
+    max_speed: float = 0.0
+    """0: not stated [rad/s] or [m/s]."""
 
 
 VisualShape = Literal["box", "cylinder", "sphere", "mesh"]

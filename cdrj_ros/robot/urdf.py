@@ -278,6 +278,9 @@ def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
         axis,
         limits,
         follows,
+        _values(
+            (limit.get("velocity") if limit is not None else "") or "0", 1, f"{where}, velocity"
+        )[0],
     )
 
 
