@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -58,7 +59,8 @@ EFFORT: Final = Accuracy(0.02, 0.002, 0.05, 0.01, 0.02)
 """An effort computed from a motor's current, or of a joint; it is a small difference of cables."""
 
 VERIFIED_GAIN: Final = 0.02
-"""Error of the gain of a sensor that was compared with a known load or a spring scale [-]."""
+"""Error of the gain of a sensor that was compared with a known load or a spring scale [-]; least
+of one that was fitted."""
 
 
 @dataclass(frozen=True)
@@ -149,12 +151,17 @@ def _efforts(model: Model) -> Iterator[Sensor]:
     """Efforts of motors, and of joints whose file gives ``effort_noise``."""
     robot, places = model.robot, stddev_places(model.layout)
     contributes = efforts_of_preloads(model)
+    known = robot.uncertainty.stddev if robot.uncertainty else {}
     for a, axis in enumerate(robot.axes):
+        path = f"{'motors' if a < len(robot.motors) else 'joints'}.{axis.name}.effort_scale"
+        fitted = known.get(path, inf) / abs(axis.effort_scale)
+        gain = min(max(fitted, VERIFIED_GAIN), EFFORT.gain)
         cables = tuple(np.flatnonzero(contributes[:, a]).tolist())
         if axis.effort_noise is not None and cables:
             yield Sensor(
                 axis.name, places[f"effort/{axis.name}"], cables, axis.effort_noise,
-                float(contributes[:, a].sum()), EFFORT, tuple(_winding(robot, axis.name)), a,
+                float(contributes[:, a].sum()), EFFORT._replace(gain=gain),
+                tuple(_winding(robot, axis.name)), a,
                 axis.sensor.clock_offset_ns, axis.effort_verified,
             )  # fmt: skip
 

@@ -116,7 +116,7 @@ def _opposite(robot: Robot, names: Sequence[str]) -> str:
 
 
 def _sentence(robot: Robot, found: Finding) -> str:
-    one = found.change
+    one, others = found.change, found.others
     size = f"{abs(found.amount):.3g} +- {found.stddev:.2g} {one.unit}"
     more = found.amount > 0.0
     if one.kind == "zero":
@@ -124,39 +124,54 @@ def _sentence(robot: Robot, found: Finding) -> str:
     elif one.kind == "preload" and one.unit == "%" and found.amount < 100.0 * OPPOSITE:
         return _opposite(robot, [motor.name for motor in robot.motors])
     elif one.kind == "preload":
-        file = [
-            f" of {c.preload:.4g} N" for c in robot.cables if one.what == f"preload of {c.name}"
-        ]
-        text = f"{one.what} has {'risen by' if more else 'lost'} {size}{''.join(file)}"
+        file = [c.preload for c in robot.cables if one.what == f"preload of {c.name}"]
+        of = "".join(f" of {preload:.4g} N" for preload in file)
+        text = f"{one.what} has {'risen by' if more else 'lost'} {size}{of}"
+        ratio = 1.0 + found.amount / (file[0] if file else 100.0)
+        keys = [_effort_scale(robot, name, ratio) for name in others]
+        others = tuple(
+            f"{name} with {key}" if key else name for name, key in zip(others, keys, strict=True)
+        )
     elif one.kind in ("gain", "bias"):
         text = f"{one.what} is {size} too {'high' if more else 'low'}{_remedy(robot, found)}"
     elif one.kind == "slip":
         text = f"{one.what}: {size} of what is wound keeps no strain"
     else:
         text = f"{one.what} is {size} {'more' if more else 'less'} than in the robot file"
-    if found.others or found.margin > CLEAR:
-        return text + _or(found.others)
+    if others or found.margin > CLEAR:
+        return text + _or(others)
     return text + f" ({exp(found.margin):,.0f} times likelier than any other change)"
 
 
-def _remedy(robot: Robot, found: Finding) -> str:
-    """The keys that mend the scale of an effort, and their values."""
-    one, ratio = found.change, 1.0 + found.amount / found.change.factor
-    if one.what == ALL_EFFORTS and abs(ratio) >= LEAST_RATIO:
-        text = f"; if their unit is wrong, effort_scale: {1.0 / ratio:.3g} times as much mends it"
-        return text + (f"; if that of the preloads is, {ratio:.3g} times" if ratio > 0.0 else "")
-    axis = next((a for a in robot.axes if one.what == f"scale of effort of {a.name}"), None)
-    if axis is None or abs(ratio) < LEAST_RATIO:
+def _effort_scale(robot: Robot, what: str, ratio: float) -> str:
+    """The key that mends efforts read too large by a factor, if the change is of their scale."""
+    if abs(ratio) < LEAST_RATIO:
         return ""
-    text = f"; if its unit is wrong, effort_scale: {axis.effort_scale / ratio:.4g} mends it"
-    cables = [cable for cable in robot.cables if axis.name in motors_of(cable)]
+    if what == ALL_EFFORTS:
+        return f"effort_scale: {1.0 / ratio:.3g} times as much"
+    scales = {f"scale of effort of {axis.name}": axis.effort_scale for axis in robot.axes}
+    return f"effort_scale: {scales[what] / ratio:.4g}" if what in scales else ""
+
+
+def _remedy(robot: Robot, found: Finding) -> str:
+    """The keys that mend the scale of an effort, or of all, and their values."""
+    one, ratio = found.change, 1.0 + found.amount / found.change.factor
+    key = _effort_scale(robot, one.what, ratio)
+    if not key:
+        return ""
+    if one.what == ALL_EFFORTS:
+        text = f"; if their unit is wrong, {key} mends it"
+        return text + (f"; if that of the preloads is, {ratio:.3g} times" if ratio > 0.0 else "")
+    text = f"; if its unit is wrong, {key} mends it"
+    name = one.what.removeprefix("scale of effort of ")
+    cables = [cable for cable in robot.cables if name in motors_of(cable)]
     if len(cables) == 1 and ratio > 0.0:
         text += f"; if its preload is, {ratio * cables[0].preload:.4g} N"
     radii = {
         node.radius
         for cable in robot.cables
         for node in cable.nodes
-        if isinstance(node, Winch) and axis.name in dict(node.motors)
+        if isinstance(node, Winch) and name in dict(node.motors)
     }
     if len(radii) == 1 and 1.0 / SMALL_OR_LARGE < ratio < SMALL_OR_LARGE:
         text += f"; if its drum is, radius_mm: {1e3 * ratio * radii.pop():.3g}"

@@ -15,11 +15,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import inf
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cdrj_ros.estimation.sensors import Sensor
+from cdrj_ros.estimation.sensors import EFFORT, Sensor
 from cdrj_ros.estimation.unknowns import AXIS, MODE, Unknown
 from cdrj_ros.foundation.arrays import Table, Vector
 
@@ -64,6 +65,10 @@ TIMES: Final = 5.0
 
 CLEARLY: Final = 2.0
 """An amount is impossible if it is out of bounds by more than so many standard deviations."""
+
+SELDOM: Final = 0.1
+"""How much less likely a change of a sensor is than one of the robot, whose cables settle, slip and
+are mounted anew: it is named after one that explains the readings as well."""
 
 MOST: Final = 3
 """Largest number of changes at once."""
@@ -129,6 +134,8 @@ class Change:
     """Unknowns that all change by this amount."""
     lowest: float = -inf
     """Smallest amount that is possible."""
+    probability: float = 1.0
+    """Before any reading, by that of a change of the robot."""
 
 
 @dataclass(frozen=True)
@@ -208,8 +215,8 @@ def judge(
     if sum(one.number for one in heard) < LEAST_NUMBER:
         return Verdict(broken=broken) if any(one.frozen for one in every) else None
     fit = _Fit(unknowns, heard)
-    chosen = fit.select(())
-    said = fit.select([one.change for one in before.found]) if before is not None else chosen
+    chosen = fit.select()
+    said = fit.named([one.change for one in before.found] if before is not None else ())
     mean, covariance, left = fit.solve(chosen)
     squares = [one.squares(mean[fit.places(k)]) for k, one in enumerate(heard)]
     deviation = {
@@ -308,14 +315,19 @@ def _of_robot(unknowns: Sequence[Unknown]) -> Iterator[Change]:
 
 
 def _of_sensors(count: int, heard: Sequence[Heard]) -> Iterator[Change]:
-    """Of gain and zero of every sensor."""
-    efforts = [count + 2 * k + 1 for k, one in enumerate(heard) if one.sensor.axis >= 0]
+    """Of gain and zero of every sensor; of all efforts by a wrong unit, unless one was compared."""
+    efforts = [k for k, one in enumerate(heard) if one.sensor.axis >= 0]
     if len(efforts) > 1:
-        yield Change(ALL_EFFORTS, "gain", "%", 100.0, GAIN, tuple(efforts))
+        gains = tuple(count + 2 * k + 1 for k in efforts)
+        known = any(heard[k].sensor.gain < EFFORT.gain for k in efforts)
+        likely = SELDOM if known else 1.0
+        yield Change(ALL_EFFORTS, "gain", "%", 100.0, GAIN, gains, probability=likely)
     for k, one in enumerate(heard):
         own, bias = one.sensor, count + 2 * k
-        yield Change(f"scale of {own.title}", "gain", "%", 100.0, GAIN, (bias + 1,))
-        yield Change(f"zero of {own.title}", "bias", own.unit, 1.0, BIAS * own.scale, (bias,))
+        scale, zero = f"scale of {own.title}", f"zero of {own.title}"
+        least = BIAS * own.scale
+        yield Change(scale, "gain", "%", 100.0, GAIN, (bias + 1,), probability=SELDOM)
+        yield Change(zero, "bias", own.unit, 1.0, least, (bias,), probability=SELDOM)
 
 
 # --- selection ------------------------------------------------------------------------------------
@@ -342,6 +354,7 @@ class _Fit:
         self.sums = self.basis.T @ sums @ self.basis
         changes = [LARGE * one.least for one in self.changes]
         self.prior = np.array([unknowns[k].kind.start for k in self.modes] + changes) ** 2
+        self.likely = {one: np.log(one.probability) for one in self.changes}
 
     def places(self, k: int) -> list[int]:
         """Indices of the unknowns of a sensor's sums among all."""
@@ -380,16 +393,21 @@ class _Fit:
         mean_square = np.maximum((rest[-1, -1] - gains) / self.number, 1.0)
         return gains, 0.5 * (gains / mean_square - np.log1p(k * large / mean_square))
 
-    def select(self, before: Sequence[Change]) -> list[Change]:
-        """The fewest changes that explain the evidence; those of ``before`` if they do as well."""
+    def named(self, before: Sequence[Change]) -> list[Change]:
+        """Those to be said: the likeliest; those of ``before`` if they explain it as well."""
+        return self.select(
+            {one: own + AS_GOOD * (one in before) for one, own in self.likely.items()}
+        )
+
+    def select(self, likely: Mapping[Change, float] = MappingProxyType({})) -> list[Change]:
+        """The fewest changes that explain the evidence; ``likely``: added to their log odds."""
         chosen: list[Change] = []
         refused: list[Change] = []
         while len(chosen) < MOST:
             _, _, rest = self._without(self._at(chosen))
             others = [one for one in self.changes if one not in chosen and one not in refused]
             gains, odds = self._odds(rest, others)
-            known = np.array([one in before for one in others])
-            best = int(np.argmax(np.where(known, odds + AS_GOOD, odds)))
+            best = int(np.argmax(odds + [likely.get(one, 0.0) for one in others]))
             explained = self.sums[-1, -1] - rest[-1, -1] + gains[best]
             if odds[best] < CERTAIN or gains[best] < FURTHER * explained:
                 break
@@ -412,6 +430,7 @@ class _Fit:
         _, _, without = self._without(self._at([one for one in chosen if one is not change]))
         instead = [change, *(one for one in self.changes if one not in chosen)]
         _, odds = self._odds(without, instead)
+        odds += [self.likely[one] for one in instead]
         order = 1 + np.argsort(-odds[1:])
         others = tuple(instead[i].what for i in order if odds[i] >= odds[0] - AS_GOOD)
         return Finding(

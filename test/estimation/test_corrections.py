@@ -12,6 +12,7 @@ from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation.changes import with_other_numbers
 from cdrj_ros.estimation.group import Group
+from cdrj_ros.estimation.sensors import sensors_of
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.model.prepared import load_model, prepare
@@ -37,10 +38,10 @@ class Run(NamedTuple):
         return float(np.mean(np.abs(self.error) < 2.0 * self.stddev))
 
 
-def _document(name, axes=None):
-    """A shipped robot with further keys of all motors."""
+def _document(name, axes=None, **more):
+    """A shipped robot with further keys, and further keys of all motors."""
     given, source = load_document(ROBOTS / f"{name}.yaml")
-    document = dict(given)
+    document = {**given, **more}
     if axes:
         document["motors"] = [{**one, **axes} for one in document["motors"]]
     return prepare(build_robot(document, source))
@@ -107,6 +108,18 @@ def test_a_finger_with_a_fresh_file_is_known_by_the_torques_of_its_motors():
     good = verified.status == 0
     assert good.mean() > 0.8
     assert np.mean(np.abs(verified.error[good]) > 2.0 * verified.stddev[good]) < 0.05
+
+
+def test_a_gain_that_was_fitted_is_known_as_well_as_its_file_states():
+    """Neither better than a compared one, as motors grow warm, nor worse than by a data sheet."""
+    path, gains = "motors.deep_motor.effort_scale", {}
+    for stddev in (0.001, 0.03, 0.4):
+        known = {"others": "exact", "parameters": [path], "stddev": [2.5 * stddev]}
+        model = _document("finger", {"effort_scale": -2.5}, uncertainty=known)
+        gains[stddev] = [one.gain for one in sensors_of(model).values() if one.axis >= 0]
+    assert gains[0.001] == pytest.approx([0.02, 0.05, 0.05])
+    assert gains[0.03] == pytest.approx([0.03, 0.05, 0.05])
+    assert gains[0.4] == pytest.approx([0.05, 0.05, 0.05])
 
 
 def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known():
