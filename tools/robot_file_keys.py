@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cdrj_ros.robot.document import schema
+from cdrj_ros.robot.document import schema, whole
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -49,6 +49,8 @@ SKIPPED = {
     "profile",
     "node",
     "any_joint",
+    "axis",
+    "node_keys",
     "shares",
     "part",
     "residual",
@@ -71,7 +73,7 @@ def reference() -> str:
     together = {name for names in FAMILIES.values() for name in names}
     parts = [_table("the file itself", {"": document})]
     parts += [
-        _table(title, {name: definitions[name] for name in names})
+        _table(title, {name: whole(definitions[name]) for name in names})
         for title, names in FAMILIES.items()
     ]
     parts += [

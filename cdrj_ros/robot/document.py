@@ -174,6 +174,16 @@ def schema() -> Mapping[str, Any]:
     return load_schema("cdrj_ros.robot", "robot.schema.json")
 
 
+def whole(part: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A part of the schema, with the rules of its keys where these are some keys of another one."""
+    if not {"$ref", "propertyNames"} <= part.keys():
+        return part
+    every = schema()["$defs"][part["$ref"].rpartition("/")[2]]["properties"]
+    own = part.get("properties", {})
+    keys = {key: {**every[key], **own.get(key, {})} for key in part["propertyNames"]["enum"]}
+    return {**{key: rule for key, rule in part.items() if key != "$ref"}, "properties": keys}
+
+
 @lru_cache(maxsize=2)
 def _validator(key: str = "") -> Any:
     """The validator of the schema, or of one key of the file."""
@@ -321,8 +331,18 @@ LIMITS: Final = MappingProxyType(
 
 def _complaint(error: Any, start: str) -> str:
     """One line for a schema error: path of the key, what was given, what is allowed."""
-    if error.validator in ("additionalProperties", "required"):
-        return _key_complaint(error, start)
+    if error.validator == "required":
+        missing = next(key for key in error.validator_value if key not in error.instance)
+        described = whole(error.schema)["properties"].get(missing, {}).get("description", "")
+        path = _path(start, [*error.absolute_path, missing])
+        return f"{path} is missing: {described}".rstrip(": ")
+    if error.validator == "additionalProperties":
+        known = error.schema["properties"]
+        return _unknown_key(
+            error, start, next(key for key in error.instance if key not in known), known
+        )
+    if error.validator == "enum" and "propertyNames" in error.absolute_schema_path:
+        return _unknown_key(error, start, error.instance, error.validator_value)
     where, rule, allowed = _path(start, error.absolute_path), error.validator, error.validator_value
     given = error.instance
     if rule in ("minItems", "maxItems"):
@@ -343,17 +363,10 @@ def _complaint(error: Any, start: str) -> str:
     return f"{where} must be {wanted} got {_shown(given)}"
 
 
-def _key_complaint(error: Any, start: str) -> str:
-    """One line for a key that is unknown or missing."""
-    given, rules = error.instance, error.schema["properties"]
-    if error.validator == "required":
-        missing = next(key for key in error.validator_value if key not in given)
-        described = rules.get(missing, {}).get("description", "")
-        where = _path(start, [*error.absolute_path, missing])
-        return f"{where} is missing: {described}".rstrip(": ")
-    unknown = next(key for key in given if key not in rules)
+def _unknown_key(error: Any, start: str, unknown: str, known: Iterable[str]) -> str:
+    """One line for a key that is none of the known ones."""
     elsewhere = (words for words, keys in ELSEWHERE.items() if unknown in keys)
-    hint = next(elsewhere, nearest(unknown, sorted(rules)))
+    hint = next(elsewhere, nearest(unknown, sorted(known)))
     return f"{_path(start, [*error.absolute_path, unknown])} is not a known key; {hint}"
 
 

@@ -27,7 +27,7 @@ from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.description import Anchor, Friction, PassiveTorque, Pulley, Sensor
-from cdrj_ros.robot.document import schema
+from cdrj_ros.robot.document import schema, whole
 
 Keys = tuple[str | int, ...]
 
@@ -305,13 +305,11 @@ def _spot(keys: Keys, value: Any, rules: Mapping[str, Any], outer: str) -> _Spot
     definitions = schema()["$defs"]
     while "$ref" in rules:
         kind = rules["$ref"].rsplit("/", 1)[-1]
-        rules = definitions[kind]
-    if kind == "node" and isinstance(value, dict):
-        kind = value["type"]
-        rules = definitions[kind]
-    if kind == "any_joint" and isinstance(value, dict):
-        kind = "coupled_joint" if is_coupled(value) else "joint"
-        rules = definitions[kind]
+        if kind == "node" and isinstance(value, dict):
+            kind = value["type"]
+        if kind == "any_joint" and isinstance(value, dict):
+            kind = "coupled_joint" if is_coupled(value) else "joint"
+        rules = whole(definitions[kind])
     if kind == "profile" or outer == "profile":
         kind = "profile"
         if isinstance(value, dict):

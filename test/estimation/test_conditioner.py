@@ -119,7 +119,7 @@ def test_little_more_memory_is_used_than_readings_and_samples_take(monkeypatch, 
 
 def test_the_greatest_leaps_of_the_least_period_have_an_angle():
     (winch,) = ROBOT.motors
-    document = schema()["$defs"]["motor"]["properties"]
+    document = schema()["$defs"]["axis"]["properties"]
     sensor = replace(winch.sensor, period=document["period"]["minimum"], scale=-LARGEST_NUMBER)
     robot = replace(ROBOT, motors=(replace(winch, sensor=sensor),))
     stamps = START + MS * np.arange(40)

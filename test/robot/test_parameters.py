@@ -10,7 +10,7 @@ from support.refusal import refusal
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Pulley, Sensor
-from cdrj_ros.robot.document import allowed_range, parse_document, schema
+from cdrj_ros.robot.document import allowed_range, parse_document, schema, whole
 from cdrj_ros.robot.parameters import find_number, matching_paths, number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.writer import with_numbers_in_text, with_section
@@ -190,7 +190,7 @@ def test_the_defaults_of_the_schema_are_those_of_the_classes(kind):
     values = {"friction": Friction, "joint": Sensor, "motor": Sensor, "pulley": Pulley,
               "anchor": Anchor, "cable": Cable}[kind]  # fmt: skip
     defaults = {field.name: field.default for field in fields(values)}
-    for key, rule in schema()["$defs"][kind]["properties"].items():
+    for key, rule in whole(schema()["$defs"][kind])["properties"].items():
         told = re.search(r"Default:? ([-+0-9.e]*\d)(?=[. ]|$)", rule.get("description", ""))
         if told and key in defaults:
             assert float(told[1]) == defaults[key], key
