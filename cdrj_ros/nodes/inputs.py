@@ -77,7 +77,8 @@ class InputTopic:
             chosen: whether the user has chosen the reliability, with ``reliability_parameter``.
         """
         self._node, self._message, self._chosen = node, message, chosen
-        self.topic, self.axes = node.resolve_topic_name(topic), tuple(axes)
+        self._name, self.topic = topic, node.resolve_topic_name(topic)
+        self.axes = tuple(axes)
         self.messages = 0
         """Number of messages decoded since the start."""
         self.last = JointStateDecoder()
@@ -135,7 +136,7 @@ class InputTopic:
         """
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         self.publishers = len(publishers)
-        self.remapping = "" if publishers else remapping(self._node, self.topic, JOINT_STATE.name)
+        self.remapping = "" if publishers else remapping(self._node, self._name, JOINT_STATE.name)
         unreliable = {
             info.node_name
             for info in publishers

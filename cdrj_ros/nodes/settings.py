@@ -210,21 +210,23 @@ RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 """Variable of the environment: which computers a node hears."""
 
 
-def remapping(node: Node, topic: str, msgtype: str) -> str:
+def remapping(node: Node, name: str, msgtype: str) -> str:
     """The remapping to another topic of the same type that has publishers, or where none was found.
 
     The truth of a simulated rig is none: no robot publishes it.
 
     Args:
         node: the node without a publisher on its topic; what it publishes itself is no other topic.
-        topic: resolved name.
+        name: of that topic, before it was resolved.
         msgtype: ``sensor_msgs/msg/JointState``.
     """
-    name = topic.rpartition("/")[2]
+    topic = node.resolve_topic_name(name)
     others = [one for one, types in node.get_topic_names_and_types() if msgtype in types]
-    for other in sorted(others, key=lambda one: one.rpartition("/")[2] != name):
+    for other in sorted(others, key=lambda one: not f"/{name}".endswith(one[one.rindex("/") :])):
         there = {one.node_name for one in node.get_publishers_info_by_topic(other)}
-        if other != topic and there - {node.get_name()} and f"/{TRUTH}/" not in other:
+        asked = node.resolve_topic_name(other) == other  # rclpy asks for what it is remapped to
+        elsewhere = not asked or (other != topic and there - {node.get_name()})
+        if elsewhere and f"/{TRUTH}/" not in other:
             return f"there is {other}: --ros-args -r {name}:={other}"
     domain, reach = os.environ.get("ROS_DOMAIN_ID") or "0", os.environ.get(RANGE) or "SUBNET"
     kind = msgtype.rpartition("/")[2]

@@ -68,7 +68,7 @@ class WatchNode(Node):
         """Why no message arrives."""
         if others := publishing_nodes(self, self.topic):
             return f"nothing from {', '.join(others)} on {self.topic}"
-        there = remapping(self, self.topic, CABLE_TENSIONS.name)
+        there = remapping(self, topics.TENSIONS, CABLE_TENSIONS.name)
         return f"no publisher of {self.topic}; {there}"
 
     def rows(self) -> list[tuple[str, float, float, int]]:

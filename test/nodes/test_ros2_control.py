@@ -129,7 +129,12 @@ def test_names_without_the_prefix_and_topics_without_publisher_are_answered_with
         lambda: bool(diagnosed(estimation)) and estimation.inputs[0].remapping != nobody
     )
     assert "--ros-args -r motor_states:=/joint_states" in diagnosed(estimation)[0].message
+    states = bench.node.create_publisher(JointState, "/cdrj/motor_states", 10)
+    wrong = bench.estimator("-r", "motor_states:=/cdrj/truth/state", robot=stack(tmp_path))
+    expected = "--ros-args -r motor_states:=/cdrj/motor_states"
+    assert bench.until(lambda: expected in diagnosed(wrong)[0].message)
     publisher.destroy()
+    states.destroy()
     truth.destroy()
     text = PUBLISHED.replace("prefix: arm1_\n", "")
     without = bench.estimator(*ONE_TOPIC, robot=stack(tmp_path, text))
