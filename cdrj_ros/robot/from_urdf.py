@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from math import inf, pi
 from pathlib import Path
 from typing import Final
@@ -79,28 +78,16 @@ def _no_cables(links: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-@dataclass
-class Control:
-    """What the tags of ros2_control say."""
-
-    driven: list[str] = field(default_factory=list)
-    """Names with a command interface."""
-    measured: list[str] = field(default_factory=list)
-    """Names with a state interface ``position`` alone."""
-
-
-def control_of(root: Xml.Element) -> Control:
-    """The joints of the tags of ros2_control."""
-    found = Control()
-    for system in root.iter("ros2_control"):
-        for joint in system.findall("joint"):
-            name = joint.get("name", "")
-            states = {state.get("name") for state in joint.findall("state_interface")}
-            if joint.find("command_interface") is not None:
-                found.driven.append(name)
-            elif "position" in states:
-                found.measured.append(name)
-    return found
+def controlled(root: Xml.Element) -> tuple[list[str], list[str]]:
+    """Joints of ros2_control with a command interface, and with a state ``position`` alone."""
+    driven, measured = [], []
+    for joint in root.iterfind(".//ros2_control/joint"):
+        states = {state.get("name") for state in joint.findall("state_interface")}
+        if joint.find("command_interface") is not None:
+            driven.append(joint.get("name", ""))
+        elif "position" in states:
+            measured.append(joint.get("name", ""))
+    return driven, measured
 
 
 class _Begun:
@@ -111,21 +98,21 @@ class _Begun:
         self._joints = {one.name: one for one in joints}
         self._moving = [one.name for one in joints if one.motion != "fixed" and not one.mimic]
         self._speeds = {one.name: one.max_speed for one in joints}
-        self._control = control_of(root)
+        self._driven, self._read = controlled(root)
         self._transmissions = [*transmissions_of(root, path)]
         followed = [one for one in self._transmissions if self._follows(one)]
         self._following = {name: one for by in followed for name, one in by.joints.items()}
         """Joints that are not published, as functions of the actuators."""
         self._leading = {name: one for by in followed for name, one in by.actuators.items()}
         """These actuators, as functions of those joints."""
-        driven = self._control.driven or [*self._undriven()]
+        driven = self._driven or [*self._undriven()]
         self.motors = [one for one in driven if one not in self._leading]
         taken = {*self._following, *self._leading, *self.motors}
         for one in self._transmissions:  # to drums, whose angles are not read
-            if not one.refused and (self._control.driven or not self._has_motors(one)):
-                taken |= one.joints.keys() - {*self._control.measured}
+            if not one.refused and (self._driven or not self._has_motors(one)):
+                taken |= one.joints.keys() - {*self._read}
         own = [one for one in self._moving if one not in taken]
-        self._measured = [one for one in self._control.measured or own if one in own]
+        self._measured = [one for one in self._read or own if one in own]
         self._still = [one for one in own if one not in self._measured]
 
     def _undriven(self) -> Iterator[str]:
@@ -143,10 +130,10 @@ class _Begun:
 
     def _follows(self, one: Transmission) -> bool:
         """Whether joints of the robot are not published, and follow actuators that are."""
-        published = {*self._control.driven, *self._control.measured}
+        published = {*self._driven, *self._read}
         return (
             not one.refused
-            and {*one.actuators} <= {*self._control.driven}
+            and {*one.actuators} <= {*self._driven}
             and not published.intersection(one.joints)
             and {*one.joints} <= {*self._moving}
             and self._moves_links(one)
@@ -229,7 +216,7 @@ class _Begun:
     def remarks(self) -> Iterator[str]:
         """What has to be checked or added."""
         yield from self._of_joints()
-        if self.motors and not self._control.driven:
+        if self.motors and not self._driven:
             yield "there is no ros2_control: motors and joints are those of the transmissions"
         for one in self._transmissions:
             yield from self._of_transmission(one)
