@@ -29,9 +29,9 @@ from cdrj_ros.nodes.changes import SIMULATED, Changes
 from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of, verdict_of
 from cdrj_ros.nodes.inputs import InputTopic, InputWatch
 from cdrj_ros.nodes.outputs import Outputs, RateLimit
-from cdrj_ros.nodes.parameters import read, settings
+from cdrj_ros.nodes.parameters import friction_of, options_of, settings
 from cdrj_ros.nodes.robot_description import given_model
-from cdrj_ros.nodes.settings import declare, has_chosen
+from cdrj_ros.nodes.settings import declare, has_chosen, values_of
 from cdrj_ros.nodes.silence import Silence, StampClock
 from cdrj_ros.nodes.spinning import CheckedClock
 
@@ -103,21 +103,22 @@ class Estimation:
         Raises:
             CdrjError: a parameter, the robot file or the state file is missing or invalid.
         """
-        node, started = self.node, read(self.node)
-        model = given_model(node, started.robot, started.preload)
-        self.timeout_s, self.stamps = started.timeout_s, StampClock(started.same_clock_s)
-        self.live = LiveEstimator(model, started.options)
-        if started.friction:
-            self.live.set_numbers(started.friction)
+        node, values = self.node, values_of(self.node, settings())
+        options = options_of(values)
+        model = given_model(node, values["robot"], [*(values["preload"] or ())])
+        self.timeout_s, self.stamps = values["timeout"], StampClock(values["same_clock_within"])
+        self.live = LiveEstimator(model, options)
+        if friction := friction_of(values):
+            self.live.set_numbers(friction)
         self._read_state()
         self.live.expect_sensors()
-        self._limit = RateLimit(started.max_rate_hz)
+        self._limit = RateLimit(values["max_rate"])
         self.latest = None
         self.times = StepTimes()
         self._simulated = bool(node.get_parameter(SIMULATED).value)
         self.silence = Silence(self.timeout_s, self._simulated)
         self._counted, self._counted_ns = 0, self.now_ns()
-        self.outputs = Outputs(node, self.live, started.frame_id)
+        self.outputs = Outputs(node, self.live, values["frame_id"])
         self._changes.offer_services()
         self._given = [node.get_parameter_or(one.name) for one in settings() if one.changeable]
         self.state = "inactive"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Final, NamedTuple
+from typing import Any, Final
 
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cdrj_ros.estimation.changes import preloads_of
@@ -16,7 +15,7 @@ from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
-from cdrj_ros.nodes.settings import Setting, as_double, parameter_file, values_of
+from cdrj_ros.nodes.settings import Setting, as_double, parameter_file
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema
 from cdrj_ros.robot.parameters import number_at
@@ -121,46 +120,24 @@ def estimator_file() -> str:
 # --- at the start -----------------------------------------------------------------------------
 
 
-class Started(NamedTuple):
-    """The parameters as the node starts."""
-
-    robot: str
-    timeout_s: float
-    same_clock_s: float
-    frame_id: str
-    preload: list[float] | None
-    """Preload of every cable [N]; None for the robot file's."""
-    max_rate_hz: float
-    """Maximum rate of published estimates [Hz]; 0: no limit."""
-    options: Options
-    friction: dict[str, float]
-    """Common friction values that replace those of the robot file, by path."""
-
-
-def read(node: Node) -> Started:
-    """Read every parameter.
+def options_of(values: Mapping[str, Any]) -> Options:
+    """The estimator's options, by the values of the parameters.
 
     Raises:
         UsageError: a value is not allowed; ROS itself checks types and ranges.
     """
-    values = values_of(node, settings())
-    options = Options(
+    return Options(
         conditioning=values["conditioning"],
         unsure_share=values["unsure_share"],
         ignored_sensors=tuple(name for name in split_names(values["ignored_sensors"]) if name),
         tracking=_bandwidth(values[TRACKING]),
     )
+
+
+def friction_of(values: Mapping[str, Any]) -> dict[str, float]:
+    """Common friction values that replace those of the robot file, by path."""
     given = {name: float(values[name]) for name in (f"friction.{key}" for key in FRICTION)}
-    return Started(
-        robot=values["robot"],
-        timeout_s=values["timeout"],
-        same_clock_s=values["same_clock_within"],
-        frame_id=values["frame_id"],
-        preload=list(values["preload"] or ()) or None,
-        max_rate_hz=values["max_rate"],
-        options=options,
-        friction={name: value for name, value in given.items() if value != UNSET},
-    )
+    return {name: value for name, value in given.items() if value != UNSET}
 
 
 def split_names(text: str) -> list[str]:
