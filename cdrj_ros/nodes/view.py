@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -16,7 +15,6 @@ from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages import topics
-from cdrj_ros.model.packing import STALE
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, declare, values_of
 from cdrj_ros.nodes.spinning import run_node
@@ -110,15 +108,12 @@ class ViewNode(Node):
             return
         there = self.link.poll()
         try:
-            shown, heard = self.inputs.snapshot(), self.heard
-            heard.last_s = max(heard.last_s, self.inputs.heard_s)
-            heard.count = self.inputs.count
-            heard.fresh, heard.stamp_ns = self.inputs.fresh, shown.stamp_ns
-            heard.stale = bool(np.all(shown.status & STALE))
-            if heard.fresh:
+            shown = self.inputs.snapshot()
+            if self.inputs.fresh:
                 self.history.add(shown)
-            publishers = self.count_publishers(heard.topic)
-            words = words_of(heard, there, publishers, self.get_clock().now().nanoseconds)
+            publishers = self.count_publishers(self.heard.topic)
+            now_ns = self.get_clock().now().nanoseconds
+            words = words_of(self.heard, self.inputs, shown, there, publishers, now_ns)
             table = self.history.table() if self.page.plot_is_due() else None
             self.page.show(shown, table, words)
         except CdrjError as error:

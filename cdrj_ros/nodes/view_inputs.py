@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from math import inf
+from time import monotonic
 from typing import Any, Final
 
 import numpy as np
@@ -48,6 +50,8 @@ class Inputs:
         self._shown = nothing_known(model)
         self.count = 0
         """Number of messages with tensions."""
+        self.heard_s = -inf
+        """Steady time of the last of them [s]."""
 
     @property
     def listening(self) -> bool:
@@ -58,12 +62,6 @@ class Inputs:
     def fresh(self) -> bool:
         """Whether tensions are not older than ``SILENCE_S``."""
         return self._fresh(topics.TENSIONS)
-
-    @property
-    def heard_s(self) -> float:
-        """Steady time of the last message with tensions [s]."""
-        found = self._heard.get(topics.TENSIONS)
-        return -float("inf") if found is None else found.heard_s
 
     def _fresh(self, topic: str) -> bool:
         found = self._heard.get(topic)
@@ -92,7 +90,8 @@ class Inputs:
     def hear(self, topic: str, payload: bytes) -> None:
         """Keep a serialised message."""
         self._heard.setdefault(topic, LastMessage()).hear(payload)
-        self.count += topic == topics.TENSIONS
+        if topic == topics.TENSIONS:
+            self.count, self.heard_s = self.count + 1, monotonic()
 
     def _last(self, kind: Any, topic: str) -> Any:
         found = self._heard.get(topic)

@@ -8,6 +8,7 @@ from queue import SimpleQueue
 from time import monotonic
 from typing import Any, Final
 
+import numpy as np
 from markupsafe import Markup
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -15,10 +16,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from cdrj_ros.model.packing import STALE
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.feed import Rate
 from cdrj_ros.nodes.parameters import FRICTION, settings
+from cdrj_ros.nodes.view_inputs import Inputs
 from cdrj_ros.report.status import FOREIGN_S
+from cdrj_ros.view.history import Snapshot
 from cdrj_ros.view.panels import Controls, SliderRange, filled
 
 READ_S: Final = 1.0
@@ -219,21 +223,12 @@ SHOWN: Final = ("lag behind the newest reading [ms]", "readings stepped")
 
 @dataclass
 class Heard:
-    """What has been received from the estimator."""
+    """What has been received from the estimator beside its tensions."""
 
     topic: str
     """Of its tensions."""
     node: str
     """Its full name."""
-    last_s: float = field(default_factory=lambda: -float("inf"))
-    """Steady time of its last message [s]."""
-    fresh: bool = False
-    """Whether its tensions are not older than allowed."""
-    stale: bool = False
-    """Whether the estimator marks all of them STALE itself."""
-    stamp_ns: int = 0
-    """Stamp of the last tensions [ns]."""
-    count: int = 0
     diagnosis: Any = None
     """Its last DiagnosticStatus."""
     diagnosed_s: float = -float("inf")
@@ -252,35 +247,38 @@ class Heard:
             self.diagnosis, self.diagnosed_s = status, monotonic()
 
 
-def words_of(heard: Heard, there: bool, publishers: int, now_ns: int) -> tuple[str, ...]:
+def words_of(
+    heard: Heard, inputs: Inputs, shown: Snapshot, there: bool, publishers: int, now_ns: int
+) -> tuple[str, ...]:
     """The state in paragraphs, see ``markup.plain``.
 
     Args:
-        heard: what has been received.
+        heard: its diagnosis.
+        inputs: when its tensions were received.
+        shown: the last ones.
         there: whether the estimator offers its services.
         publishers: number of publishers of its tensions.
         now_ns: time of the clock with which stamps are compared [ns].
     """
-    rate = heard.rate.hz(heard.count)
-    if heard.fresh:
-        state = (
-            "<b>Stale:</b> the estimator's inputs are late" if heard.stale else "<b>Estimating</b>"
-        )
+    rate = heard.rate.hz(inputs.count)
+    if inputs.fresh:
+        stale = np.all(shown.status & STALE)
+        state = "<b>Stale:</b> the estimator's inputs are late" if stale else "<b>Estimating</b>"
         hertz = "" if rate is None else f" · {rate:.0f} Hz"
-        age_s = (now_ns - heard.stamp_ns) * 1e-9
+        age_s = (now_ns - shown.stamp_ns) * 1e-9
         foreign = abs(age_s) > FOREIGN_S
         age = "recorded stamps" if foreign else f"age {1e3 * max(age_s, 0.0):.0f} ms"
         return (filled(state + "{} · {}", hertz, age), *_diagnosed(heard))
-    since = f"{monotonic() - heard.last_s:.0f} s"
+    since = f"{monotonic() - inputs.heard_s:.0f} s"
     if not there and not publishers:
-        if heard.count:
+        if inputs.count:
             words = "<b>No estimator:</b> {} is gone, its last tensions are {} old"
             return (filled(words, heard.node, since),)
         words = "<b>No estimator:</b> nobody publishes {}, and {} is not running"
         return (filled(words, heard.topic, heard.node),)
     if not publishers:
         return (filled("<b>No tensions:</b> nobody publishes {}", heard.topic), *_diagnosed(heard))
-    silent = f"for {since}" if heard.count else "yet"
+    silent = f"for {since}" if inputs.count else "yet"
     return (filled("<b>No tensions</b> on {} {}", heard.topic, silent), *_diagnosed(heard))
 
 
