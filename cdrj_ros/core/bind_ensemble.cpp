@@ -186,10 +186,28 @@ Written view_of_reading_error(nb::handle self) {
     return view(self, draws.reading_error, draws.reading_rows);
 }
 
-Array<Index> view_of_progress(nb::handle self) {
-    Progress& progress = nb::cast<Ensemble&>(self).memory.progress;
+/// Views of all that outlasts a restart, by the names of a state file; members by rows.
+ByName<nb::any> memory_of(nb::handle self) {
+    auto& ensemble = nb::cast<Ensemble&>(self);
+    EnsembleMemory& memory = ensemble.memory;
     static_assert(sizeof(Progress) == 3 * sizeof(Index));
-    return Array<Index>({3}, &progress.updates, self);
+    ByName<nb::any> found;
+    found["members"] = view(self, ensemble.population.states, ensemble.members());
+    found["member_stamps"] = view(self, memory.stamps, ensemble.members());
+    found["member_constants"] = view(self, ensemble.population.constants, ensemble.members());
+    found["progress"] = Array<Index>({3}, &memory.progress.updates, self);
+    found["unsolved"] = view(self, memory.unsolved);
+    found["last_angle"] = view(self, memory.angle);
+    found["intervals"] = view(self, memory.intervals);
+    found["last_unseen"] = view(self, memory.unseen);
+    found["heading"] = view(self, memory.heading);
+    found["furthest"] = view(self, memory.furthest);
+    found["turn_stamps"] = view(self, memory.turn_stamps);
+    found["turn_angles"] = view(self, memory.turn_angles);
+    found["deviation"] = view(self, memory.deviation, ensemble.members());
+    found["lags"] = view(self, ensemble.lags.numbers);
+    found["least_variance"] = view(self, memory.least_variance);
+    return found;
 }
 
 /// Mark one estimate, or the rows of a table.
@@ -310,41 +328,22 @@ void bind_ensemble(nb::module_& core) {
             "Shape (members, state_size).")
         .def_prop_ro("stamps", part(&Ensemble::memory, &EnsembleMemory::stamps, true),
             "Of the last update of every member's cables [ns], shape (members, cables).")
-        .def_prop_ro("unsolved", part(&Ensemble::memory, &EnsembleMemory::unsolved),
-            "1 for every cable that was not solved in the last sample, shape (cables,).")
         .def_ro("cable_steps", &Ensemble::cable_steps,
             "Steps of all cables of all members so far: what the standard deviations have cost.")
-        .def_prop_ro("angle", part(&Ensemble::memory, &EnsembleMemory::angle),
-            "Of all axes at the last sample [rad], shape (axes,).")
-        .def_prop_ro("unseen", part(&Ensemble::memory, &EnsembleMemory::unseen),
-            "Standard deviations of these angles [rad], shape (axes,).")
         .def_prop_ro("least_variance", part(&Ensemble::memory, &EnsembleMemory::least_variance),
             "Least variance of every quantity that is shown, (U15), shape (quantities,).")
-        .def_prop_ro("lags", part(&Ensemble::lags, &Lags::numbers),
-            "What is remembered of mean tensions and velocities, (U13) and (U18); opaque.")
         .def_prop_ro("unit_error", [](const Ensemble& ensemble) {
             Written found({Index(ensemble.axes())});
             std::ranges::copy(ensemble.units.errors, found.data());
             return found;
         },
             "What every axis may be wrong by because of its unit, (C15) [rad], shape (axes,).")
-        .def_prop_ro("intervals", part(&Ensemble::memory, &EnsembleMemory::intervals),
-            "Beginnings and ends of intervals without readings so far, odd during one, shape (axes,).")
-        .def_prop_ro("heading", part(&Ensemble::memory, &EnsembleMemory::heading),
-            "Direction of every axis, 1 or -1, 0 before its first angle, shape (axes,).")
-        .def_prop_ro("furthest", part(&Ensemble::memory, &EnsembleMemory::furthest),
-            "Angle of every axis that is furthest in this direction [rad], shape (axes,).")
-        .def_prop_ro("turn_stamps", part(&Ensemble::memory, &EnsembleMemory::turn_stamps),
-            "Of the last turning points of every axis [ns], -1 for none, shape (axes * points,).")
-        .def_prop_ro("turn_angles", part(&Ensemble::memory, &EnsembleMemory::turn_angles),
-            "Angles of all axes there [rad], shape (axes * points * axes,).")
         .def_prop_ro(
             "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true),
             "Of the members' quantities from the estimate's, shape (members, quantities).")
         .def_prop_ro("variance", part(&Ensemble::memory, &EnsembleMemory::variance),
             "Mean squares of these deviations (U1), shape (quantities,).")
-        .def_prop_ro("progress", view_of_progress,
-            "Updates in turn so far, stamps of the last sample and of the last of them [ns] or -1.");
+        .def("memory", memory_of, "Views of all that outlasts a restart, by name.");
     core.attr("MOVED") = MOVED;
     core.def(
         "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(

@@ -144,23 +144,7 @@ class Ensemble:
     def memory(self) -> dict[str, NDArray[Any]]:
         """The ensemble's memory, which ``recall`` restores."""
         self.core.roll_back()
-        return {
-            "members": self.states,
-            "member_stamps": self.stamps,
-            "member_constants": self.constants,
-            "progress": self.core.progress,
-            "unsolved": self.core.unsolved,
-            "last_angle": self.core.angle,
-            "intervals": self.core.intervals,
-            "last_unseen": self.core.unseen,
-            "heading": self.core.heading,
-            "furthest": self.core.furthest,
-            "turn_stamps": self.core.turn_stamps,
-            "turn_angles": self.core.turn_angles,
-            "deviation": self.deviation,
-            "lags": self.core.lags,
-            "least_variance": self.core.least_variance,
-        }
+        return self.core.memory()
 
     def recall(self, arrays: Mapping[str, NDArray[Any]]) -> bool:
         """Restore the arrays from ``memory``; False, with nothing changed, if they do not fit."""
@@ -214,7 +198,8 @@ class Ensemble:
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
         self.stamps += by_ns
-        for stamps in (self.core.progress[LAST_STAMP:], self.core.turn_stamps):
+        memory = self.core.memory()
+        for stamps in (memory["progress"][LAST_STAMP:], memory["turn_stamps"]):
             stamps[stamps >= 0] += by_ns
 
     def step(self, state: State, sample: Sample) -> tuple[State, Estimate]:
