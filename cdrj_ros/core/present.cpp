@@ -13,6 +13,9 @@ constexpr double WRONG = 0.3;
 /// For so long a reading also says something about the present [s].
 constexpr double USED_S = 0.4;
 
+/// Weight of a hypothesis below which no reading of a sensor that it holds right is a stray one.
+constexpr double REFUTED = 1e-3;
+
 /// Least size of what a reading should be, by what the preloads contribute, that tells a share of it.
 constexpr double SMALL = 1e-3;
 
@@ -209,8 +212,9 @@ void Beliefs::condition(
     }
     for (std::size_t s = 0; s < sensors; ++s) {
         const Heard& one = *latest.read[s];
-        const bool may_be_wrong = one.unexplained <= STRAYS && one.unexplained < one.used;
-        if (near[s] || may_be_wrong || !own.right[latest.places[s]]) continue;
+        const bool alone = one.unexplained <= STRAYS && one.unexplained < one.used;
+        const bool stray = alone && own.weight > REFUTED;
+        if (near[s] || stray || !own.right[latest.places[s]]) continue;
         const double share = rest[s] / std::max(std::abs(one.h), SMALL * one.sensor.scale);
         for (std::size_t q = 0; q < size; ++q) {
             if (one.sensor.contributes[q]) found.left[q] -= square(share * h[q]);

@@ -176,6 +176,23 @@ def test_the_present_follows_a_reading_as_gaussian_variables_do():
     assert np.allclose(left, 0.8**2 * spread)
 
 
+@pytest.mark.parametrize("refuted", [False, True])
+def test_a_reading_is_stray_only_of_a_sensor_that_may_be_right(refuted):
+    """One far reading among others leaves the tensions open where the sensor is known to lie."""
+    known, generator = Beliefs(_unknowns(1)), np.random.default_rng(7)
+    _hear(known, "cell")
+    for k in range(50):
+        off = 6.0 * (-1.0) ** k if refuted else 0.0
+        _read(known, 0, 0.1 * k, 10.0 + off + NOISE * generator.normal(), [0.0])
+    _read(known, 0, 5.0, 10.0, [0.0])
+    assert (known.core.weight[0] < 1e-3) == refuted
+    _read(known, 0, 5.1, 16.0, [0.0])
+    h, nothing = np.array([10.0, 12.0, 8.0]), np.zeros((32, 3))
+    left = known.core.present(51 * SECOND // 10, h, np.zeros((1, 3)), nothing)[2]
+    open_for = known.core.least_weights[0] * (0.6 * h) ** 2
+    assert np.allclose(left, open_for if refuted else 0.0)
+
+
 def test_what_is_known_outlasts_a_restart_and_damage_is_refused():
     def fresh(*names):
         known = Beliefs(_unknowns(2))
