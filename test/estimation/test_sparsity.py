@@ -87,9 +87,46 @@ def test_what_loads_may_stretch_the_cables_of_a_finger_is_its_own():
 def samples(model, count, unseen):
     """A slow motion at 100 Hz; the last sample has deviations midway, by axis [rad]."""
     axes, motors = len(model.robot.axes), len(model.robot.motors)
-    rows = [("a_pip", 0.025, 1, 4), ("a_pip", 0.05, 1, 1)]
-    rows += [("a_mcp", 0.05, 2, 1), ("wrist", 0.05, 4, 1)]
-    for name, size, cables, walk in rows:
+    rows = angles(model, 0.5 + 0.1 * np.sin(0.05 * np.arange(count)))
+    found = [Sample(START_NS + k * 10**7, r[:motors], r[motors:]) for k, r in enumerate(rows)]
+    deviations = np.zeros((2, axes))
+    for axis, deviation in unseen.items():
+        deviations[1, axis] = deviation
+    return [*found[:-1], found[-1]._replace(unseen=deviations)]
+
+
+def followed(model, unseen):
+    """Standard deviations at the last of some samples, and the steps of cables it took."""
+    ensemble, state = Ensemble(model), initial_state(model)
+    stddev, before = np.empty(0), 0
+    for sample in samples(model, 30, unseen):  # without a turning point
+        before = ensemble.core.cable_steps
+        state, estimate = ensemble.step(state, sample)
+        stddev = estimate.stddev
+    return stddev, ensemble, ensemble.core.cable_steps - before
+
+
+def test_small_deviations_move_no_member_and_enter_the_variance_through_their_gain():
+    model = fingers(2)
+    plain, _, steps = followed(model, {})
+    motor, joint = 2, len(model.robot.motors) + 2
+    deviations = {motor: 2e-4, joint: 1e-4}
+    widened, _, same = followed(model, deviations)
+    assert same == steps == len(model.robot.cables)
+    gain = offset_gain(model)
+    expected = sum((gain[:, axis] * size) ** 2 for axis, size in deviations.items())
+    assert expected.max() > 1e-4
+    np.testing.assert_allclose(widened**2 - plain**2, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_large_deviations_are_walked_by_the_cables_on_whose_path_the_axis_lies_alone():
+    model = prepare(hand(finger("a", "palm"), finger("b", "palm"), **WRIST))
+    plain, _, _ = followed(model, {})
+    joints = {name: len(model.robot.motors) + k for k, name in enumerate(model.layout.joints)}
+    # one that stretches a cable by more than it carries lets its members start anew, in one step
+    given = [("a_pip", 0.025, 1, 4), ("a_pip", 0.05, 1, 1)]
+    given += [("a_mcp", 0.05, 2, 1), ("wrist", 0.05, 4, 1)]
+    for name, size, cables, walk in given:
         stddev, ensemble, steps = followed(model, {joints[name]: size})
         assert steps == walk * MEMBERS * cables + len(model.robot.cables)
         touched = np.abs(stddev / plain - 1.0) > 1e-6
