@@ -133,7 +133,6 @@ void Beliefs::take(std::size_t k, const SensorReading& reading) {
         rests.push_back(found[b].rest);
     }
     one.strays = found.front().used ? 0 : one.strays + 1;
-    one.unexplained = found.front().far ? one.unexplained + 1 : 0;
     one.rest = std::move(rests);
     if (one.strays == 0 || one.strays > STRAYS) {
         const double noise = square(reading.noise);
@@ -224,8 +223,7 @@ Beliefs::Explanation Beliefs::explain(
         log_likelihood(rest, variance + square(STRAY * one.sensor.scale));
     const double stray = static_cast<double>(1 + one.strays) * std::log(OUTLIER) + anywhere;
     const Explanation found{
-        rest, log_sum(changed, stray), anywhere, bent, is_right && stray < changed,
-        square(rest) > FAR * variance};
+        rest, log_sum(changed, stray), anywhere, bent, is_right && stray < changed};
     if (!found.used) return found;
     // the variances of sudden changes by their probabilities: many Gaussians become one
     for (std::size_t i = 0; i < count(); ++i) {

@@ -34,9 +34,6 @@ inline constexpr double LASTS_S = 0.2;
 /// Time after which a reading weighs a third as evidence [s]: a few strokes of a slow joint.
 inline constexpr double FADES_S = 5.0;
 
-/// A squared residual by its variance beyond which a reading says nothing about the present.
-inline constexpr double FAR = 25.0;
-
 /// So many stray readings in a row are no evidence.
 inline constexpr Index STRAYS = 2;
 
@@ -100,8 +97,7 @@ struct Heard {
     double highest = -INFINITE;
     Index used = 0;                // number of readings
     std::vector<double> rest{};    // last reading less what was expected, by hypotheses
-    Index strays = 0;              // how many of the latest were stray if all sensors are right,
-    Index unexplained = 0;         // and how many were far from what was expected then
+    Index strays = 0;              // how many of the latest were stray if all sensors are right
     Evidence evidence{};
 
     /// Whether equal readings contradict the motion.
@@ -178,7 +174,6 @@ private:
         double anywhere;  // and if it may read anything
         double bent;      // variance of what signatures do not say of the correction
         bool used;        // whether it has corrected the unknowns
-        bool far;         // whether it was far from what was expected
     };
 
     struct Latest;

@@ -7,6 +7,9 @@
 namespace cdrj {
 namespace {
 
+/// A squared residual by its variance beyond which a reading does not move the present.
+constexpr double FAR = 25.0;
+
 /// What a wrong sensor's reading may be off by: a share of it, or of what preloads contribute.
 constexpr double WRONG = 0.3;
 
@@ -212,7 +215,7 @@ void Beliefs::condition(
     }
     for (std::size_t s = 0; s < sensors; ++s) {
         const Heard& one = *latest.read[s];
-        const bool alone = one.unexplained <= STRAYS && one.unexplained < one.used;
+        const bool alone = one.strays > 0 && one.strays <= STRAYS && one.strays < one.used;
         const bool stray = alone && own.weight > REFUTED;
         if (near[s] || stray || !own.right[latest.places[s]]) continue;
         const double share = rest[s] / std::max(std::abs(one.h), SMALL * one.sensor.scale);

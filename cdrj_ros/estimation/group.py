@@ -34,8 +34,8 @@ LONGEST_NS: Final = 1_000_000_000
 JUDGED_NS: Final = 500_000_000
 """Time between two verdicts [ns]."""
 
-CONTRADICTED: Final = 2.0
-"""Tensions contradict readings that show others by more than so many standard deviations."""
+APART: Final = 2.0
+"""Few large changes show other tensions than the beliefs beyond so many standard deviations."""
 
 SHOWN: Final = 0.5
 """Of a change of a cable's preload its mean tension shows less than this share if it is slack."""
@@ -158,7 +158,7 @@ class Group:
         shift, known, left = said
         if self.verdict is not None:
             left = left * self.verdict.unexplained
-            left = left + self._contradicted(shift, left)
+            left = left + self._by_few_changes(shift, left)
         return shift, known, left + self._hidden()
 
     def follow(self, sample: Sample, phase: float) -> bool:
@@ -249,8 +249,11 @@ class Group:
         cables = self._model.layout.cables
         return judge(self.unknowns, heard, cables, self.verdict) or self.verdict
 
-    def _contradicted(self, shift: Vector, left: Vector) -> Vector:
-        """Variances of all quantities by which the changes found contradict what is published.
+    def _by_few_changes(self, shift: Vector, left: Vector) -> Vector:
+        """Variances of all quantities that few large changes show otherwise than the beliefs, (B7).
+
+        Beliefs explain the same readings by many changes as small as their priors.  Which is right
+        is open: one effort reads a loss of both preloads as well as less friction.
 
         Args:
             shift: of the model's quantities by the beliefs, shape (quantities,).
@@ -262,7 +265,7 @@ class Group:
         slopes = self.slopes
         differs = (mean @ slopes - shift) ** 2
         variance = left + np.einsum("iq,ij,jq->q", slopes, covariance, slopes)
-        return np.where(differs > CONTRADICTED**2 * variance, differs, 0.0)
+        return np.where(differs > APART**2 * variance, differs, 0.0)
 
     def _hidden(self) -> Vector:
         """Variances of slack cables' forces by their preloads, which signatures do not show.
