@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros._core import Axis
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
-from cdrj_ros.estimation.estimator import ALL_SEEN_OVER_TIME, NO_DOUBTS, Sample, Samples
+from cdrj_ros.estimation.estimator import ALL_SEEN_OVER_TIME, NO_DOUBTS, Samples
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
 from cdrj_ros.foundation.arrays import Series, Table, Vector
@@ -258,29 +258,6 @@ class Conditioner(_core.Conditioner):
     def set_tracking(self, tracking: float | None) -> None:
         """Change the tracking bandwidth, see ``axes_of``; no reading is lost."""
         self.use_tracking_of(axes_of(self._robot, tracking, self.worth))
-
-    def take(
-        self,
-        kind: Kind,
-        stamp_ns: int,
-        names: Sequence[str],
-        positions: Sequence[float] | Vector,
-        by_arrival: bool = False,
-    ) -> list[Sample]:
-        """Take a message of angles [rad]; returns the samples that are now complete.
-
-        Args:
-            kind: what the topic carries.
-            stamp_ns: of the message [ns].
-            names: of the axes.
-            positions: of these [rad].
-            by_arrival: whether the stamp is the time of arrival, because the header's is zero.
-        """
-        arrival_ns = stamp_ns if by_arrival else -1
-        found = self.feed(
-            TOPICS[kind], stamp_ns, names, np.asarray(positions), arrival_ns, by_arrival
-        )
-        return [Sample(*one) for one in found]
 
 
 PIECE: Final = 65_536

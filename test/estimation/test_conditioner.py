@@ -8,7 +8,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from support.reading_streams import random_robot, random_stream
+from support.reading_streams import random_robot, random_stream, take
 from support.wound import robot_of
 
 from cdrj_ros._core import LARGEST
@@ -62,7 +62,7 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
             for name in heard.keys() & positions.keys():
                 heard[name].append((message.stamp_ns, k, positions[name]))
             for name in [name for name in heard if name in positions]:  # those that arrive at once
-                wanted += conditioner.take("both", message.stamp_ns, [name], [positions[name]])
+                wanted += take(conditioner, "both", message.stamp_ns, [name], [positions[name]])
         channels = {
             name: Series(
                 *(
@@ -130,5 +130,5 @@ def test_the_greatest_leaps_of_the_least_period_have_an_angle():
     assert np.all(np.isfinite(samples.motor_angle))
     conditioner = Conditioner(robot)
     for stamp, value in zip(motor.stamp_ns, motor.value, strict=True):
-        conditioner.take("motors", int(stamp), ("winch",), (float(value),))
+        take(conditioner, "motors", int(stamp), ("winch",), (float(value),))
     assert conditioner.accepted == done.accepted - 40

@@ -7,6 +7,7 @@ from math import exp, hypot
 
 import numpy as np
 import pytest
+from support.reading_streams import take
 from support.wound import robot_of
 
 from cdrj_ros.estimation.conditioner import Conditioner, Mode
@@ -37,14 +38,14 @@ class Heard:
 
     def hear(self, name: str, angle: float, at_ms: float, by_arrival: bool = False) -> list[Sample]:
         stamp = START + round(at_ms * MS)
-        found = self.gate.take("both", stamp, (name,), (angle,), by_arrival)
+        found = take(self.gate, "both", stamp, (name,), (angle,), by_arrival)
         self.samples += found
         return found
 
     def both(self, angles: Iterable[float], every_ms: float = 10.0) -> Heard:
         """Readings of the motor, with the joint at rest."""
         for angle in angles:
-            self.gate.take("both", START + round(self.at_ms * MS), ("q",), (0.0,))
+            take(self.gate, "both", START + round(self.at_ms * MS), ("q",), (0.0,))
             self.hear("m", angle, self.at_ms)
             self.at_ms += every_ms
         return self
@@ -341,7 +342,7 @@ def test_a_clock_is_behind_by_at_most_the_wait_for_the_next_stamp_of_others(
 def test_axes_of_one_message_have_one_clock() -> None:
     heard = Heard(STATED)
     for k in range(120):
-        heard.gate.take("both", START + k * 10 * MS, ("m",), (0.0,))
+        take(heard.gate, "both", START + k * 10 * MS, ("m",), (0.0,))
         heard.hear("q", 0.0, 10.0 * k)
     assert heard.lag() == pytest.approx(level(1e-3))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.reading_streams import Message
+from support.reading_streams import Message, take
 from support.wound import robot_of
 
 from cdrj_ros._core import MAX_GAP_NS
@@ -46,8 +46,8 @@ class Listener:
 
     def feed(self, message: Message) -> list[Sample]:
         jumps = self.conditioner.clock_jumps
-        samples = self.conditioner.take(
-            message.topic, message.stamp_ns, message.names, message.positions
+        samples = take(
+            self.conditioner, message.topic, message.stamp_ns, message.names, message.positions
         )
         if self.conditioner.clock_jumps != jumps:
             self.segments.append([])
@@ -144,8 +144,8 @@ def test_samples_increase_and_lie_between_their_neighbours(seed: int) -> None:
 
 def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
     conditioner = Conditioner(ROBOT)
-    conditioner.take("joints", START, JOINTS, (-1.0, 2.0))
-    conditioner.take("joints", START + SECOND // 10, JOINTS, (1.0, 0.0))
+    take(conditioner, "joints", START, JOINTS, (-1.0, 2.0))
+    take(conditioner, "joints", START + SECOND // 10, JOINTS, (1.0, 0.0))
     assert conditioner.accepted == 4
     assert not any(conditioner.refused.values())
 
@@ -222,11 +222,11 @@ def test_a_reading_becomes_an_angle_by_scale_offset_and_clock_offset():
     whole = angles_of(robot, "m", _readings([0, 10, 20, 30], [0.1, 0.4, np.inf, -0.4]))
     assert whole.stamp_ns.tolist() == [1_000_000, 1_000_010, 1_000_020, 1_000_030]
     assert np.allclose(whole.value, [0.3, -0.3, np.nan, -0.7], equal_nan=True)
-    conditioner.take("motors", 10_000_000, ("m",), (0.1,))
-    conditioner.take("joints", 11_000_000, ("j",), (0.0,))
-    (sample,) = conditioner.take("joints", 12_000_000, ("j",), (0.0,)) or [None]
+    take(conditioner, "motors", 10_000_000, ("m",), (0.1,))
+    take(conditioner, "joints", 11_000_000, ("j",), (0.0,))
+    (sample,) = take(conditioner, "joints", 12_000_000, ("j",), (0.0,)) or [None]
     assert sample is None  # the motor has no reading after 11 ms yet
-    samples = conditioner.take("motors", 12_000_000, ("m",), (0.2,))
+    samples = take(conditioner, "motors", 12_000_000, ("m",), (0.2,))
     assert [s.stamp_ns for s in samples] == [12_000_000]
     assert samples[0].motor_angle[0] == pytest.approx(-2.0 * 0.2 + 0.5 + 0.1)  # half way back
 
@@ -311,7 +311,7 @@ def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
         worst = 0
         samples = []
         for arrival, which, stamp, value in sorted(_events(motor, joint)):
-            samples += conditioner.take("both", int(stamp), ("mj"[which],), (float(value),))
+            samples += take(conditioner, "both", int(stamp), ("mj"[which],), (float(value),))
             if which == 0 and arrival > 150_000_000:  # its motion is known
                 worst = max(worst, int(arrival) - samples[-1].stamp_ns)
         assert worst == lag
@@ -327,16 +327,16 @@ def test_late_readings_of_a_slower_topic_do_not_undo_a_loop_of_the_recording():
     _, conditioner = _two_clocks()
     second = 1_000_000_000
     for k in range(1, 50):
-        conditioner.take("motors", 100 * second + k * 1_000_000, ("m",), (0.0,))
-        conditioner.take("joints", 100 * second + k * 1_000_000, ("j",), (0.0,))
+        take(conditioner, "motors", 100 * second + k * 1_000_000, ("m",), (0.0,))
+        take(conditioner, "joints", 100 * second + k * 1_000_000, ("j",), (0.0,))
     for k in range(1, 8):  # the motor's topic has gone back already
-        conditioner.take("motors", 10 * second + k * 1_000_000, ("m",), (0.0,))
+        take(conditioner, "motors", 10 * second + k * 1_000_000, ("m",), (0.0,))
     assert conditioner.clock_jumps == 1
-    conditioner.take("joints", 100 * second + 50 * 1_000_000, ("j",), (0.0,))
+    take(conditioner, "joints", 100 * second + 50 * 1_000_000, ("j",), (0.0,))
     samples = []
     for k in range(1, 30):
-        samples += conditioner.take("joints", 10 * second + k * 1_000_000, ("j",), (0.0,))
-        samples += conditioner.take("motors", 10 * second + (k + 7) * 1_000_000, ("m",), (0.0,))
+        samples += take(conditioner, "joints", 10 * second + k * 1_000_000, ("j",), (0.0,))
+        samples += take(conditioner, "motors", 10 * second + (k + 7) * 1_000_000, ("m",), (0.0,))
     assert conditioner.clock_jumps == 1
     assert conditioner.refused["late"] == 1
     assert [s.stamp_ns for s in samples] == [10 * second + k * 1_000_000 for k in range(1, 30)]

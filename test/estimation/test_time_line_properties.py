@@ -4,7 +4,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from support.reading_streams import random_robot, random_stream
+from support.reading_streams import random_robot, random_stream, take
 from support.wound import robot_of
 
 from cdrj_ros._core import CONFIRMATIONS, RANGE_MARGIN, WAITING
@@ -28,7 +28,7 @@ def any_streams(count=40):
 
 
 def feed(conditioner, message):
-    return conditioner.take(message.topic, message.stamp_ns, message.names, message.positions)
+    return take(conditioner, message.topic, message.stamp_ns, message.names, message.positions)
 
 
 def bits(samples):
@@ -128,10 +128,10 @@ def test_a_channel_that_waits_in_vain_keeps_only_the_latest_readings(mode):
     recent = 1000
 
     def motors(k):
-        return conditioner.take("motors", begin + k * MILLISECOND, ("a", "b"), (0.0, 0.001 * k))
+        return take(conditioner, "motors", begin + k * MILLISECOND, ("a", "b"), (0.0, 0.001 * k))
 
     def joints(k):
-        return conditioner.take("joints", begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
+        return take(conditioner, "joints", begin + k * MILLISECOND, ("p", "q"), (0.0, 1.0))
 
     for k in range(first):
         assert motors(k) == []

@@ -7,6 +7,7 @@ from cdrj_msgs.msg import CableTensions
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
+from support.reading_streams import take
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.messages import topics
@@ -58,8 +59,8 @@ def test_a_shown_angle_is_the_estimators_to_the_bit(ros, tmp_path):
     samples = []
     for k, reading in enumerate(READING.tolist(), start=1):
         stamp = k * 10_000_000
-        samples += conditioner.take("motors", stamp, ["m"], [0.0])
-        samples += conditioner.take("joints", stamp, ["q"], [reading])
+        samples += take(conditioner, "motors", stamp, ["m"], [0.0])
+        samples += take(conditioner, "joints", stamp, ["q"], [reading])
     np.testing.assert_array_equal(shown, [sample.joint_angle[0] for sample in samples])
 
 

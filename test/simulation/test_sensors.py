@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.reading_streams import take
 
 from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.foundation.errors import UsageError
@@ -189,8 +190,10 @@ def test_corrected_readings_are_the_true_angles():
     found = []
     for stamp, row in zip(read.stamps, read.position, strict=True):
         stamp_ns = 10**9 + round(stamp * 1e9)
-        conditioner.take("joints", stamp_ns, ["j1", "j2"], np.zeros(2))
-        found += [s.motor_angle[0] for s in conditioner.take("motors", stamp_ns, motors.names, row)]
+        take(conditioner, "joints", stamp_ns, ["j1", "j2"], np.zeros(2))
+        found += [
+            s.motor_angle[0] for s in take(conditioner, "motors", stamp_ns, motors.names, row)
+        ]
     assert len(found) > 3_990
     np.testing.assert_allclose(found, ANGLE[: len(found), 0], atol=1e-6)
     uncorrected = -0.5 * np.unwrap(read.position[:, 0], period=3.0) + 0.1

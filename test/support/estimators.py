@@ -15,6 +15,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from support.places import ROBOT
+from support.reading_streams import take
 
 SECOND = 10**9
 MILLISECOND = 1_000_000
@@ -149,8 +150,8 @@ def expected(models: Sequence[Model], pieces: Sequence[range], begin: int = BEGI
     for one, piece in zip(models, pieces, strict=True):
         for k in piece:
             sent = sample_at(k, begin)
-            gate.take("joints", sent.stamp_ns, ("elbow",), sent.joint_angle)
-            (sample,) = gate.take("motors", sent.stamp_ns, ("winch",), sent.motor_angle)
+            take(gate, "joints", sent.stamp_ns, ("elbow",), sent.joint_angle)
+            (sample,) = take(gate, "motors", sent.stamp_ns, ("winch",), sent.motor_angle)
             state, estimate = step(one, state, sample)
             found.append(estimate.tension.copy())
     return np.array(found)

@@ -6,7 +6,8 @@ from random import Random
 
 import numpy as np
 
-from cdrj_ros.estimation.conditioner import Kind
+from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind
+from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.robot.description import Robot
 from support.wound import robot_of
 
@@ -25,6 +26,22 @@ class Message:
     stamp_ns: int
     names: tuple[str, ...]
     positions: tuple[float, ...]
+
+
+def take(
+    conditioner: Conditioner,
+    kind: Kind,
+    stamp_ns: int,
+    names: Sequence[str],
+    positions: Sequence[float],
+    by_arrival: bool = False,
+) -> list[Sample]:
+    """The samples that a message of angles [rad] completes, which has arrived at its stamp."""
+    arrival_ns = stamp_ns if by_arrival else -1
+    found = conditioner.feed(
+        TOPICS[kind], stamp_ns, names, np.asarray(positions), arrival_ns, by_arrival
+    )
+    return [Sample(*one) for one in found]
 
 
 def random_robot(random: Random) -> Robot:
