@@ -164,12 +164,11 @@ void restore(
     }
 }
 
-/// What is known of a sensor: stamp of its last reading, number of readings, whether it is frozen, and
-/// how many of the latest were stray.
-std::tuple<Nanoseconds, Index, bool, Index> heard(const Beliefs& beliefs, std::size_t k) {
+/// What is known of a sensor: stamp of its last reading, number of readings, and whether it is frozen.
+std::tuple<Nanoseconds, Index, bool> heard(const Beliefs& beliefs, std::size_t k) {
     require(k < beliefs.heard.size(), "there is no such sensor");
     const Heard& one = beliefs.heard[k];
-    return {one.stamp_ns, one.used, one.frozen(), one.strays};
+    return {one.stamp_ns, one.used, one.frozen()};
 }
 
 /// (B5) of a sensor at a time: M with u and the sum of squares, the number of independent readings,
@@ -301,8 +300,7 @@ void bind_beliefs(nb::module_& core) {
             Raises:
                 ValueError: an array has not the shape; nothing has changed then.)")
         .def("heard", heard, "k"_a,
-            "Stamp of a sensor's last reading [ns], number of readings, whether it is frozen, and how "
-            "many of the latest were stray.")
+            "Stamp of a sensor's last reading [ns], number of readings, and whether it is frozen.")
         .def("evidence", evidence, "k"_a, "stamp_ns"_a, R"(
             What the latest readings of a sensor show, (B5), as of a time [ns].
 

@@ -167,7 +167,7 @@ class Corrections:
             unknowns = {one.name: k for k, one in enumerate(group.unknowns)}
             for k, sensor in enumerate(group.beliefs.sensors):
                 bias, gain = group.beliefs.errors_of(k)
-                _, used, frozen, _ = group.beliefs.core.heard(k)
+                _, used, frozen = group.beliefs.core.heard(k)
                 unit = sensor.unit
                 words = (
                     f"right with {right[sensor.name]:.0%}; {used} readings; "

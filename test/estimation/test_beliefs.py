@@ -154,6 +154,28 @@ def test_a_reading_beyond_all_bounds_is_no_reading():
     assert known.probability_right(1) > 0.9
 
 
+@pytest.mark.parametrize(
+    ("values", "is_open"),
+    [
+        ([10.0] * 5, False),
+        ([10.0] * 5 + [20.0], False),
+        ([10.0] * 5 + [20.0] * 2, False),
+        ([10.0] * 5 + [20.0] * 3, True),
+        ([20.0], True),
+        ([20.0] * 2, True),
+    ],
+)
+def test_a_reading_far_off_opens_the_present_unless_it_may_be_a_single_wrong_one(values, is_open):
+    """It is 100 % off, and so may be what its cable contributes to, in one of two hypotheses."""
+    known = Beliefs(_unknowns(1))
+    _hear(known, "cell")
+    for k, value in enumerate(values):
+        _read(known, 0, 0.02 * k, value, [0.0])
+    h, deviation = np.array([10.0, 14.0, 8.0]), np.full((2, 3), 1e-3) * [[1.0], [-1.0]]
+    left = known.core.present((len(values) - 1) * SECOND // 50, h, np.zeros((1, 3)), deviation)[2]
+    assert np.allclose(left, known.core.least_weights[0] * h**2 * is_open, rtol=0.1, atol=0.1)
+
+
 def test_the_present_follows_a_reading_as_gaussian_variables_do():
     """Conditional mean and variance of jointly normal quantities, given a noisy one of them."""
     generator = np.random.default_rng(6)
