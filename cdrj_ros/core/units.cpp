@@ -14,9 +14,15 @@ constexpr double BOUNDS = 3.0;   // standard deviations within which unread angl
 }  // namespace
 
 Units::Units(std::size_t axes, std::span<const double> gains, std::span<const double> loads)
-    : errors(axes), cables_(gains.size() / axes), furthest_(axes), before_(axes), doubtful_(axes) {
+    : errors(axes),
+      cables_(gains.size() / axes),
+      greatest_gain_(axes),
+      furthest_(axes),
+      before_(axes),
+      doubtful_(axes) {
     for (std::size_t k = 0; k < gains.size(); ++k) {
         if (gains[k] > 0.0) cables_[k / axes].ends.push_back({k % axes, gains[k], loads[k]});
+        greatest_gain_[k % axes] = std::max(greatest_gain_[k % axes], gains[k]);
     }
 }
 
@@ -56,7 +62,7 @@ bool Units::take(
     for (const Cable& cable : cables_) {
         for (const End& end : cable.ends) {
             if (doubtful_[end.axis] == 0) continue;
-            errors[end.axis] = std::max(errors[end.axis], cable.stretch / end.gain);
+            errors[end.axis] = std::max(errors[end.axis], cable.stretch / greatest_gain_[end.axis]);
         }
     }
     return errors != before_;

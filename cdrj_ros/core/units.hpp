@@ -47,6 +47,7 @@ private:
     void doubt(const Cable& cable);
 
     std::vector<Cable> cables_;
+    std::vector<double> greatest_gain_;                // of every axis, by its cables [N/rad]
     std::vector<double> first_angle_, first_tension_;  // of the first sample; empty before it
     std::vector<double> furthest_;                     // greatest motion of every axis since
     std::vector<double> before_;                       // `errors` of the sample before

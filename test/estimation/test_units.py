@@ -110,6 +110,27 @@ def test_loads_are_believed_as_far_as_they_would_not_be_too_much_at_the_ends_of_
     assert 0.1 * first == pytest.approx(99.0 * SHARE, abs=2.0), "[N]"
 
 
+def test_a_cable_that_an_axis_hardly_moves_says_little_of_its_unit() -> None:
+    """Cable c stretches by 50 N; it has a millionth of the arm about p, which moves e alone."""
+    more = """
+  - name: e
+    axial_stiffness: 1000
+    preload: 10
+    max_tension: 100
+    nodes: [{type: winch, motor: n, winding: -1, radius: 0.1}, {type: anchor}]
+    spans: [[1, {joint: p, slope: 0.1}]]
+uncertainty:"""
+    text = TEXT.replace("[{name: m}]", "[{name: m}, {name: n}]").replace("\nuncertainty:", more)
+    text = text.replace("[-3, 3]}]", "[-3, 3]}, {name: p, range: [-3, 3]}]")
+    text = text.replace("slope: 0.1}]]", "slope: 0.1}, {joint: p, slope: 1e-7}]]", 1)
+    moved = Moved(text)
+    for k in range(100):
+        moved.feed(m=0.01 * k, q=0.005 * k, n=0.01 * k, p=0.01 * k)
+    _, found = moved.live.feed("both", moved.at_ns, ("m", "q", "n", "p"), (1.0, 0.5, 1.0, 1.0))
+    assert moved.live.misfitting
+    assert found[-1].stddev[2] < 50.0, "[N], of e"
+
+
 def test_a_doubt_outlasts_a_gap_and_ends_with_a_reset() -> None:
     """In the gap the axes move on, which leaves friction unknown, but not what a tension was."""
     moved = Moved().together(same, lambda angle: 0.5 * angle, until=0.5)
