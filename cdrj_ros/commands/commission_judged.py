@@ -7,6 +7,7 @@ friction of its motors, while all joints move through their ranges.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -31,10 +32,11 @@ SAMPLE_NS: Final = 20_000_000
 """Between two samples of the motion [ns]; with a twentieth of it the shares are the same."""
 
 SWEEP_SAMPLES: Final = 250
-"""Of two cycles of the first joint, 2.5 s each: slower motions know more of what friction does."""
+"""Of two cycles of the first joint, 2.5 s each if half of ``max_speed`` allows it: slower motions
+know more of what friction does."""
 
 SWEEPS: Final = 8
-"""The motion lasts 40 s."""
+"""The motion lasts 40 s at least."""
 
 KNOWN_FROM: Final = 0.25
 """Fraction of that motion after which it is judged: the friction history is unknown before."""
@@ -135,9 +137,13 @@ def foretold(now: Commissioned, step: str) -> Judged:
 
 def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
     """What encoders and other sensors, given by their noise, would read if the file were right."""
-    cycles = sweep(model, SWEEP_SAMPLES + 1)  # whose last pose is the first one
-    motor_angle, joint_angle = (np.tile(one[:-1], (SWEEPS, 1)) for one in cycles)
-    stamps = SAMPLE_NS * np.arange(1, SWEEPS * SWEEP_SAMPLES + 1)
+    fastest = np.abs(np.diff(np.hstack(sweep(model, SWEEP_SAMPLES + 1)), axis=0)).max(axis=0)
+    allowed = 0.5 * SAMPLE_NS * 1e-9 * np.array([axis.max_speed for axis in model.robot.axes])
+    slower = max(1.0, float((fastest / allowed).max()))
+    cycles = sweep(model, round(slower * SWEEP_SAMPLES) + 1)  # whose last pose is the first one
+    repeated = ceil(SWEEPS / slower)
+    motor_angle, joint_angle = (np.tile(one[:-1], (repeated, 1)) for one in cycles)
+    stamps = SAMPLE_NS * np.arange(1, len(joint_angle) + 1)
     samples = Samples(stamps, motor_angle, joint_angle)
     _, estimates = run(model, initial_state(model), samples)
     columns, generator = channel_columns(model.layout), np.random.default_rng(0)

@@ -31,6 +31,9 @@ deviations of the shipped hand change by 0.7 % at most."""
 REACH: Final = 0.45
 """Amplitude of the motion as a fraction of each joint's range."""
 
+GOLDEN_ANGLE: Final = np.pi * (3.0 - 5.0**0.5)
+"""Difference of phases whose multiples fall together least [rad]."""
+
 DURATION_S: Final = 40.0
 """Duration of the motion [s]."""
 
@@ -156,8 +159,10 @@ def sweep(model: Model, samples: int = SAMPLES) -> tuple[Table, Table]:
     phase = np.linspace(0.0, 2.0, samples)[:, None] * 2.0 * np.pi
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])
-    ratio = 1.0 + 0.5 * np.arange(len(robot.joints))  # so that the joints do not move in step
-    joints = 0.5 * (lower + upper) + REACH * (upper - lower) * np.sin(ratio * phase)
+    # no two joints move in step, and none more than twice as often as the first
+    round_, third = np.divmod(np.arange(len(robot.joints)), 3)
+    wave = np.sin((1.0 + 0.5 * third) * phase + GOLDEN_ANGLE * round_)
+    joints = 0.5 * (lower + upper) + REACH * (upper - lower) * wave
     return following_motors(model, joints), joints
 
 
