@@ -53,9 +53,6 @@ Columns columns_of(const char* names, const Fields&...) {
 ByName<Columns> all_records() {
     ByName<Columns> records;
     ADD_RECORD(
-        Sizes, motors, joints, cables, elements, pulleys, contacts, frames, nodes, terms, drums, turns,
-        surfaces, residuals, residual_inputs, residual_weights);
-    ADD_RECORD(
         CableTopology, first_element, elements, first_pulley, pulleys, first_contact, contacts,
         first_node, law, routed);
     ADD_RECORD(EndTopology, first_turn, turns, drum);
@@ -214,26 +211,10 @@ std::pair<Written, Written> residual_products(const Given& inputs, const Given& 
     return {products, trust};
 }
 
-const Sizes& sizes_of(const GivenIntegers& topology) {
-    require(topology.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "topology is too short");
-    return *reinterpret_cast<const Sizes*>(topology.data());
-}
-
-/// By name of a part of an array: first and end among its words, shape, and name of its record.
-ByName<std::tuple<Index, Index, std::vector<Index>, std::string>> array_parts(
-    const std::string& array, const GivenIntegers& topology) {
-    ByName<std::tuple<Index, Index, std::vector<Index>, std::string>> parts;
-    Index first = 0;
-    for (const ArrayPart& part : parts_of(array, sizes_of(topology))) {
-        parts[part.name] = std::tuple(first, first + part.words, part.shape, part.record);
-        first += part.words;
-    }
-    return parts;
-}
-
 /// By name of a part: first and end among an estimate's numbers, and first among the uncertain ones, or -1.
 ByName<std::tuple<Index, Index, Index>> estimate_parts(const GivenIntegers& topology) {
-    const Sizes& sizes = sizes_of(topology);
+    require(topology.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "topology is too short");
+    const Sizes& sizes = *reinterpret_cast<const Sizes*>(topology.data());
     ByName<std::tuple<Index, Index, Index>> parts;
     for (const EstimatePart& part : ESTIMATE) {
         const Index first = first_of(sizes, part.numbers);
@@ -274,12 +255,6 @@ void bind_robot(nb::module_& core) {
         Returns:
             The products of all rows and columns, shape (n, weights), and the share of the correction
             that applies, shape (n,).)");
-    core.def("array_parts", array_parts, "array"_a, "topology"_a, R"(
-        Parts of an array in their order: first and end among its words of 8 bytes, shape, and record.
-
-        Args:
-            array: ``Topology``, ``Constants``, ``State`` or ``Workspace``: a struct of ``layout.hpp``.
-            topology: of the robot; its sizes suffice.)");
     core.def("estimate_parts", estimate_parts, "topology"_a, R"(
         Parts of an estimate in their order: first and end among its numbers, first of the standard deviations.
 

@@ -12,33 +12,22 @@ class Parts {
 public:
     explicit Parts(Word* begin) : next_(begin) {}
 
-    /// Let a part be the next `count` records, or rows of `width` records.
+    /// The next `count` records.
     template <typename Record>
-    void take(std::span<Record>& part, Index count) {
+    std::span<Record> take(Index count) {
         static_assert(sizeof(Record) % sizeof(Word) == 0 && alignof(Record) == alignof(Word));
-        part = {reinterpret_cast<Record*>(next_), static_cast<std::size_t>(count)};
+        auto* first = reinterpret_cast<Record*>(next_);
         next_ += count * static_cast<Index>(sizeof(Record) / sizeof(Word));
+        return {first, static_cast<std::size_t>(count)};
     }
-    template <typename Record>
-    void take(Grid<Record>& part, Index rows, Index width) {
-        std::span<Record> all;
-        take(all, rows * width);
-        part = {all.data(), width};
-    }
+
+    Word* next() const { return next_; }
 
 private:
     Word* next_;
 };
 
-/// Words of 8 bytes in a part of this shape.
-template <typename Record>
-std::size_t words_in(auto... shape) {
-    return (static_cast<std::size_t>(shape) * ...) * (sizeof(Record) / 8);
-}
-
-#define TAKE(name, Record, ...) parts.take(name, __VA_ARGS__);
-#define WORDS(name, Record, ...) +words_in<Record>(__VA_ARGS__)
-#define NAME(name, Record, ...) {#name, #Record, Index(words_in<Record>(__VA_ARGS__)), {__VA_ARGS__}},
+constexpr Index SIZES = sizeof(Sizes) / sizeof(Index);
 
 std::vector<Index> up_to(Index count) {
     std::vector<Index> numbers(count);
@@ -104,19 +93,54 @@ void join(std::vector<Index>& list, std::span<const Index> more) {
 }
 
 Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(packed)) {
-    Parts parts(packed + sizeof(Sizes) / 8);
-    TOPOLOGY_PARTS(TAKE)
+    Parts parts(packed + SIZES);
+    cables = parts.take<const CableTopology>(sizes.cables);
+    ends = parts.take<const EndTopology>(2 * sizes.cables);
+    turns = parts.take<const TurnTopology>(sizes.turns);
+    pulleys = parts.take<const PulleyTopology>(sizes.pulleys);
+    terms = parts.take<const TermTopology>(sizes.terms);
+    frames = parts.take<const FrameTopology>(sizes.frames);
+    nodes = parts.take<const NodeTopology>(sizes.nodes);
+    residuals = parts.take<const ResidualTopology>(sizes.residuals);
+    residual_inputs = parts.take<const ResidualInputTopology>(sizes.residual_inputs);
     paths = std::make_shared<const Paths>(paths_of(*this));
 }
 
 Constants::Constants(const Sizes& sizes, const double* packed) {
     Parts parts(packed);
-    CONSTANT_PARTS(TAKE)
+    cables = parts.take<const CableConstants>(sizes.cables);
+    ends = parts.take<const EndConstants>(2 * sizes.cables);
+    turns = parts.take<const TurnConstants>(sizes.turns);
+    pulleys = parts.take<const PulleyConstants>(sizes.pulleys);
+    elements = parts.take<const ElementConstants>(sizes.elements);
+    segments = parts.take<const SegmentConstants>(sizes.segments());
+    motors = parts.take<const MotorConstants>(sizes.motors);
+    joints = parts.take<const JointConstants>(sizes.joints);
+    axes = parts.take<const AxisConstants>(sizes.axes());
+    tables = parts.take<const Cubic>(sizes.terms * TABLE_INTERVALS);
+    frames = parts.take<const FrameConstants>(sizes.frames);
+    nodes = parts.take<const NodeConstants>(sizes.nodes);
+    residuals = parts.take<const ResidualConstants>(sizes.residuals);
+    residual_ranges = parts.take<const ResidualRange>(sizes.residual_inputs);
+    residual_weights = parts.take<const double>(sizes.residual_weights);
 }
 
-State::State(const Sizes& sizes, double* state) {
-    Parts parts(state);
-    STATE_PARTS(TAKE)
+State::State(const Sizes& sizes, double* state) : started(state) {
+    Parts parts(state + 1);
+    length = parts.take<double>(sizes.segments());
+    material = parts.take<double>(sizes.segments());
+    delayed = parts.take<double>(sizes.segments());
+    bristle = parts.take<double>(sizes.contacts);
+    slip_speed = parts.take<double>(sizes.contacts);
+    lagged_speed = parts.take<double>(sizes.contacts);
+    place = parts.take<double>(sizes.contacts);
+    track = parts.take<double>(sizes.pulleys);
+    covered = parts.take<double>(sizes.surfaces);
+    angle = parts.take<double>(sizes.axes());
+    bearing_friction = parts.take<double>(sizes.axes());
+    drums = parts.take<Drum>(sizes.drums);
+    middles = parts.take<ArcMiddle>(sizes.nodes);
+    residual_inputs = parts.take<ResidualInput>(sizes.residual_inputs);
 }
 
 void State::take_cable(const Topology& topology, Index c, const State& from) const {
@@ -144,11 +168,17 @@ void State::take_cable(const Topology& topology, Index c, const State& from) con
     if (!middles.empty()) take(middles, from.middles, cable.first_node, cable.elements + 1);
 }
 
-std::size_t State::size(const Sizes& sizes) { return STATE_PARTS(WORDS); }
+std::size_t State::size(const Sizes& sizes) {
+    const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys + sizes.surfaces +
+                        2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
+                        sizes.nodes * Index{sizeof(ArcMiddle) / 8} +
+                        sizes.residual_inputs * Index{sizeof(ResidualInput) / 8};
+    return static_cast<std::size_t>(words);
+}
 
 Estimate::Estimate(const Sizes& sizes, double* estimate) {
     Parts parts(estimate);
-    for (const EstimatePart& part : ESTIMATE) parts.take(this->*part.numbers, sizes.*part.count);
+    for (const EstimatePart& part : ESTIMATE) this->*part.numbers = parts.take<double>(sizes.*part.count);
 }
 
 std::size_t Estimate::size(const Sizes& sizes) {
@@ -168,17 +198,31 @@ Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among
 
 Workspace::Workspace(const Sizes& sizes, double* scratch) {
     Parts parts(scratch);
-    WORKSPACE_PARTS(TAKE, TAKE)
+    element_length = parts.take<double>(sizes.elements);
+    lever_arm = {parts.take<double>(sizes.elements * sizes.joints).data(), sizes.joints};
+    direction = parts.take<Vector3>(sizes.elements);
+    wrap = parts.take<double>(sizes.pulleys);
+    arc = parts.take<double>(sizes.pulleys);
+    laid = parts.take<double>(2 * sizes.cables);
+    middle = parts.take<double>(sizes.pulleys);
+    segments = parts.take<Segment>(sizes.segments());
+    contacts = parts.take<Contact>(sizes.contacts);
+    pose = parts.take<Pose>(sizes.frames);
+    twist = {parts.take<Twist>(sizes.frames * sizes.joints).data(), sizes.joints};
+    touches = parts.take<Touch>(sizes.nodes);
+    middles = parts.take<ArcMiddle>(sizes.nodes);
+    products = parts.take<double>(sizes.residual_weights);
+    history = parts.next();
 }
 
-std::size_t Workspace::size(const Sizes& sizes) { return WORKSPACE_PARTS(WORDS, WORDS); }
-
-std::vector<ArrayPart> parts_of(std::string_view array, const Sizes& sizes) {
-    if (array == "Topology") return {{"sizes", "Sizes", sizeof(Sizes) / 8, {1}}, TOPOLOGY_PARTS(NAME)};
-    if (array == "Constants") return {CONSTANT_PARTS(NAME)};
-    if (array == "State") return {STATE_PARTS(NAME)};
-    if (array == "Workspace") return {WORKSPACE_PARTS(NAME, NAME)};
-    return {};
+std::size_t Workspace::size(const Sizes& sizes) {
+    const Index history = sizes.surfaces > 0 ? static_cast<Index>(State::size(sizes)) : 0;
+    return static_cast<std::size_t>(
+        history + (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys + 2 * sizes.cables +
+        sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
+        sizes.frames * Index{sizeof(Pose) / 8} +
+        sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +
+        sizes.nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8} + sizes.residual_weights);
 }
 
 }  // namespace cdrj

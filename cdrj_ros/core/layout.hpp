@@ -1,15 +1,13 @@
 // Where the parts of a robot, its state, its estimate and its workspace lie in flat arrays.
 //
-// A list of parts has one line for each: its name, what it holds, and how many of these, by the
-// `sizes` of the robot. The members, the order in the array, its size, and the views that
-// `cdrj_ros.model.packing` makes all follow from these lists.
+// `cdrj_ros.model` makes the arrays, and lays them out in the same order: packing.py has views of a
+// robot's topology and constants and of workspaces.
 #pragma once
 
 #include <algorithm>
 #include <cstddef>
 #include <memory>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "robot_records.hpp"
@@ -51,10 +49,6 @@ struct Grid {
 /// A table of numbers by rows.
 using Table = Grid<double>;
 
-#define SPAN(name, Record, count) std::span<Record> name;
-#define CONSTANT_SPAN(name, Record, count) std::span<const Record> name;
-#define GRID(name, Record, rows, width) Grid<Record> name;
-
 /// What a cable depends on; all lists are increasing.
 struct CablePath {
     std::vector<Index> terms;   // that are added to its spans and wraps
@@ -79,23 +73,20 @@ struct Paths {
     CableSet all;
 };
 
-#define TOPOLOGY_PARTS(PART) \
-    PART(cables, CableTopology, sizes.cables) \
-    PART(ends, EndTopology, 2 * sizes.cables) /* the first of cable c at 2 c, its last at 2 c + 1 */ \
-    PART(turns, TurnTopology, sizes.turns) \
-    PART(pulleys, PulleyTopology, sizes.pulleys) \
-    PART(terms, TermTopology, sizes.terms) \
-    PART(frames, FrameTopology, sizes.frames) \
-    PART(nodes, NodeTopology, sizes.nodes) \
-    PART(residuals, ResidualTopology, sizes.residuals) \
-    PART(residual_inputs, ResidualInputTopology, sizes.residual_inputs)
-
-/// Connections of a robot; the parts follow its sizes.
+/// Connections of a robot.
 struct Topology {
     explicit Topology(const Index* packed);
 
     Sizes sizes;
-    TOPOLOGY_PARTS(CONSTANT_SPAN)
+    std::span<const CableTopology> cables;
+    std::span<const EndTopology> ends;  // cable c has its first end at 2 c and its last at 2 c + 1
+    std::span<const TurnTopology> turns;
+    std::span<const PulleyTopology> pulleys;
+    std::span<const TermTopology> terms;
+    std::span<const FrameTopology> frames;
+    std::span<const NodeTopology> nodes;
+    std::span<const ResidualTopology> residuals;
+    std::span<const ResidualInputTopology> residual_inputs;
     std::shared_ptr<const Paths> paths;
 
     /// The first of some parts, and the one after the last.
@@ -122,28 +113,25 @@ struct Topology {
     }
 };
 
-#define CONSTANT_PARTS(PART) \
-    PART(cables, CableConstants, sizes.cables) \
-    PART(ends, EndConstants, 2 * sizes.cables) \
-    PART(turns, TurnConstants, sizes.turns) \
-    PART(pulleys, PulleyConstants, sizes.pulleys) \
-    PART(elements, ElementConstants, sizes.elements) \
-    PART(segments, SegmentConstants, sizes.segments()) \
-    PART(motors, MotorConstants, sizes.motors) \
-    PART(joints, JointConstants, sizes.joints) \
-    PART(axes, AxisConstants, sizes.axes()) /* all motors, then all joints */ \
-    PART(tables, Cubic, sizes.terms * TABLE_INTERVALS) /* TABLE_INTERVALS cubics for every term */ \
-    PART(frames, FrameConstants, sizes.frames) \
-    PART(nodes, NodeConstants, sizes.nodes) \
-    PART(residuals, ResidualConstants, sizes.residuals) \
-    PART(residual_ranges, ResidualRange, sizes.residual_inputs) /* of their inputs */ \
-    PART(residual_weights, double, sizes.residual_weights)
-
 /// Constants of a robot.
 struct Constants {
     Constants(const Sizes& sizes, const double* packed);
 
-    CONSTANT_PARTS(CONSTANT_SPAN)
+    std::span<const CableConstants> cables;
+    std::span<const EndConstants> ends;
+    std::span<const TurnConstants> turns;
+    std::span<const PulleyConstants> pulleys;
+    std::span<const ElementConstants> elements;
+    std::span<const SegmentConstants> segments;
+    std::span<const MotorConstants> motors;
+    std::span<const JointConstants> joints;
+    std::span<const AxisConstants> axes;  // all motors, then all joints
+    std::span<const Cubic> tables;        // TABLE_INTERVALS cubics for every term
+    std::span<const FrameConstants> frames;
+    std::span<const NodeConstants> nodes;
+    std::span<const ResidualConstants> residuals;
+    std::span<const ResidualRange> residual_ranges;  // of their inputs
+    std::span<const double> residual_weights;
 };
 
 /// Angle by which motors have wound cable in at an end since the reference pose [rad], (E3).
@@ -160,32 +148,29 @@ inline double turned_by_motors(
     return turned;
 }
 
-#define STATE_PARTS(PART) \
-    /* 0 before the first sample, then 1; a cable starts in the first pose that is possible for */ \
-    /* it, and holds no material before */ \
-    PART(started, double, 1) \
-    PART(length, double, sizes.segments()) /* geometric, with its share of the arcs [m] */ \
-    PART(material, double, sizes.segments()) /* unstretched length [m] */ \
-    PART(delayed, double, sizes.segments()) /* delayed strain [-], (E24) */ \
-    PART(bristle, double, sizes.contacts) /* bristle force [N] */ \
-    PART(slip_speed, double, sizes.contacts) /* on the body, to the last node [m/s], (E25) */ \
-    PART(lagged_speed, double, sizes.contacts) /* delayed, for static friction [m/s], (E10) */ \
-    PART(place, double, sizes.contacts) /* along the cable's path on the body [m], (E26) */ \
-    PART(track, double, sizes.pulleys) /* of the middle of the arc on that path [m] */ \
-    PART(covered, double, sizes.surfaces) /* length of cable on the pulley [m] */ \
-    PART(angle, double, sizes.axes()) /* of motors, then joints [rad] or [m] */ \
-    PART(bearing_friction, double, sizes.axes()) /* torques of motors, then joints [N m] or [N] */ \
-    PART(drums, Drum, sizes.drums) \
-    PART(middles, ArcMiddle, sizes.nodes) \
-    PART(residual_inputs, ResidualInput, sizes.residual_inputs)
-
 /// State of a robot between two samples.
 struct State {
     State(const Sizes& sizes, double* state);
 
     static std::size_t size(const Sizes& sizes);
 
-    STATE_PARTS(SPAN)
+    double* started;                // 0 before the first sample, then 1; a cable starts in the first
+                                    // pose that is possible for it, and holds no material before
+    std::span<double> length;       // geometric, of every segment with its share of the arcs [m]
+    std::span<double> material;     // unstretched length of every segment [m]
+    std::span<double> delayed;      // delayed strain of every segment [-], (E24)
+    std::span<double> bristle;      // bristle force of every contact [N]
+    std::span<double> slip_speed;   // against the body, towards the last node [m/s], (E25)
+    std::span<double> lagged_speed; // delayed slip speed, for static friction [m/s], (E10)
+    std::span<double> place;        // of every contact along the cable's path on the body [m], (E26)
+    std::span<double> track;        // of the middle of every pulley's arc on that path [m]
+    std::span<double> covered;      // length of cable on every pulley whose cells are fixed to its
+                                    // surface [m]
+    std::span<double> angle;        // of motors, then joints [rad] or [m]
+    std::span<double> bearing_friction;  // torques of motors, then joints [N m] or [N]
+    std::span<Drum> drums;          // of every end that takes up cable
+    std::span<ArcMiddle> middles;   // of every node
+    std::span<ResidualInput> residual_inputs;
 
     /// Whether a cable has a history, by its first segment.
     bool holds(Index first_segment) const { return material[first_segment] > 0.0; }
@@ -207,32 +192,26 @@ struct State {
 /// Bit flags of an element's status, as in `cdrj_ros.model.packing`.
 enum Status { OK = 0, SLACK = 1, OVERLOAD = 2, UNSURE = 4, STALE = 8, INVALID = 16 };
 
-/// In this order the standard deviations lie too. What joints have follows what motors have, so that
-/// both are one part of all axes.
-#define ESTIMATE_PARTS(PART) \
-    PART(tension, elements, true) /* [N] */ \
-    PART(status, elements, false) /* `Status` */ \
-    PART(force_x, pulleys, false) /* of the cable on the pulley [N] */ \
-    PART(force_y, pulleys, false) \
-    PART(force_z, pulleys, false) \
-    PART(magnitude, pulleys, true) /* of that force [N], (38) */ \
-    PART(friction, pulleys, false) /* tension after less tension before the pulley [N] */ \
-    PART(slip_speed, pulleys, false) /* towards the last node [m/s] */ \
-    PART(motor_effort, motors, true) /* [N m] */ \
-    PART(joint_effort, joints, true) /* [N m], of a prismatic joint [N] */ \
-    PART(iterations, cables, false) /* of Newton's method */ \
-    PART(residual, cables, false) /* largest force imbalance [N] */ \
-    PART(correction, residuals, false) /* learned, part of the output [N] or [N m] */ \
-    PART(trust, residuals, false) /* share of it that applies there, (R3) */
-#define NUMBERS(name, count, uncertain) std::span<double> name;
-
 /// Results of a sample.
 struct Estimate {
     Estimate(const Sizes& sizes, double* estimate);
 
     static std::size_t size(const Sizes& sizes);
 
-    ESTIMATE_PARTS(NUMBERS)
+    std::span<double> tension;       // of every element [N]
+    std::span<double> status;        // `Status` of every element
+    std::span<double> force_x;       // of the cable on every pulley [N]
+    std::span<double> force_y;
+    std::span<double> force_z;
+    std::span<double> magnitude;     // of that force [N], (38)
+    std::span<double> friction;      // tension after less tension before every pulley [N]
+    std::span<double> slip_speed;    // of every pulley, towards the last node [m/s]
+    std::span<double> motor_effort;  // [N m]
+    std::span<double> joint_effort;  // [N m], of prismatic joints [N]
+    std::span<double> iterations;    // of Newton's method, of every cable
+    std::span<double> residual;      // largest force imbalance of every cable [N]
+    std::span<double> correction;    // that is part of every output with a learned one [N] or [N m]
+    std::span<double> trust;         // share of it that applies there, (R3)
 };
 
 /// A part of an estimate.
@@ -243,34 +222,27 @@ struct EstimatePart {
     bool uncertain;  // whether its numbers have standard deviations
 };
 
-#define ESTIMATE_PART(name, count, uncertain) {#name, &Estimate::name, &Sizes::count, uncertain},
-inline constexpr EstimatePart ESTIMATE[] = {ESTIMATE_PARTS(ESTIMATE_PART)};
+/// All parts of an estimate in their order, in which the standard deviations lie too; the only place that knows
+/// it. What joints have follows what motors have, so that both are one part of all axes.
+inline constexpr EstimatePart ESTIMATE[] = {
+    {"tension", &Estimate::tension, &Sizes::elements, true},
+    {"status", &Estimate::status, &Sizes::elements, false},
+    {"force_x", &Estimate::force_x, &Sizes::pulleys, false},
+    {"force_y", &Estimate::force_y, &Sizes::pulleys, false},
+    {"force_z", &Estimate::force_z, &Sizes::pulleys, false},
+    {"magnitude", &Estimate::magnitude, &Sizes::pulleys, true},
+    {"friction", &Estimate::friction, &Sizes::pulleys, false},
+    {"slip_speed", &Estimate::slip_speed, &Sizes::pulleys, false},
+    {"motor_effort", &Estimate::motor_effort, &Sizes::motors, true},
+    {"joint_effort", &Estimate::joint_effort, &Sizes::joints, true},
+    {"iterations", &Estimate::iterations, &Sizes::cables, false},
+    {"residual", &Estimate::residual, &Sizes::cables, false},
+    {"correction", &Estimate::correction, &Sizes::residuals, false},
+    {"trust", &Estimate::trust, &Sizes::residuals, false},
+};
 
 /// Index of the first number of a part among all numbers of an estimate, or among the uncertain ones.
 Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among_uncertain = false);
-
-#define WORKSPACE_PARTS(PART, GRID) \
-    PART(element_length, double, sizes.elements) /* geometric, with its share of the arcs [m] */ \
-    GRID(lever_arm, double, sizes.elements, sizes.joints) /* about every joint [m], (E27) */ \
-    PART(direction, Vector3, sizes.elements) /* unit vectors of routed elements in the base */ \
-    PART(wrap, double, sizes.pulleys) /* [rad] */ \
-    PART(arc, double, sizes.pulleys) /* length of cable on the pulley [m] */ \
-    /* cable that a turn of its frame or of its tangent has laid onto every end since the */ \
-    /* reference pose [m] */ \
-    PART(laid, double, 2 * sizes.cables) \
-    /* place of the middle of every arc along its body, up to a constant and whole turns [m]; */ \
-    /* only where it is given by tables */ \
-    PART(middle, double, sizes.pulleys) \
-    PART(segments, Segment, sizes.segments()) \
-    PART(contacts, Contact, sizes.contacts) \
-    PART(pose, Pose, sizes.frames) \
-    GRID(twist, Twist, sizes.frames, sizes.joints) /* by every joint; written if it moves them */ \
-    PART(touches, Touch, sizes.nodes) \
-    PART(middles, ArcMiddle, sizes.nodes) \
-    PART(products, double, sizes.residual_weights) /* of rows and columns of (R1), as the weights */ \
-    /* the state before the sample, by the contact cells of this sample; only where some are */ \
-    /* fixed to a surface */ \
-    PART(history, double, sizes.surfaces > 0 ? Index(State::size(sizes)) : 0)
 
 /// Intermediate values of a sample. The memory begins with zeros, as what no path leads over stays zero.
 struct Workspace {
@@ -278,24 +250,25 @@ struct Workspace {
 
     static std::size_t size(const Sizes& sizes);
 
-    WORKSPACE_PARTS(SPAN, GRID)
+    std::span<double> element_length;  // geometric, with its share of the arcs [m]
+    Table lever_arm;                   // of every element about every joint [m], (E27); written for
+                                       // those of its path
+    std::span<Vector3> direction;      // unit vectors of routed elements in the base
+    std::span<double> wrap;            // of every pulley [rad]
+    std::span<double> arc;             // length of cable on every pulley [m]
+    std::span<double> laid;            // cable that a turn of its frame or of its tangent has laid onto
+                                       // every end since the reference pose [m], two a cable
+    std::span<double> middle;          // place of the middle of every arc along its body, up to a
+                                       // constant and whole turns [m]; only where it is given by tables
+    std::span<Segment> segments;
+    std::span<Contact> contacts;
+    std::span<Pose> pose;              // of every frame
+    Grid<Twist> twist;                 // of every frame by every joint; written for those that move it
+    std::span<Touch> touches;          // of every node
+    std::span<ArcMiddle> middles;      // of every node
+    std::span<double> products;        // of rows and columns of (R1), as the weights
+    double* history;                   // the state before the sample, by the contact cells of this
+                                       // sample; only where some are fixed to a surface
 };
-
-#undef SPAN
-#undef CONSTANT_SPAN
-#undef GRID
-#undef NUMBERS
-#undef ESTIMATE_PART
-
-/// A part of one of these arrays, by its name and that of what it holds.
-struct ArrayPart {
-    const char* name;
-    const char* record;
-    Index words;  // of 8 bytes in all of it
-    std::vector<Index> shape;
-};
-
-/// All parts of an array of a robot: "Topology", "Constants", "State" or "Workspace"; none for another name.
-std::vector<ArrayPart> parts_of(std::string_view array, const Sizes& sizes);
 
 }  // namespace cdrj

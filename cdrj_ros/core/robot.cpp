@@ -249,8 +249,8 @@ Step::Step(const Robot& robot, const double* before_state, double* out)
       estimate(topology.sizes, out + robot.state_size()),
       work(topology.sizes, out + robot.state_size() + robot.estimate_size()) {
     if (topology.sizes.surfaces == 0) return;
-    std::copy_n(before_state, robot.state_size(), work.history.data());
-    before = State(topology.sizes, work.history.data());
+    std::copy_n(before_state, robot.state_size(), work.history);
+    before = State(topology.sizes, work.history);
 }
 
 bool shape_cable(
@@ -315,7 +315,7 @@ bool advance_cables(Step& step, const CableSet& some, const SampleAngles& angles
     bool solved = true;
     for (const Index c : some.cables) solved = advance_cable(step, c, angles) && solved;
     report_efforts(step, some.axes, angles);
-    step.after.started[0] = 1.0;
+    *step.after.started = 1.0;
     return solved;
 }
 
@@ -336,7 +336,7 @@ bool Robot::is_state(std::span<const double> numbers) const {
     }
     std::vector<double> copy(numbers.begin(), numbers.end());
     const State state(topology.sizes, copy.data());
-    if (state.started[0] == 0.0) return true;
+    if (*state.started == 0.0) return true;
     for (Index end = 0; end < 2 * topology.sizes.cables; ++end) {
         const Index drum = topology.ends[end].drum;
         if (drum < 0 || !state.holds(topology.segments_of(end / 2).first)) continue;

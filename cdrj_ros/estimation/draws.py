@@ -93,7 +93,7 @@ def draw(
     robot, streams = model.robot, Streams(seed)
     constants, zeros = draw_constants(model, members, streams, known)
     wind_differently(model, constants, streams)
-    residuals: Any = constant_views(model.topology, constants).residuals
+    residuals: Any = constant_views(model.sizes, constants).residuals
     residuals["bound"] = 0.0  # the estimate alone is corrected
     shares = [
         friction_shares(members, len(cable.pulleys), streams.of("friction", cable.name))
@@ -125,7 +125,7 @@ def wind_differently(model: Model, constants: Table, streams: Streams) -> None:
         streams: random generators.
     """
     half = len(constants) // 2
-    cables: Any = constant_views(model.topology, constants).cables
+    cables: Any = constant_views(model.sizes, constants).cables
     for c, cable in enumerate(model.robot.cables):
         normal = streams.of("wound", cable.name).standard_normal(half)
         cables["wound_tension"][:, c] *= np.exp(WOUND_SPREAD * paired(normal))

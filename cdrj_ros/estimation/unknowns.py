@@ -190,7 +190,7 @@ def signatures_of(model: Model, unknowns: Sequence[Unknown]) -> _core.Signatures
     number = {end: k for k, end in enumerate(ends)}
     rows = [(number[id(one.more)], number[id(one.less)], one.only) for one in unknowns]
     constants = np.stack([end.model.constants for end in ends.values()])
-    residuals: Any = constant_views(model.topology, constants).residuals
+    residuals: Any = constant_views(model.sizes, constants).residuals
     residuals["bound"] = 0.0  # the estimate alone is corrected by what its file has learned
     return _core.Signatures(
         model.core, constants, np.stack([end.angle for end in ends.values()]),

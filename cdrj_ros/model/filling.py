@@ -17,6 +17,7 @@ from cdrj_ros.model.laws import contact_cells, elasticity_of, friction_numbers, 
 from cdrj_ros.model.packing import (
     TENSION,
     Indices,
+    Sizes,
     Views,
     channel_columns,
     code_of,
@@ -48,8 +49,9 @@ def pack(robot: Robot) -> tuple[Indices, Vector]:
     Quantities that follow from the reference pose keep their initial values: unstretched lengths,
     and the angles about which the arcs of routed cables are continuous.
     """
-    topology, constants = _empty(robot)
-    rows = _Rows(robot, topology_views(topology), constant_views(topology, constants))
+    sizes = _sizes(robot)
+    topology, constants = empty_robot(sizes)
+    rows = _Rows(robot, topology_views(topology), constant_views(sizes, constants))
     rows.axes()
     rows.frames()
     for c in range(len(robot.cables)):
@@ -59,11 +61,11 @@ def pack(robot: Robot) -> tuple[Indices, Vector]:
     return topology, constants
 
 
-def _empty(robot: Robot) -> tuple[Indices, Vector]:
-    """Topology with how many of each thing the robot has, and constants; all else is zero."""
+def _sizes(robot: Robot) -> Sizes:
+    """How many of each thing the robot has."""
     cables = robot.cables
     nodes = sum(len(cable.nodes) for cable in cables)
-    return empty_robot(
+    return Sizes(
         motors=len(robot.motors),
         joints=len(robot.joints),
         cables=len(cables),

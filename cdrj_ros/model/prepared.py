@@ -20,6 +20,7 @@ from cdrj_ros.model.impossible import reason
 from cdrj_ros.model.laws import divided, elasticity_of, strain_at, tensions_at
 from cdrj_ros.model.packing import (
     Layout,
+    Sizes,
     Views,
     constant_views,
     layout_of,
@@ -45,6 +46,8 @@ class Model:
     """Connections of its parts, see ``cdrj_ros.model.packing``; read-only."""
     constants: Vector
     """Its constants, see ``cdrj_ros.model.packing``; read-only."""
+    sizes: Sizes
+    """Numbers of its parts."""
     layout: Layout
     core: _core.Robot = field(init=False, compare=False, repr=False)
     """The robot as the compiled core reads it, from ``topology`` and ``constants``."""
@@ -57,11 +60,6 @@ class Model:
     def connections(self) -> Views:
         """Views of ``topology``."""
         return topology_views(self.topology)
-
-    @property
-    def sizes(self) -> Any:
-        """Numbers of its parts, see ``Sizes`` in core/layout.hpp."""
-        return self.connections.sizes
 
     @property
     def state_size(self) -> int:
@@ -128,7 +126,7 @@ def mover_of(model: Model) -> Callable[[Mapping[str, float]], Model | None]:
 
     def moved(changes: Mapping[str, float]) -> Model | None:
         constants = model.constants.copy()
-        views: Any = constant_views(model.topology, constants)
+        views: Any = constant_views(model.sizes, constants)
         for path, change in changes.items():
             point, _, axis = path.rpartition(".")
             if point not in points:
@@ -143,7 +141,7 @@ def mover_of(model: Model) -> Callable[[Mapping[str, float]], Model | None]:
 
 def _settled(model: Model, rest: Shape) -> Model:
     """The model with its unstretched lengths, from the geometry in the reference pose."""
-    views: Any = constant_views(model.topology, model.constants)
+    views: Any = constant_views(model.sizes, model.constants)
     robot = _with_passive_preloads(model.robot, rest)
     if robot is not model.robot:
         model = replace(model, robot=robot)
@@ -211,7 +209,7 @@ def placed(
     scratch = np.zeros(model.core.scratch_size)
     drums = np.empty(0) if motor_angle is None else motor_angle
     possible = model.core.shape(drums, joint_angle, scratch)
-    views = scratch_views(model.topology, scratch)
+    views = scratch_views(model.sizes, scratch)
     segments: Any = views.segments
     found = Shape(
         views.element_length,
@@ -232,7 +230,7 @@ def lengths_at(model: Model, joint_angle: Table) -> Table:
         joint_angle: [rad] or [m], shape (poses, joints).
     """
     scratch = np.zeros(model.core.scratch_size)
-    length = scratch_views(model.topology, scratch).element_length
+    length = scratch_views(model.sizes, scratch).element_length
     found = np.empty((len(joint_angle), length.size))
     for k, pose in enumerate(joint_angle):
         model.core.shape(np.empty(0), pose, scratch)
@@ -258,10 +256,13 @@ def _model(robot: Robot) -> Model:
     """Pack a robot; the constants that follow from its reference pose are not yet set."""
     topology, constants = pack(robot)
     topology.flags.writeable = False
+    parts = topology_views(topology)
+    sizes = Sizes(*map(int, parts.sizes))
     return Model(
         robot=robot,
         topology=topology,
         constants=constants,
+        sizes=sizes,
         layout=layout_of(robot, topology),
     )
 
@@ -272,7 +273,7 @@ def _set_references(model: Model, rest: Views, reference: Vector) -> None:
     Then their drums begin to wander.
     """
     topology = model.connections
-    nodes: Any = constant_views(model.topology, model.constants).nodes
+    nodes: Any = constant_views(model.sizes, model.constants).nodes
     touches: Any = rest.touches
     twists: Any = rest.twist
     for c, cable in enumerate(model.robot.cables):

@@ -191,7 +191,7 @@ def _motion_of(model: Model, path: Path, c: int) -> CableMotion:
     cable, own = model.robot.cables[c], topology_views(model.topology).cables[c]
     elements = slice(own.first_element, own.first_element + own.elements)
     pulleys = slice(own.first_pulley, own.first_pulley + own.pulleys)
-    every: Any = constant_views(model.topology, model.constants).pulleys
+    every: Any = constant_views(model.sizes, model.constants).pulleys
     rows = every[pulleys].copy()
     if cable.law == "none":
         for field in ("mu_c", "mu_s", "bearing_ratio", "drag"):

@@ -125,7 +125,8 @@ def assert_refused(state):
     assert np.all(np.isfinite(estimate.values))
     np.testing.assert_array_equal(estimate.tension[of_first], 0.0)
     kept, now = (
-        state_views(ROUTED_MODEL, one.values).material[: of_first.sum()] for one in (state, after)
+        state_views(ROUTED_MODEL.sizes, one.values).material[: of_first.sum()]
+        for one in (state, after)
     )
     np.testing.assert_array_equal(now, kept)
 

@@ -172,7 +172,7 @@ def test_material_that_leaves_the_drum_is_on_the_cable_slack_or_taut(cells, prot
     for k in range(samples.stamp_ns.size):
         state, estimate = step(model, state, samples.at(k))
         loose += bool((estimate.tension <= 0.0).any())
-        parts = state_views(model, state.values)
+        parts = state_views(model.sizes, state.values)
         material = parts.material.reshape(2, -1).sum(axis=1)
         for c, drum in enumerate(parts.drums):
             total[k, c] = material[c] + drum.material[int(drum.points) - 1]

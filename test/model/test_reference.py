@@ -159,7 +159,7 @@ def posed(robot, model, q, now, rest):
 
 def history_of(model, state):
     """The estimator's state in the words of the reference."""
-    views = state_views(model, state.values)
+    views = state_views(model.sizes, state.values)
     if not views.started[0]:
         return None
     rows = views.drums

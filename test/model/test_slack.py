@@ -103,13 +103,13 @@ def test_tensions_are_those_of_two_bisections(torque):
     model, stretch = robot(torque), motion()[::5]
     state, slack = initial_state(model), 0
     for k, motor in enumerate(paid_out(stretch).motor_angle):
-        before = state_views(model, state.values) if k else None
+        before = state_views(model.sizes, state.values) if k else None
         if before is not None:
             material, bristle = before.material.copy(), before.bristle.copy()
         state, estimate = step(model, state, Sample((k + 1) * 25_000_000, motor, np.empty(0)))
         if before is None:
             continue
-        entering = state_views(model, state.values).material.sum() - material.sum()
+        entering = state_views(model.sizes, state.values).material.sum() - material.sum()
         drag = torque / RADIUS, 0.7 * torque / RADIUS
         expected = balanced(material, bristle, drag, entering)
         np.testing.assert_allclose(estimate.tension, expected, rtol=1e-9, atol=3e-8)

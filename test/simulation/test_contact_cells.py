@@ -47,7 +47,7 @@ def segments(model, angle):
     samples = Samples(
         EPOCH_NS + np.arange(angle.size) * 1_000_000, angle[:, None], np.empty((angle.size, 0))
     )
-    views = state_views(model, run(model, initial_state(model), samples)[0].values)
+    views = state_views(model.sizes, run(model, initial_state(model), samples)[0].values)
     stretch = np.asarray(views.length / views.material)
     return model.robot.cables[0].axial_stiffness * np.maximum(stretch - 1.0, 0.0)
 

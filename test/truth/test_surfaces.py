@@ -81,7 +81,7 @@ def test_no_material_is_lost_as_cells_of_the_rig_come_and_leave(name):
         assert solved
         states.append(state.values)
     assert model.sizes.surfaces == {"sheath": 0, "carriage": 2, "platform": 4}.get(name, 1)
-    found = state_views(model, np.array(states))
+    found = state_views(model.sizes, np.array(states))
     material = found.material.sum(axis=1)
     for drum in found.drums.T:
         top = drum["points"].astype(int) - 1
