@@ -186,9 +186,10 @@ def _print_suspicions(
         alike: dict[str, list[str]] = {}
         for entry in entries:
             alike.setdefault(entry.text, []).append(entry.where)
-        for text, where in list(alike.items())[:most]:
+        shown = list(alike.items())[:most]
+        for text, where in shown:
             console.print(Text("  ").append(", ".join(where), style="bold").append(f": {text}"))
-        if more := len(list(alike)[len(alike) if most is None else most :]):
+        if more := len(alike) - len(shown):
             console.print(Text(f"  and {more} more: --all prints them"))
 
 

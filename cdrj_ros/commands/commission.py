@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from itertools import chain, count
+from math import isfinite
 from pathlib import Path
 from typing import Any, Final
 
@@ -273,10 +274,14 @@ def words_of(one: Judged) -> str:
     worst = sorted(one.relative.items(), key=lambda item: -item[1])
     if len(worst) > FEW:
         (name, most), (_, least) = worst[0], worst[-1]
-        known = f"{least:.1%} to {most:.1%}, most in {name}"
+        known = f"{_percent(least)} to {_percent(most)}, most in {name}"
     else:
-        known = ", ".join(f"{name} {share:.1%}" for name, share in one.relative.items())
+        known = ", ".join(f"{name} {_percent(share)}" for name, share in one.relative.items())
     return f"OK {share}; standard deviation over tension: {known}"
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if isfinite(share) else "slack"
 
 
 def say_cables(one: Judged) -> None:
@@ -284,7 +289,7 @@ def say_cables(one: Judged) -> None:
     if len(one.relative) > FEW:
         say("standard deviation over tension:")
         for name, share in sorted(one.relative.items(), key=lambda item: -item[1]):
-            say(f"  {name}: {share:.1%}")
+            say(f"  {name}: {_percent(share)}")
     if 0 < len(one.unsure) < len(one.relative):
         say(
             f"seldom OK: {', '.join(one.unsure)}; check_robot says which numbers are in doubt there"

@@ -54,7 +54,7 @@ class Judged(NamedTuple):
     between: tuple[float, float]
     """The same with standard deviations ``DIFFERS`` times as large, and as small."""
     relative: Mapping[str, float]
-    """Median of standard deviation over tension, by cable."""
+    """Median of standard deviation over tension, by cable; infinite if it is mostly slack."""
     unsure: tuple[str, ...] = ()
     """Elements that are OK in less than half of the time."""
 
@@ -115,7 +115,9 @@ def _estimated(model: Model, efforts: Mapping[str, float]) -> tuple[NDArray[np.b
         mark_unsure(model.core, values, factor * stddev, UNSURE_SHARE, NO_DOUBTS)
         ok.append(values[:, model.layout.status] == OK)
     tension = np.stack([one.tension for one in after])
-    return np.array(ok), stddev[:, :elements] / np.maximum(tension, 1e-9)
+    relative = np.full(tension.shape, np.inf)
+    np.divide(stddev[:, :elements], tension, out=relative, where=tension > 0.0)
+    return np.array(ok), relative
 
 
 def foretold(now: Commissioned, step: str) -> Judged:

@@ -367,7 +367,6 @@ class LiveEstimator:
             self.state = encoderless.state_at(sample.stamp_ns)
         return estimate
 
-    @property
     def misfit(self) -> str:
         """Why motors and joints do not fit each other, and the key that mends it; or empty.
 

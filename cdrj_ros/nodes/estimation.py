@@ -286,7 +286,7 @@ class Estimation:
             statuses.append(
                 verdict_of(
                     f"{name}: health", self.live.model, self.live.corrections,
-                    self.live.misfit,
+                    self.live.misfit(),
                 )
             )  # fmt: skip
         stamp = self.node.get_clock().now().to_msg()

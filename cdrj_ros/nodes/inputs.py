@@ -313,7 +313,7 @@ class InputWatch:
         heard = any(now_s - one.heard_s <= timeout_s for one in self._inputs)
         return Health(
             timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused,
-            self._live.misfit,
+            self._live.misfit(),
             self._alternating(), self._other_estimators(), heard,
             tuple(one.topic for one in self._inputs if one.by_arrival),
         )  # fmt: skip

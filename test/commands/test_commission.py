@@ -20,7 +20,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.reader import build_robot, load_document, parse_robot
 from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import differences, random
@@ -262,3 +262,27 @@ def test_a_robot_of_a_urdf_is_commissioned_without_changing_the_urdf(tmp_path):
     numbers = yaml.safe_load(out.read_text(encoding="utf-8"))["identified"]["numbers"]
     assert numbers["joints.hinge.offset"] == "fit to motion"
     assert not [path for path in numbers if path.startswith("frames.")]
+
+
+def chain_of(joints: int, max_speed: float) -> str:
+    """A cable over some joints in a row, with all numbers exact."""
+    names = [f"q{k}" for k in range(joints)]
+    moved = ", ".join(f"{{joint: {name}, slope: 0.02}}" for name in names)
+    return f"""
+name: chain
+motors: [{{name: m}}]
+joints: [{", ".join(f"{{name: {name}, range: [-1, 1], max_speed: {max_speed}}}" for name in names)}]
+cables:
+  - name: c
+    axial_stiffness: 1000
+    preload: 100
+    nodes: [{{type: winch, motor: m, winding: -1, radius: 0.02}}, {{type: anchor}}]
+    spans: [[2, {moved}]]
+uncertainty: {{others: exact}}
+"""
+
+
+@pytest.mark.parametrize(("joints", "max_speed"), [(2, 0.5), (3, 1.0), (12, 8.0)])
+def test_a_file_is_judged_by_a_motion_that_the_robot_can_make(joints, max_speed):
+    """Faster readings would be steps, which take status 0 away for good."""
+    assert judged(prepare(parse_robot(chain_of(joints, max_speed)))).ok > 0.9

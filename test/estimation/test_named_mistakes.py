@@ -145,7 +145,7 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
         live.feed_efforts(stamp, layout.motors, scale * efforts[k])
         live.feed("motors", stamp, layout.motors, motors[k])
         _, found = live.feed("joints", stamp, layout.joints, joints[k])
-        said = live.misfit
+        said = live.misfit()
         if live.corrections is not None:
             said += live.corrections.report().message
         if said not in QUIET:
@@ -153,14 +153,14 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
         for one in found:
             assert one.stddev is not None
             sure = one.status == 0
-            assert not (sure.any() and live.misfit), "a misfit takes the status OK away"
+            assert not (sure.any() and live.misfit()), "a misfit takes the status OK away"
             error = np.abs(one.tension - truth.tension[k]) > 5.0 * one.stddev[: len(sure)]
             wrong += int((sure & error).sum())
     # a verdict takes half a second
     assert wrong <= 0.001 * TIME.size * len(layout.elements)
     assert (words in first) if words else not first, first
     if not words:
-        assert live.misfit == ""
+        assert live.misfit() == ""
         assert live.corrections is not None
         assert live.corrections.report().level == "ok", live.corrections.report().message
 
