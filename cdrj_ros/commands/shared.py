@@ -185,7 +185,7 @@ def print_results(
 
 
 FORMAT: Final = "cdrj_ros/validation"
-VERSION: Final = 2
+VERSION: Final = 3
 """Incremented when a key changes its meaning or is removed, but not for new keys."""
 
 

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.evaluation.recorded_verdict import Verdict
@@ -84,9 +83,6 @@ class FrictionSums:
         )
 
 
-FRICTION: Final = "friction"
-"""``friction/cable/node`` [N]; computed beside the estimates, not compared with a recording."""
-
 FORCE_VECTOR: Final = cdr.FORCE_VECTOR
 """``force_vector/cable/node``, the force that ``nodal_force`` gives the magnitude of [N]."""
 
@@ -116,7 +112,6 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         TENSION: Quantity("Tension", "N", "element", "element tensions"),
         NODAL_FORCE: Quantity("Nodal force", "N", "node", "nodal forces"),
         FORCE_VECTOR: Quantity("Force vector", "N", "node", "nodal forces as vectors"),
-        FRICTION: Quantity("Friction", "N", "node", "pulley frictions", True),
         EFFORT: Quantity("Effort", "N·m", "effort", "efforts", True, "N"),
         ANGLE: Quantity("Angle", "rad", "angle", "angles", True, "m"),
     }
@@ -201,8 +196,6 @@ class Channel:
     """Number of reference samples left out, by cause (a key of DROP_CAUSES)."""
     stddev: Floats | None = None
     """Standard deviation of ``estimate`` [unit], NaN where unknown, shape (n,); or None."""
-    reversal: NDArray[np.bool_] | None = None
-    """Whether a motor or joint reverses at that time, shape (n,); None if unknown."""
     angle_unit: str = "rad"
     """Unit of ``angle``: "rad", or "m" for a prismatic joint."""
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.evaluation.channels import Angle, Channel, quantity_of, unit_of
-from cdrj_ros.evaluation.metrics import within
 from cdrj_ros.foundation.arrays import Floats, Series, Stamps
 
 DROP_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
@@ -223,12 +222,9 @@ class Comparing:
         into[part] = interpolated(accepted(before), accepted(after), neighbours, part)
         self._last[key] = values[-1].copy()
 
-    def channels(
-        self, angle: Angle | Mapping[str, Angle] | None, zones: Stamps | None
-    ) -> tuple[Channel, ...]:
-        """The compared channels; ``angle`` and ``zones`` as for ``compare``."""
+    def channels(self, angle: Angle | Mapping[str, Angle] | None) -> tuple[Channel, ...]:
+        """The compared channels; ``angle``: of all, or of each by name, to draw over."""
         angles: dict[tuple[int, int], Floats] = {}
-        reversals: dict[int, NDArray[np.bool_]] = {}
         made = []
         for name, target in self._targets.items():
             own = angle.get(name) if isinstance(angle, Mapping) else angle
@@ -236,9 +232,6 @@ class Comparing:
             key = id(neighbours), id(own)
             if key not in angles:
                 angles[key] = values_at(neighbours.stamp_ns, own, self._max_gap_ns)
-            if zones is not None and id(neighbours) not in reversals:
-                reversals[id(neighbours)] = within(zones, neighbours.stamp_ns)
-            reversal = reversals.get(id(neighbours))
             dropped = dict.fromkeys(DROP_CAUSES, 0)
             dropped.update(neighbours.dropped)
             dropped["reference_not_finite"] = target.not_finite
@@ -257,7 +250,6 @@ class Comparing:
                     angle_unit=own.unit if own is not None else "rad",
                     dropped=dropped,
                     stddev=_taken(self._stddev[name], kept) if name in self._stddev else None,
-                    reversal=None if reversal is None else _taken(reversal, kept),
                 )
             )
         return tuple(made)

@@ -1,13 +1,10 @@
 """Error figures of estimates against references: those of the paper and common ones.
 
 The paper reports the mean error and the mean relative error of single channels.  Added to these are
-RMSE, the largest error, R², separate mean errors at reversals and elsewhere, and the share of
-references within two standard deviations.  Of vectors, the error is the norm of the difference, and
-the angle between both is added.  Several recordings are pooled by joining their samples
-and not by averaging their figures, so that long recordings weigh more than short ones.
-
-At a reversal of motion the friction of every pulley changes sign: the cable sticks on its pulleys
-until it slips the other way.  Most of an estimator's error arises in that time.
+RMSE, the largest error, R², and the share of references within two standard deviations.  Of
+vectors, the error is the norm of the difference, and the angle between both is added.  Several
+recordings are pooled by joining their samples and not by averaging their figures, so that long
+recordings weigh more than short ones.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel, size_of
-from cdrj_ros.foundation.arrays import Floats, Stamps
+from cdrj_ros.foundation.arrays import Floats
 
 MINIMUM_SHARE: Final = 0.01
 """Fraction of a channel's largest |reference| below which samples are left out of relative errors.
@@ -57,10 +54,6 @@ class ChannelError:
     """Largest |estimate - reference| [channel's unit]."""
     r2: float | None
     """1 - SSE/SST: share of the reference's variance that the estimate explains [-]."""
-    reversal_error: float | None = None
-    """Mean |estimate - reference| where a motor or joint reverses [channel's unit]."""
-    smooth_error: float | None = None
-    """Mean |estimate - reference| everywhere else [channel's unit]."""
     coverage: float | None = None
     """Share of references within COVERAGE_SIGMAS standard deviations, where these are known [-]."""
     mean_direction_error_deg: float | None = None
@@ -83,7 +76,6 @@ def channel_error(
     reference: ArrayLike,
     *,
     stddev: ArrayLike | None = None,
-    reversal: NDArray[np.bool_] | None = None,
     unit: str = "",
 ) -> ChannelError:
     """Compare an estimate with its reference, sample by sample.
@@ -92,7 +84,6 @@ def channel_error(
         estimate: finite, shape (n,), or (n, 3) of vectors, in any unit.
         reference: finite, of the same shape, in the same unit.
         stddev: of the estimate, NaN where unknown, shape (n,), in the same unit.
-        reversal: whether the motion reverses at the sample, shape (n,).
         unit: of estimate and reference.
 
     Returns:
@@ -121,8 +112,6 @@ def channel_error(
         rmse=float(np.sqrt(squares / n)),
         max_abs_error=float(size.max()),
         r2=_r2(recorded, squares),
-        reversal_error=None if reversal is None else _mean(size[reversal]),
-        smooth_error=None if reversal is None else _mean(size[~reversal]),
         coverage=None if stddev is None else _coverage(size, np.asarray(stddev, dtype=np.float64)),
         mean_direction_error_deg=_mean(turned),
         max_direction_error_deg=float(turned.max()) if len(turned) else None,
@@ -200,7 +189,7 @@ def errors_of(bags: Sequence[BagComparison]) -> Errors:
 def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelError]:
     """Every channel's error over the joined samples of several recordings, by channel name.
 
-    Figures of reversals and standard deviations are None unless every recording has them.
+    The coverage is None unless every recording has standard deviations.
     """
     parts: dict[str, list[Channel]] = {}
     for comparison in comparisons:
@@ -211,7 +200,6 @@ def pooled_errors(comparisons: Sequence[BagComparison]) -> dict[str, ChannelErro
             np.concatenate([channel.estimate for channel in channels]),
             np.concatenate([channel.reference for channel in channels]),
             stddev=_joined([channel.stddev for channel in channels]),
-            reversal=_joined([channel.reversal for channel in channels]),
             unit=channels[0].unit,
         )
         for name, channels in parts.items()
@@ -251,9 +239,6 @@ Indices = NDArray[np.intp]
 
 REVERSAL_SHARE: Final = 0.05
 """A reversal counts if the angle then moves back by at least this share of its range [-]."""
-
-AROUND_NS: Final = 100_000_000
-"""Time before the angle's extreme, and least time after it, that belongs to a reversal [ns]."""
 
 _SCAN_BUCKETS: Final = 4000
 """Number of buckets of the envelope in which reversals are searched."""
@@ -322,47 +307,3 @@ def turning_points(angle: Floats) -> Indices:
             heading, high = 1, at
     found = coarse[np.array(turns, dtype=np.intp)]
     return found if present is None else present[found]
-
-
-def reversal_zones(stamp_ns: Stamps, angles: Iterable[Floats]) -> Stamps:
-    """Time intervals in which any motor or joint reverses.
-
-    A zone begins AROUND_NS before an extreme of the angle (see ``turning_points``).  It ends when
-    the angle has come back by REVERSAL_SHARE of its range, not sooner than AROUND_NS after the
-    extreme and not later than the next extreme.  Zones that touch are joined.
-
-    Args:
-        stamp_ns: increasing [ns], shape (n,).
-        angles: of motors and joints [rad], finite, shape (n,) each.
-
-    Returns:
-        Begin and end of every zone [ns], increasing, shape (k, 2).
-    """
-    zones: list[tuple[int, int]] = []
-    for column in angles:
-        angle = np.ascontiguousarray(column)
-        turns = turning_points(angle)
-        if not len(turns):
-            continue
-        enough = REVERSAL_SHARE * float(angle.max() - angle.min())
-        ends = [*turns[1:].tolist(), len(angle) - 1]
-        for turn, last in zip(turns.tolist(), ends, strict=True):
-            back = np.abs(angle[turn : last + 1] - angle[turn]) >= enough
-            done = turn + int(back.argmax()) if back.any() else last
-            at = int(stamp_ns[turn])
-            zones.append((at - AROUND_NS, max(at + AROUND_NS, int(stamp_ns[done]))))
-    joined: list[list[int]] = []
-    for begin, end in sorted(zones):
-        if joined and begin <= joined[-1][1]:
-            joined[-1][1] = max(joined[-1][1], end)
-        else:
-            joined.append([begin, end])
-    return np.array(joined, dtype=np.int64).reshape(-1, 2)
-
-
-def within(zones: Stamps, stamp_ns: Stamps) -> NDArray[np.bool_]:
-    """Whether each stamp lies in a zone, both ends included; shape of ``stamp_ns``."""
-    begun = np.searchsorted(zones[:, 0], stamp_ns, side="right")
-    ended = np.searchsorted(zones[:, 1], stamp_ns, side="left")
-    inside: NDArray[np.bool_] = begun > ended
-    return inside

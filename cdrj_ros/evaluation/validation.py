@@ -41,7 +41,6 @@ from cdrj_ros.evaluation.inputs import (
     unstated_counts,
     with_estimated_joints,
 )
-from cdrj_ros.evaluation.metrics import reversal_zones
 from cdrj_ros.evaluation.recorded_verdict import RecordedVerdict
 from cdrj_ros.foundation.arrays import Floats, Series
 from cdrj_ros.foundation.errors import BagError
@@ -160,8 +159,7 @@ class Validation:
         model, segment, recording = self._model, self._segment, self._recording
         if self._angles:
             segment = with_estimated_joints(model.robot, segment, self._angles)
-        zones = reversal_zones(segment.stamp_ns, (*segment.motor_angle.T, *segment.joint_angle.T))
-        channels = self._comparing.channels(plot_angles(model, segment), zones)
+        channels = self._comparing.channels(plot_angles(model, segment))
         counters = Counter(counters_of(recording, self._conditioned))
         for channel in channels:
             counters.update(channel.dropped)

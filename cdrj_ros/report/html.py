@@ -23,12 +23,10 @@ from cdrj_ros.evaluation.channels import (
 )
 from cdrj_ros.evaluation.limits import LimitCheck
 from cdrj_ros.evaluation.metrics import (
-    AROUND_NS,
     COVERAGE_SIGMAS,
     DIRECTION_SHARE,
     MINIMUM_SHARE,
     NO_SAMPLES,
-    REVERSAL_SHARE,
     ChannelError,
     Errors,
     mean_over_channels,
@@ -101,8 +99,6 @@ def write_report(
         parameters=yaml_text(dict(robot.document)).splitlines(),
         versions=versions,
         sigmas=f"{COVERAGE_SIGMAS:g}",
-        around=f"{AROUND_NS * 1e-9:g} s",
-        back=f"{100.0 * REVERSAL_SHARE:g} %",
         share=f"{100.0 * MINIMUM_SHARE:g} %",
         direction_share=f"{100.0 * DIRECTION_SHARE:g} %",
     )

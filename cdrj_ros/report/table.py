@@ -101,8 +101,6 @@ HEADINGS: Final = ("mean |error|", "mean rel.", "RMSE", "max |error|", "R²")
 """Headings of the figures in every table, in the order of metrics.FIGURES."""
 
 MORE_HEADINGS: Final[Mapping[str, str]] = {
-    "reversal_error": "at reversals",
-    "smooth_error": "elsewhere",
     "coverage": "in ±2σ",
     "mean_direction_error_deg": "mean direction",
     "max_direction_error_deg": "max direction",
@@ -313,8 +311,6 @@ FIGURE_NAMES: Final[Mapping[str, str]] = {
     "rmse": "RMSE",
     "max_abs_error": "largest |error|",
     "r2": "R²",
-    "reversal_error": "mean |error| at reversals",
-    "smooth_error": "mean |error| elsewhere",
     "coverage": "share within ±2σ",
     "mean_direction_error_deg": "mean direction error",
     "max_direction_error_deg": "largest direction error",

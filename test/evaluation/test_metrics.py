@@ -1,4 +1,4 @@
-"""The figures of one channel, of many, and of several recordings; reversals of motion."""
+"""The figures of one channel, of many, and of several recordings."""
 
 import os
 import subprocess
@@ -10,17 +10,13 @@ import pytest
 
 from cdrj_ros.evaluation.channels import BagComparison, Channel
 from cdrj_ros.evaluation.metrics import (
-    AROUND_NS,
     MINIMUM_SHARE,
     NO_SAMPLES,
-    REVERSAL_SHARE,
     ChannelError,
     channel_error,
     errors_of,
     mean_over_channels,
     pooled_errors,
-    reversal_zones,
-    within,
 )
 from cdrj_ros.foundation.interruption import BLAS_THREADS
 
@@ -89,13 +85,12 @@ def test_pooled_figures_are_those_of_the_joined_samples():
 
 def test_pooling_keeps_what_one_recording_has_but_no_figure_that_another_lacks():
     plain = channel("tension/a/1", np.ones(3), np.ones(3))
-    told = replace(plain, stddev=np.ones(3), reversal=np.ones(3, np.bool_))
+    told = replace(plain, stddev=np.ones(3))
     other = channel("effort/spindle", np.ones(3), np.ones(3))
     bags = [BagComparison("a", 1.0, (plain,)), BagComparison("b", 1.0, (told, other))]
     pooled = pooled_errors(bags)
     assert list(pooled) == ["tension/a/1", "effort/spindle"]
     assert pooled["tension/a/1"].coverage is None
-    assert pooled["tension/a/1"].reversal_error is None
     assert pooled_errors(bags[1:])["tension/a/1"].coverage == 1.0
 
 
@@ -111,17 +106,6 @@ def test_channels_have_equal_weight_in_the_mean_and_the_maximum_is_kept():
         1010, pytest.approx(2.0), pytest.approx(0.1), pytest.approx(3.0), 5.0, pytest.approx(0.8)
     )
     assert mean_over_channels([]) == NO_SAMPLES
-
-
-def test_errors_at_reversals_are_separate_from_the_others():
-    reversal = np.array([True, False, False, True])
-    error = channel_error([2.0, 3.0, 3.0, 5.0], [1.0, 3.0, 4.0, 2.0], reversal=reversal)
-    assert error.reversal_error == pytest.approx(2.0)
-    assert error.smooth_error == pytest.approx(0.5)
-    never = channel_error([2.0], [1.0], reversal=np.array([False]))
-    assert never.reversal_error is None
-    assert never.smooth_error == 1.0
-    assert channel_error([2.0], [1.0]).smooth_error is None
 
 
 def test_coverage_of_a_normal_estimate_with_correct_deviations_is_that_of_two_sigmas():
@@ -140,44 +124,3 @@ def test_coverage_counts_only_samples_whose_deviation_is_known():
     assert channel_error([1.0, 9.0, 1.0, 9.0], np.zeros(4), stddev=stddev).coverage == 0.5
     assert channel_error([1.0], [0.0], stddev=[np.nan]).coverage is None
     assert channel_error([1.0], [1.0], stddev=[0.0]).coverage == 1.0
-
-
-STEP_NS = 1_000_000
-
-
-def swing(periods, frequency=0.5):
-    time = np.arange(int(periods / frequency / 1e-3)) * 1e-3
-    stamps = 1_722_000_000_000_000_000 + np.arange(len(time), dtype=np.int64) * STEP_NS
-    return stamps, np.sin(2 * np.pi * frequency * time)
-
-
-def test_a_zone_lasts_for_a_fixed_share_of_the_stroke():
-    stamps, angle = swing(3.0)
-    zones = reversal_zones(stamps, [angle])
-    assert zones.shape == (6, 2)
-    quarter = 0.5e9
-    taken_up = np.arccos(1.0 - 2.0 * REVERSAL_SHARE) / (2 * np.pi * 0.5) * 1e9
-    for k, (begin, end) in enumerate(zones[:-1]):
-        turn = float(stamps[0]) + quarter + k * 2 * quarter
-        assert begin == pytest.approx(turn - AROUND_NS, abs=2 * STEP_NS)
-        assert end == pytest.approx(turn + taken_up, abs=2 * STEP_NS)
-
-
-def test_overlapping_zones_of_motors_and_joints_are_merged():
-    stamps, angle = swing(3.0)
-    late = np.roll(angle, 150)
-    both = reversal_zones(stamps, [angle, late])
-    alone = reversal_zones(stamps, [angle])
-    assert len(both) == len(alone)
-    assert np.all(np.diff(both.ravel()) > 0)
-    inside = within(both, stamps)
-    assert np.all(inside[within(alone, stamps)])
-    assert inside.sum() > within(alone, stamps).sum()
-
-
-@pytest.mark.parametrize("angle", [np.zeros(500), np.linspace(0.0, 1.0, 500), np.zeros(1)])
-def test_a_motion_without_reversal_has_no_zone(angle):
-    stamps = np.arange(len(angle), dtype=np.int64) * STEP_NS
-    zones = reversal_zones(stamps, [angle])
-    assert zones.shape == (0, 2)
-    assert not within(zones, stamps).any()

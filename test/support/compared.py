@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from cdrj_ros.evaluation.channels import Angle, Channel
 from cdrj_ros.evaluation.comparison import Comparing
-from cdrj_ros.foundation.arrays import Series, Stamps
+from cdrj_ros.foundation.arrays import Series
 
 
 def series_of(stamp_ns: ArrayLike, values: ArrayLike) -> Series:
@@ -23,7 +23,6 @@ def compare(
     max_gap_ns: int,
     angle: Angle | Mapping[str, Angle] | None = None,
     stddev: Mapping[str, ArrayLike] | None = None,
-    zones: Stamps | None = None,
 ) -> tuple[Channel, ...]:
     """The channels of estimates that are added to ``Comparing`` at once."""
     own_stamps = np.asarray(estimate_stamp_ns, np.int64)
@@ -34,4 +33,4 @@ def compare(
         {name: np.asarray(values, np.float64) for name, values in (stddev or {}).items()},
         len(own_stamps),
     )
-    return comparing.channels(angle, zones)
+    return comparing.channels(angle)
