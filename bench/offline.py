@@ -54,7 +54,7 @@ def write_bag(path: Path, model: Model, motors: Table, joints: Table, every: int
     def heard(part: slice, size: float) -> Table:
         return found[:, part] + noise.normal(0.0, size, found[:, part].shape)
 
-    tensions, forces, _ = topics.references
+    tensions, forces, *_ = topics.references
     with BagWriter(path) as bag:
         efforts = heard(layout.motor_effort, NOISE[1])
         bag.write_joint_states(topics.motors, stamps, layout.motors, motors, effort=efforts)

@@ -19,17 +19,14 @@ from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, REFERENCE_ARRAYS
+from cdrj_ros.messages.cdr import REFERENCE_ARRAYS
 from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
-from cdrj_ros.recordings.source import Source, open_source
+from cdrj_ros.recordings.source import open_source
 from cdrj_ros.recordings.table import Columns, table_with
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.names import naming_hint
-
-TAKEN: Final = "References by message type: "
-"""Beginning of the note that names the references that were found."""
 
 
 def read_inputs(
@@ -41,9 +38,6 @@ def read_inputs(
     force_vectors: bool = False,
 ) -> Recording:
     """Read a bag or a table that was not read yet, and check that it has all axes of a robot.
-
-    Where the bag has none of the default topics of references, those found by the type of their
-    messages are read, and a note names them; see ``reference_topics``.
 
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
@@ -62,68 +56,12 @@ def _read(
     """Read a bag with the references that it has, or a table."""
     if isinstance(topics, Columns):
         return of_robot(table_with(path, topics), robot)
-
-    def read(of: Source | str) -> Recording:
-        return read_recording(
-            of, found, motor_efforts=motor_efforts, force_vectors=force_vectors,
-            effort_scale=robot.effort_scale,
-        )  # fmt: skip
-
     if not robot.motors:  # of passive cables alone
         topics = replace(topics, motors=topics.joints)
-    source = open_source(path)
-    found = reference_topics(source, topics)
-    recording = read(source)
-    if not recording.references and found == topics:  # a bag without index names topics when read
-        found = reference_topics(source, topics)
-        recording = recording if found == topics else read(path)
-    if found == topics:
-        return recording
-    note = f"{TAKEN}{', '.join(map(printable, found.references))}."
-    return replace(recording, notes=(*recording.notes, note))
-
-
-def reference_topics(source: Source, topics: Topics) -> Topics:
-    """The topics with those references that a bag has in place of absent default ones.
-
-    Taken are the only topic of CableTensions and the only one of NodalForces that are not the
-    estimator's, and topics of JointState beside them in the same namespace.  Topics that are not
-    the default ones (with or without a prefix) were chosen by the user and remain.
-    """
-    defaults = Topics().references
-    prefix = topics.references[0].removesuffix(defaults[0]) if topics.references else ""
-    there = source.channels()
-    if topics.references != tuple(prefix + name for name in defaults):
-        return topics
-    if topics.motors not in there or there.keys() & set(topics.references):
-        return topics
-    candidates = _candidates(source, topics)
-    chosen = []
-    for kind in (CABLE_TENSIONS.name, NODAL_FORCES.name):
-        of_kind = [name for name in candidates if there[name].msgtype == kind]
-        of_kind = [name for name in of_kind if name.startswith(f"{prefix}/")]
-        if len(of_kind) > 1:  # the user has to choose
-            return topics
-        chosen += of_kind
-    spaces = {name.rpartition("/")[0] for name in chosen}
-    chosen += [
-        name
-        for name in candidates
-        if there[name].msgtype == JOINT_STATE.name and name.rpartition("/")[0] in spaces
-    ]
-    return replace(topics, references=tuple(chosen)) if chosen else topics
-
-
-def _candidates(source: Source, topics: Topics) -> list[str]:
-    """Topics whose type references may have, without inputs and what the estimator publishes."""
-    own = tuple(map(standard.in_namespace, _NO_REFERENCES))
-    return sorted(
-        name
-        for name, channel in source.channels().items()
-        if channel.msgtype in REFERENCE_ARRAYS
-        and name not in (topics.motors, topics.joints)
-        and not name.endswith(own)
-    )
+    return read_recording(
+        path, topics, motor_efforts=motor_efforts, force_vectors=force_vectors,
+        effort_scale=robot.effort_scale,
+    )  # fmt: skip
 
 
 def require_axes(path: str, recording: Recording, robot: Robot) -> None:
@@ -409,9 +347,12 @@ def _no_references(path: str, topics: Topics | Columns, recording: Recording) ->
         return BagError(f"{path} holds no references; name columns of tensions or efforts")
     if refused := [note for note in recording.notes if _MALFORMED in note]:
         return BagError(f"{path} holds no references; {'; '.join(refused)}")
-    source = open_source(recording.path)
-    types = {name: source.channels()[name].msgtype for name in _candidates(source, topics)}
-    listed = ", ".join(f"{printable(n)} ({one.rpartition('/')[2]})" for n, one in types.items())
+    own = (topics.motors, topics.joints, *map(standard.in_namespace, _NO_REFERENCES))
+    listed = ", ".join(
+        f"{printable(name)} ({channel.msgtype.rpartition('/')[2]})"
+        for name, channel in sorted(open_source(recording.path).channels().items())
+        if channel.msgtype in REFERENCE_ARRAYS and not name.endswith(own)
+    )
     return BagError(
         f"{path} holds no references; name their topics with --reference (CableTensions, "
         f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}; "

@@ -27,6 +27,8 @@ WRENCHES: Final = "wrenches"
 """Namespace of the forces on pulleys, one WrenchStamped each, on request."""
 TRUTH: Final = "truth"
 """Namespace of what a simulated rig knows and no robot publishes."""
+STATES: Final = "states"
+"""True angles, speeds and efforts there, JointState."""
 
 BROADCAST: Final = "/joint_states"
 """Motors and joints together, JointState, from ros2_control's joint_state_broadcaster."""

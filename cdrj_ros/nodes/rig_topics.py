@@ -176,8 +176,9 @@ class RigOutputs:
         self._force_publisher = node.create_publisher(
             NodalForces, f"{topics.TRUTH}/{topics.NODAL_FORCES}", default_profile()
         )
-        states = f"{topics.TRUTH}/states"
-        self._state_publisher = node.create_publisher(JointState, states, default_profile())
+        self._state_publisher = node.create_publisher(
+            JointState, f"{topics.TRUTH}/{topics.STATES}", default_profile()
+        )
 
     def _publish_truth(self, rig: LiveRig, position: Vector, effort: Vector, stamp_ns: int) -> None:
         tension = rig.tension

@@ -25,7 +25,9 @@ from cdrj_ros.messages.topics import (
     JOINT_STATES,
     MOTOR_STATES,
     NODAL_FORCES,
+    STATES,
     TENSIONS,
+    TRUTH,
     in_namespace,
 )
 from cdrj_ros.recordings.batch import (
@@ -61,8 +63,12 @@ class Topics:
         f"/reference/{TENSIONS}",
         f"/reference/{NODAL_FORCES}",
         f"/reference/{EFFORTS}",
+        in_namespace(f"{TRUTH}/{TENSIONS}"),
+        in_namespace(f"{TRUTH}/{NODAL_FORCES}"),
+        in_namespace(f"{TRUTH}/{STATES}"),
     )
-    """Each carries CableTensions, NodalForces or JointState with efforts; all may be missing."""
+    """Each carries CableTensions, NodalForces or JointState with efforts; all may be missing.  The
+    last ones are those of the rig's node."""
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ class Recorder:
             columns = [np.interp(plan.times, truth.time, column) for column in values.T]
             return measured(np.stack(columns, axis=1), noise, step, generator, bias)
 
-        tensions, forces, torques = Topics().references
+        tensions, forces, torques, *_ = Topics().references
         force = (sensors.noise, sensors.step, sensors.bias)
         torque = (sensors.torque_noise, sensors.torque_step)
         at = self._stamps(plan.stamps)

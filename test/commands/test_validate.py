@@ -132,22 +132,22 @@ def second(tmp_path_factory):
     return write(tmp_path_factory.mktemp("bags") / "second", until_s=1.0)
 
 
-def test_references_on_other_topics_are_found_by_their_type_and_named(second, tmp_path, capsys):
+def test_the_truth_of_the_rig_s_node_is_a_reference_and_other_topics_are_named(
+    second, tmp_path, capsys
+):
     default = run(tmp_path, second)[1]["all"]["channels"]
+    own = ("/reference/tensions", "/reference/efforts")
+    for folder, names in (
+        ("truth", ("/cdrj/truth/tensions", "/cdrj/truth/states")),
+        ("others", ("/arm/tensions", "/arm/states")),
+    ):
+        inputs = (Topics().motors, Topics().joints)
+        topics = dict(zip((*inputs, *own), (*inputs, *names), strict=True))
+        write(tmp_path / folder, second, topics=topics)
+    assert run(tmp_path, tmp_path / "truth")[1]["all"]["channels"] == default
     capsys.readouterr()
-    found = ("/truth/tensions", "/truth/states"), ("/cdrj/tensions", "/arm/states")
-    with BagWriter(tmp_path / "truth") as bag:
-        bag.copy(second, ["/cdrj/motor_states", "/cdrj/joint_states"])
-        for k, names in enumerate(found):
-            topics = dict(zip(("/reference/tensions", "/reference/efforts"), names, strict=True))
-            bag.copy(write(tmp_path / str(k), second, topics=topics))
-    truth = tmp_path / "truth"
-    code, figures = run(tmp_path, truth)
-    assert code == 0
-    assert figures["all"]["channels"] == default
-    note = "References by message type: /truth/tensions, /truth/states."
-    assert figures["bags"][0]["notes"] == [note]
-    assert note in capsys.readouterr().out
+    assert run(tmp_path, tmp_path / "others")[0] == 2
+    one_line(capsys, ["--reference", "/arm/states (JointState), /arm/tensions (CableTensions)"])
 
 
 def test_the_written_bag_holds_the_original_and_the_estimates_on_its_stamps(tmp_path):
