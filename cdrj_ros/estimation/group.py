@@ -111,6 +111,8 @@ class Group:
         """Index of every sensor that was heard in ``beliefs``, by name."""
         self._parts: list[Table] = []
         """``Sensor.parts_of`` each."""
+        self._read: list[float] = []
+        """Last reading of each."""
         self.forget_evidence()
 
     def restart(self) -> None:
@@ -159,7 +161,7 @@ class Group:
         if self.verdict is not None:
             left = left * self.verdict.unexplained
             left = left + self._by_few_changes(shift, left)
-        return shift, known, left + self._hidden()
+        return shift, known, left + self._hidden(past[-1].values[self.columns] + shift)
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -218,6 +220,7 @@ class Group:
             contributes = np.isin(self._cable_of, [-1, *own])
             self.beliefs.hear(sensor, self.place[sensor.column], contributes)
             self._parts.append(sensor.parts_of(self._model.robot))
+            self._read.append(0.0)
         return self.index[sensor.name]
 
     def _take(self, reading: Reading, sensor: Sensor, past: Sequence[Past]) -> None:
@@ -230,6 +233,7 @@ class Group:
         since = (one for at, one in reversed(self._slopes) if at <= then.stamp_ns)
         slopes = next(since, self._slopes[0][1])
         k, own = self.hear(sensor), slopes[:, self.place[sensor.column]]
+        self._read[k] = reading.value
         parts = self._parts[k] @ then.values[: self._parts[k].shape[1]]
         self.beliefs.core.take(
             k, reading.stamp_ns, reading.value, reading.noise, h, own,
@@ -267,17 +271,26 @@ class Group:
         variance = left + np.einsum("iq,ij,jq->q", slopes, covariance, slopes)
         return np.where(differs > APART**2 * variance, differs, 0.0)
 
-    def _hidden(self) -> Vector:
-        """Variances of slack cables' forces by their preloads, which signatures do not show.
+    def _hidden(self, expected: Vector) -> Vector:
+        """Variances of slack cables' forces by what signatures do not show: they may be taut.
 
-        Beyond one unit, as after a break, they may be taut all the same.
+        Their preloads are open by more than a unit, as after a break, or sensors read a tension.
+
+        Args:
+            expected: quantities of the group with what the sensors say, shape (columns,).
         """
         found = np.zeros(self.columns.size)
         for c, k in self._preloads.items():
             part, unit = self._own.robot.parts[c], self.unknowns[k].unit
             if self.slopes[k, part].mean() < SHOWN * unit:
                 stddev = self.beliefs.moments()[1][k]
-                found[self._cable_of == c] = (unit * stddev) ** 2 if stddev > 1.0 else 0.0
+                open_by = unit * stddev if stddev > 1.0 else 0.0
+                read_by = [
+                    abs(read - expected[self.place[one.column]]) / one.scale * unit / PRELOAD.unit
+                    for one, read in zip(self.beliefs.sensors, self._read, strict=True)
+                    if self.cables[c] in one.cables
+                ]
+                found[self._cable_of == c] = max([open_by, *read_by]) ** 2
         return found
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:

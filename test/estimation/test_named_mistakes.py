@@ -170,6 +170,8 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
     [
         pytest.param(lambda given: (given[0], given[1] + 0.01, given[2]), id="tare elsewhere"),
         pytest.param(lambda given: (given[0] - 0.02, given[1], given[2]), id="motors displaced"),
+        pytest.param(lambda given: (given[0], given[1] + 0.2, given[2]), id="slack by the model"),
+        pytest.param(lambda given: (given[0] - 0.5, given[1], given[2]), id="motors not tared"),
     ],
 )
 def test_efforts_that_contradict_the_file_from_the_first_leave_no_wrong_tension_ok(truth, readings):
@@ -178,7 +180,7 @@ def test_efforts_that_contradict_the_file_from_the_first_leave_no_wrong_tension_
     live = LiveEstimator(prepare(parse_robot(text), check_range=False))
     layout = live.model.layout
     motors, joints, efforts = readings((truth.motor_angle, truth.joint_angle, truth.motor_effort))
-    for k in range(100):
+    for k in range(500):
         stamp = 1_000_000_000 + 10_000_000 * k
         live.feed_efforts(stamp, layout.motors, efforts[k])
         live.feed("motors", stamp, layout.motors, motors[k])
