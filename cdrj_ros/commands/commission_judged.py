@@ -27,6 +27,7 @@ from cdrj_ros.model.packing import EFFORT, OK, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.groups import connected_cables, part_of
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.sensors import reading_of
 
 SAMPLE_NS: Final = 20_000_000
 """Between two samples of the motion [ns]; with a twentieth of it the shares are the same."""
@@ -160,7 +161,7 @@ def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
     series = {}
     for axis, angle in zip(model.robot.axes, np.hstack([motor_angle, joint_angle]).T, strict=True):
         sensor = axis.sensor
-        reading = (angle - sensor.offset) / sensor.scale
+        reading = reading_of(sensor, angle)
         reading += generator.normal(0.0, sensor.noise, stamps.size)
         if sensor.resolution:
             reading = np.round(reading / sensor.resolution) * sensor.resolution

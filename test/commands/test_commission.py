@@ -282,6 +282,14 @@ uncertainty: {{others: exact}}
 """
 
 
+def test_a_correction_of_an_encoder_changes_nothing_of_how_a_file_is_judged():
+    plain = chain_of(2, 0.5)
+    key = "correction: {angle: [-1, 0, 1], value: [0.03, -0.03, 0.03]}"
+    corrected = plain.replace("{name: q0,", f"{{name: q0, {key},")
+    one, other = (judged(prepare(parse_robot(text))).relative for text in (plain, corrected))
+    assert other == pytest.approx(one, rel=1e-6)
+
+
 @pytest.mark.parametrize(("joints", "max_speed"), [(2, 0.5), (3, 1.0), (12, 8.0)])
 def test_a_file_is_judged_by_a_motion_that_the_robot_can_make(joints, max_speed):
     """Faster readings would be steps, which take status 0 away for good."""
