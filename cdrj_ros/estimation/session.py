@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, nan
 from typing import Any, Final
 
 import numpy as np
@@ -41,6 +41,7 @@ from cdrj_ros.estimation.estimator import (
 )
 from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
 from cdrj_ros.estimation.travel import MotorTravel
+from cdrj_ros.estimation.verdict_words import Report
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
@@ -104,7 +105,7 @@ class LiveEstimator:
         """Samples with at least one unsolved element, without predicted ones."""
         self.ensemble: Ensemble | None = None
         self._travel = MotorTravel(model)
-        self._misfit = ""
+        self._misfit = self._suspected = ""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -187,7 +188,7 @@ class LiveEstimator:
         self._recent: deque[Sample] = deque(maxlen=KEPT)
         """The last samples, among which a tare looks for a rest, and ``misfit`` for poses."""
         self._travel.forget()
-        self._misfit = ""
+        self._misfit = self._suspected = ""
         self.readings.forget()
         if self.encoderless is not None:
             self.encoderless.reset()
@@ -372,11 +373,34 @@ class LiveEstimator:
 
         It looks at the samples since it was asked last: ask once a second.
         """
-        if self._travel.follow(self._recent):
+        self._look()
+        return self._misfit
+
+    def report(self) -> Report | None:
+        """What sensors say about the robot, see ``Corrections.report``; None before the first.
+
+        A motor that turns too far is named in place of the many changes that this looks like.
+        Ask once a second, as ``misfit``.
+        """
+        if self.corrections is None:
+            return None
+        self._look()
+        found = self.corrections.report()
+        if not self._suspected:
+            return found
+        if found.level == "error":
+            return replace(found, message=f"{self._suspected}; or {found.message}")
+        return replace(found, level="warn", message=self._suspected, named=("travel",))
+
+    def _look(self) -> None:
+        """Compare the motions of motors and joints if there is a new pose."""
+        latest, names = self.readings.latest, self.model.layout.motors
+        efforts = np.array([latest[name].value if name in latest else nan for name in names])
+        if self._travel.follow(self._recent, efforts):
             beyond = self.conditioner.refused["out_of_range"]
             whole = beyond < BEYOND * self.conditioner.accepted
-            self._misfit = self._travel.suspicion(whole=whole) if self.misfitting else ""
-        return self._misfit
+            self._suspected = self._travel.suspicion(whole=whole)
+            self._misfit = self._suspected if self.misfitting else ""
 
     @property
     def misfitting(self) -> list[str]:

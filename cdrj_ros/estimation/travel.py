@@ -43,7 +43,13 @@ FIRST_NS: Final = 20_000_000
 """and between the first ones: a wrong unit may end the motion at once."""
 
 UNLIKE: Final = 0.2
-"""Difference from 1 from which a factor is told, where the motion is as regular."""
+"""Difference from 1 from which a factor is told, where the motion is as regular,"""
+
+UNLIKE_HEARD: Final = 0.04
+"""where efforts show that no tension explains it: more than drawn radii are off by,"""
+
+STRETCHED: Final = 3.0
+"""and the motors differ from the joints by so many times what the efforts' range stretches."""
 
 NEAR: Final = 3.0
 """Factor up to which a wrong radius of a drum explains a travel as well as a gear."""
@@ -95,6 +101,7 @@ class MotorTravel:
         """Start without a pose."""
         self._motor: deque[Vector] = deque(maxlen=KEPT)
         self._joint: deque[Vector] = deque(maxlen=KEPT)
+        self._effort: deque[Vector] = deque(maxlen=KEPT)
         self.forget()
         self.use(model)
 
@@ -102,28 +109,34 @@ class MotorTravel:
         """Forget all poses."""
         self._motor.clear()
         self._joint.clear()
+        self._effort.clear()
         self._looked_ns = NEVER
 
     def use(self, model: Model) -> None:
         """Continue with other numbers of the same robot."""
         self._model = model
-        self._stretch = _stretches(model)
-        """Turns by which the largest tensions stretch the motors' cables [rad]."""
+        self._stretch, self._per_effort = _stretches(model)
+        """Turns by which the largest tensions stretch the motors' cables [rad], and by effort."""
         self._slopes = _slopes(model)
         """Motion of all motors that follow a joint, by its motion, shape (joints, motors)."""
 
-    def follow(self, samples: Iterable[Sample]) -> bool:
-        """Add the poses of the latest samples, once in ``POSE_NS``; whether one was kept."""
+    def follow(self, samples: Iterable[Sample], effort: Vector) -> bool:
+        """Add the poses of the latest samples, once in ``POSE_NS``; whether one was kept.
+
+        Args:
+            samples: that have come since the last call, or more.
+            effort: the latest of every motor [N m], NaN for none, shape (motors,).
+        """
         kept = False
         for sample in samples:
             apart_ns = FIRST_NS if len(self._motor) < FEWEST else POSE_NS
             if sample.stamp_ns - self._looked_ns >= apart_ns:
                 self._looked_ns = sample.stamp_ns
-                kept |= self.add(sample.motor_angle, sample.joint_angle)
+                kept |= self.add(sample.motor_angle, sample.joint_angle, effort)
         return kept
 
-    def add(self, motor_angle: Vector, joint_angle: Vector) -> bool:
-        """Add a pose: the angles of all motors and joints [rad] or [m].
+    def add(self, motor_angle: Vector, joint_angle: Vector, effort: Vector) -> bool:
+        """Add a pose: the angles of all motors and joints [rad] or [m], and efforts [N m].
 
         Returns:
             Whether it was kept: one in which nothing has moved since the last is not.
@@ -137,6 +150,7 @@ class MotorTravel:
                 return False
         self._motor.append(motor_angle.copy())
         self._joint.append(joint_angle.copy())
+        self._effort.append(effort)
         return True
 
     def suspicion(self, *, whole: bool = True) -> str:
@@ -149,7 +163,10 @@ class MotorTravel:
             return ""
         motor, joint = np.array(self._motor), np.array(self._joint)
         expected = following_motors(self._model, joint)
-        apart = np.ptp(motor - expected, axis=0) > self._stretch
+        efforts = np.ptp(np.array(self._effort), axis=0)
+        heard = efforts > 0.0
+        most = np.where(heard, STRETCHED * efforts * self._per_effort, self._stretch)
+        apart = np.ptp(motor - expected, axis=0) > np.minimum(most, self._stretch)
         if not apart.any():
             return ""
         few = slice(None, None, 1 + len(motor) // THINNED)
@@ -157,8 +174,11 @@ class MotorTravel:
             return mistake
         if not whole:
             return ""
-        ratios = zip(self._model.layout.motors, motor.T, expected.T, apart, strict=True)
-        said = [self._sentence(name, _ratio(y, x)) for name, y, x, is_apart in ratios if is_apart]
+        names, least = self._model.layout.motors, np.where(heard, UNLIKE_HEARD, UNLIKE)
+        said = [
+            self._sentence(names[m], _ratio(motor[:, m], expected[:, m], least[m]))
+            for m in np.flatnonzero(apart)
+        ]
         return "; ".join(filter(None, said))
 
     def _sentence(self, name: str, ratio: float) -> str:
@@ -243,19 +263,20 @@ class MotorTravel:
             yield Mistake(f"the readings of {names} {SWAPPED}", of_motors, of_joints, within)
 
 
-def _ratio(read: Vector, expected: Vector) -> float:
+def _ratio(read: Vector, expected: Vector, least: float) -> float:
     """By what factor a motor follows the joints, if it clearly follows with another than 1.
 
     Args:
         read: its angles [rad], shape (n,).
         expected: those that follow the joints; NaN in a pose that is not possible.
+        least: difference from 1 from which it is told.
     """
     y, x = read - read.mean(), expected - expected.mean()
     if not np.ptp(x) > LEAST_TRAVEL:
         return 1.0
     ratio = float(x @ y / (x @ x))
     scatter = float(np.sqrt(np.mean((y - ratio * x) ** 2)) / np.std(x))
-    if abs(ratio - 1.0) > max(UNLIKE, scatter / SCATTER) and scatter < SCATTER * abs(ratio):
+    if abs(ratio - 1.0) > max(least, scatter / SCATTER) and scatter < SCATTER * abs(ratio):
         return ratio
     return 1.0
 
@@ -267,15 +288,19 @@ def _slopes(model: Model) -> Matrix:
     return slopes
 
 
-def _stretches(model: Model) -> Vector:
-    """Turn of every motor by which the largest tension of its cables stretches them [rad]."""
+def _stretches(model: Model) -> tuple[Vector, Vector]:
+    """Turn of every motor by which the largest tension of its cables stretches them [rad].
+
+    And that by which an effort does [rad/(N m)].
+    """
     robot = model.robot
     length = whole_lengths(robot, lengths_at(model, robot.reference_pose[None]))[0]
-    stretch = largest_tensions(robot) / stiffness_at_preload(robot, length)
     reels = np.abs(robot.drums)
-    turns = np.where(reels > 0.0, stretch[:, None] / np.maximum(reels, 1e-300), 0.0)
-    largest: Vector = turns.max(axis=0, initial=0.0)
-    return largest
+    per_tension = np.where(reels > 0.0, 1.0 / np.maximum(reels, 1e-300), 0.0)
+    per_tension /= stiffness_at_preload(robot, length)[:, None]
+    per_effort = np.where(reels > 0.0, per_tension / np.maximum(reels, 1e-300), 0.0)
+    by_largest = per_tension * largest_tensions(robot)[:, None]
+    return by_largest.max(axis=0, initial=0.0), per_effort.max(axis=0, initial=0.0)
 
 
 def _in_degrees(axes: Sequence[Motor | Joint], angle: Matrix) -> Matrix:
@@ -323,5 +348,5 @@ def travel_suspicion(model: Model, motor_angle: Matrix, joint_angle: Matrix) -> 
     """
     travel = MotorTravel(model)
     for k in np.linspace(0, len(motor_angle) - 1, KEPT).astype(int):
-        travel.add(motor_angle[k], joint_angle[k])
+        travel.add(motor_angle[k], joint_angle[k], np.full(motor_angle.shape[1], np.nan))
     return travel.suspicion()

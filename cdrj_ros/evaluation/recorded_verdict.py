@@ -99,12 +99,11 @@ class RecordedVerdict:
     def _note(self) -> None:
         """Keep a verdict that stands, in its latest words."""
         self._noted_ns = self._taken_ns
-        corrections = self._live.corrections
-        if corrections is None:
+        found = self._live.report()
+        if found is None:
             return
         now = (self._taken_ns - self._begin_ns) * 1e-9
-        before, self._report = self._report, corrections.report()
-        found = self._report
+        before, self._report = self._report, found
         if found.level == "ok":
             return
         if before.level != "ok" and before.named == found.named:

@@ -10,14 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from cdrj_ros.estimation.corrections import Corrections
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.refusals import sparse_words
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.verdict_words import Report
 from cdrj_ros.foundation.output import listed, printable
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
-from cdrj_ros.model.prepared import Model
 
 WINDOW: Final = 4096
 """Number of latest steps over which the percentiles of the step time are computed."""
@@ -233,31 +232,29 @@ def _figures(
     return values
 
 
-def verdict_of(
-    name: str, model: Model, corrections: Corrections, misfit: str = ""
-) -> DiagnosticStatus:
+def verdict_of(name: str, live: LiveEstimator, found: Report, misfit: str = "") -> DiagnosticStatus:
     """What the readings of sensors show about the robot, as a DiagnosticStatus.
 
     Args:
         name: of the status.
-        model: the robot.
-        corrections: what the sensors say.
+        live: with sensors.
+        found: what they say.
         misfit: why the readings of the encoders do not fit the robot file, if they do not.
     """
-    found = corrections.report()
-    values = {**found.values, "elements marked UNSURE": _marked(model, corrections)}
+    values = {**found.values, "elements marked UNSURE": _marked(live)}
     return DiagnosticStatus(
         level=LEVELS["warn" if misfit else found.level],
         name=name,
         message=printable(f"not judged: {misfit}" if misfit else found.message),
-        hardware_id=model.robot.name,
+        hardware_id=live.model.robot.name,
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )
 
 
-def _marked(model: Model, corrections: Corrections) -> str:
+def _marked(live: LiveEstimator) -> str:
     """Elements that the verdict calls into doubt, in words."""
-    doubted, names = corrections.doubted, model.layout.elements
+    assert live.corrections is not None
+    doubted, names = live.corrections.doubted, live.model.layout.elements
     if not doubted.any():
         return "none"
     if doubted.all():

@@ -282,13 +282,8 @@ class Estimation:
         self._diagnosed_s = monotonic()
         name = self.node.get_fully_qualified_name().lstrip("/")
         statuses = [self._status(name)]
-        if self.configured and self.live.corrections is not None:
-            statuses.append(
-                verdict_of(
-                    f"{name}: health", self.live.model, self.live.corrections,
-                    self.live.misfit(),
-                )
-            )  # fmt: skip
+        if self.configured and (found := self.live.report()) is not None:
+            statuses.append(verdict_of(f"{name}: health", self.live, found, self.live.misfit()))
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
         self.write_state()

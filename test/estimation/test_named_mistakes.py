@@ -145,9 +145,8 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
         live.feed_efforts(stamp, layout.motors, scale * efforts[k])
         live.feed("motors", stamp, layout.motors, motors[k])
         _, found = live.feed("joints", stamp, layout.joints, joints[k])
-        said = live.misfit()
-        if live.corrections is not None:
-            said += live.corrections.report().message
+        report = live.report()
+        said = live.misfit() + (report.message if report else "")
         if said not in QUIET:
             first = first or said
         for one in found:
@@ -161,8 +160,28 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
     assert (words in first) if words else not first, first
     if not words:
         assert live.misfit() == ""
-        assert live.corrections is not None
-        assert live.corrections.report().level == "ok", live.corrections.report().message
+        assert report is not None
+        assert report.level == "ok", report.message
+
+
+@pytest.mark.parametrize(
+    ("motor", "factor"),
+    [("deep_motor", 1.1), ("superficial_motor", 0.9), ("extensor_motor", 1.05)],
+)
+def test_a_gear_some_percent_off_is_named_where_efforts_are_heard(truth, motor, factor):
+    """Tensions that stretch the cable as far would be read."""
+    live = LiveEstimator(prepare(parse_robot(motor_key(motor, f"scale: {factor}")(TEXT))))
+    layout, generator = live.model.layout, np.random.default_rng(0)
+    noisy = truth.motor_effort + generator.normal(0.0, NOISE, truth.motor_effort.shape)
+    for k in range(1000):
+        stamp = 1_000_000_000 + 10_000_000 * k
+        live.feed_efforts(stamp, layout.motors, noisy[k])
+        live.feed("motors", stamp, layout.motors, truth.motor_angle[k])
+        live.feed("joints", stamp, layout.joints, truth.joint_angle[k])
+        if k % 100 == 0:
+            report = live.report()
+    words = rf"{motor} turns {factor:g}\d* times as far as its cables allow: scale: (\S*) or a drum"
+    assert float(re.search(words, report.message)[1]) == pytest.approx(1.0, abs=0.005)
 
 
 @pytest.mark.parametrize(

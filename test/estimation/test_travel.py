@@ -40,6 +40,8 @@ JOINT = 0.4 * np.sin(TIME[:, None] * [0.31, 0.47] + [0.0, 1.0])
 """Angles of the joints [rad], shape (40, 2)."""
 MOTOR = JOINT @ np.array([[3.0, 2.0], [0.0, -5.0]])
 """Slopes over the drums' radius times the angles: what keeps the cables' lengths [rad]."""
+UNHEARD = np.full(2, np.nan)
+"""Efforts of motors that read none."""
 
 
 def said(model, motor, joint):
@@ -117,7 +119,7 @@ def test_what_a_tension_can_stretch_is_no_mistake(model):
 def test_nothing_is_said_of_few_poses(model):
     travel = MotorTravel(model)
     for k in range(3):
-        travel.add(MOTOR[k, ::-1], JOINT[k])
+        travel.add(MOTOR[k, ::-1], JOINT[k], UNHEARD)
     assert travel.suspicion() == ""
 
 
@@ -127,10 +129,10 @@ def test_samples_that_are_looked_at_again_add_no_pose(model):
     motor, joint = 0.02 * MOTOR, np.degrees(0.02 * JOINT)
     samples = [Sample(*one) for one in zip(stamps, motor, joint, strict=True)]
     often, once = MotorTravel(model), MotorTravel(model)
-    assert all(often.follow(samples[: k + 1]) for k in range(len(samples)))
-    assert once.follow(samples)
+    assert all(often.follow(samples[: k + 1], UNHEARD) for k in range(len(samples)))
+    assert once.follow(samples, UNHEARD)
     later = [one._replace(stamp_ns=one.stamp_ns + 1) for one in samples[:-1]]
-    assert not once.follow([*samples, *later])
+    assert not once.follow([*samples, *later], UNHEARD)
     assert once.suspicion() == often.suspicion() == said(model, motor, joint) != ""
     once.forget()
     assert once.suspicion() == ""
