@@ -87,6 +87,16 @@ class Beliefs:
         """Probability that a sensor is right."""
         return float(self.core.weight @ self.core.right[:, k])
 
+    def credibility(self, k: int) -> float:
+        """Probability that a sensor is right, or that the model is wrong instead.
+
+        Where several sensors are held wrong at once, the robot may as well differ from its file by
+        what no unknown contains.
+        """
+        core = self.core
+        several = np.count_nonzero(~core.right, axis=1) > 1
+        return float(core.weight @ (core.right[:, k] | several))
+
     def memory(self) -> dict[str, Any]:
         """What ``recall`` needs to go on, as JSON."""
         stamps = [self.core.heard(k)[0] for k in range(len(self.sensors))]

@@ -245,7 +245,7 @@ class Group:
         core = self.beliefs.core
         heard = [
             Heard(
-                sensor, core.heard(k)[2], self.beliefs.probability_right(k), self._parts[k],
+                sensor, core.heard(k)[2], self.beliefs.credibility(k), self._parts[k],
                 *core.evidence(k, now_ns),
             )
             for k, sensor in enumerate(self.beliefs.sensors)
@@ -256,20 +256,21 @@ class Group:
     def _by_few_changes(self, shift: Vector, left: Vector) -> Vector:
         """Variances of all quantities that few large changes show otherwise than the beliefs, (B7).
 
-        Beliefs explain the same readings by many changes as small as their priors.  Which is right
-        is open: one effort reads a loss of both preloads as well as less friction.
+        Beliefs explain the same readings by many changes as small as their priors, and other few
+        changes may explain them as well.  Which is right is open: one effort reads a loss of both
+        preloads as less friction, one load cell the zero of a joint as a preload.
 
         Args:
             shift: of the model's quantities by the beliefs, shape (quantities,).
             left: its variances.
         """
-        if self.verdict is None or self.verdict.robot is None or not self.verdict.named:
-            return np.zeros(shift.size)
-        mean, covariance = self.verdict.robot
-        slopes = self.slopes
-        differs = (mean @ slopes - shift) ** 2
-        variance = left + np.einsum("iq,ij,jq->q", slopes, covariance, slopes)
-        return np.where(differs > APART**2 * variance, differs, 0.0)
+        found, slopes = np.zeros(shift.size), self.slopes
+        for one in self.verdict.explanations if self.verdict is not None else ():
+            differs = (one.mean @ slopes - shift) ** 2
+            variance = left + np.einsum("iq,ij,jq->q", slopes, one.covariance, slopes)
+            apart = differs > APART**2 * variance
+            found = np.maximum(found, one.probability * np.where(apart, differs, 0.0))
+        return found
 
     def _hidden(self, expected: Vector) -> Vector:
         """Variances of slack cables' forces by what signatures do not show: they may be taut.
@@ -279,18 +280,19 @@ class Group:
         Args:
             expected: quantities of the group with what the sensors say, shape (columns,).
         """
-        found = np.zeros(self.columns.size)
-        for c, k in self._preloads.items():
-            part, unit = self._own.robot.parts[c], self.unknowns[k].unit
-            if self.slopes[k, part].mean() < SHOWN * unit:
-                stddev = self.beliefs.moments()[1][k]
-                open_by = unit * stddev if stddev > 1.0 else 0.0
-                read_by = [
-                    abs(read - expected[self.place[one.column]]) / one.scale * unit / PRELOAD.unit
-                    for one, read in zip(self.beliefs.sensors, self._read, strict=True)
-                    if self.cables[c] in one.cables
-                ]
-                found[self._cable_of == c] = max([open_by, *read_by]) ** 2
+        found, slopes = np.zeros(self.columns.size), self.slopes
+        parts, units = self._own.robot.parts, [one.unit for one in self.unknowns]
+        preloads = self._preloads.items()
+        slack = [(c, k) for c, k in preloads if slopes[k, parts[c]].mean() < SHOWN * units[k]]
+        stddev = self.beliefs.moments()[1] if slack else ()
+        for c, k in slack:
+            open_by = units[k] * stddev[k] if stddev[k] > 1.0 else 0.0
+            read_by = [
+                abs(read - expected[self.place[one.column]]) / one.scale * units[k] / PRELOAD.unit
+                for one, read in zip(self.beliefs.sensors, self._read, strict=True)
+                if self.cables[c] in one.cables
+            ]
+            found[self._cable_of == c] = max([open_by, *read_by]) ** 2
         return found
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:

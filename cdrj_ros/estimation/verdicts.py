@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from math import inf
+from math import exp, inf
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -80,8 +80,8 @@ class Heard(NamedTuple):
     sensor: Sensor
     frozen: bool
     """Whether it repeats its readings while the estimate moves."""
-    right: float
-    """Probability that it is right."""
+    credibility: float
+    """See ``Beliefs.credibility``."""
     parts: Table
     """See ``Sensor.parts_of``."""
     sums: Table
@@ -157,6 +157,16 @@ class Finding:
         return abs(self.amount) >= self.change.least * self.change.factor
 
 
+class Explanation(NamedTuple):
+    """What a few changes say about the robot."""
+
+    probability: float
+    """By that of the findings, at most 1."""
+    mean: Vector
+    """Of the robot's unknowns."""
+    covariance: Table
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What the readings of one group's sensors show."""
@@ -167,9 +177,10 @@ class Verdict:
     left: float = 0.0
     """Mean square of what the findings leave, in squares of the expected errors."""
     unexplained: float = 1.0
-    """The same, at least 1, with every sensor weighed by its probability, (B7)."""
-    robot: tuple[Vector, Table] | None = None
-    """Mean and covariance of its unknowns by the findings; None if there are too few readings."""
+    """The same, at least 1, with every sensor weighed by its credibility, (B7)."""
+    explanations: tuple[Explanation, ...] = ()
+    """By the findings, and by what would explain the readings as well; none if nothing that matters
+    is found."""
     deviation: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Of every sensor's readings from the file, and from it with the findings (RMS)."""
     opposite: tuple[str, ...] = ()
@@ -217,22 +228,22 @@ def judge(
     fit = _Fit(unknowns, heard)
     chosen = fit.select()
     said = fit.named([one.change for one in before.found] if before is not None else ())
-    mean, covariance, left = fit.solve(chosen)
+    mean, _, left = fit.solve(chosen)
     squares = [one.squares(mean[fit.places(k)]) for k, one in enumerate(heard)]
     deviation = {
         one.sensor.name: (one.rms(float(one.sums[-1, -1])), one.rms(own))
         for one, own in zip(heard, squares, strict=True)
     }
-    independent = sum(one.right * one.number for one in heard)
-    weighed = sum(one.right * own for one, own in zip(heard, squares, strict=True))
+    independent = sum(one.credibility * one.number for one in heard)
+    weighed = sum(one.credibility * own for one, own in zip(heard, squares, strict=True))
     unexplained = max(1.0, weighed / max(independent, 1.0))
     opposite = tuple(one.sensor.name for one in heard if _is_opposite(one, unknowns))
     swapped = _swapped(heard)
+    found = tuple(fit.finding(said, one) for one in said)
+    explanations = fit.explanations(chosen) if any(one.matters for one in found) else ()
     return Verdict(
-        tuple(fit.finding(said, one) for one in said),
-        "" if opposite or swapped else broken, left, unexplained,
-        (mean[: fit.count], max(left, 1.0) * covariance[: fit.count, : fit.count]), deviation,
-        opposite, swapped, _times(heard),
+        found, "" if opposite or swapped else broken, left, unexplained, tuple(explanations),
+        deviation, opposite, swapped, _times(heard),
     )  # fmt: skip
 
 
@@ -422,18 +433,36 @@ class _Fit:
         highest = (amounts + CLEARLY * stddev)[len(self.modes) :]
         return bool((highest >= [one.lowest for one in some]).all())
 
+    def _instead(self, chosen: Sequence[Change], change: Change) -> dict[Change, float]:
+        """Log odds against a chosen change of every other in its place, the likeliest first."""
+        _, _, without = self._without(self._at([one for one in chosen if one is not change]))
+        instead = [change, *(one for one in self.changes if one not in chosen)]
+        _, odds = self._odds(without, instead)
+        odds += [self.likely[one] for one in instead]
+        return {instead[i]: float(odds[i] - odds[0]) for i in 1 + np.argsort(-odds[1:])}
+
     def finding(self, chosen: Sequence[Change], change: Change) -> Finding:
         """A chosen change, and what would explain the readings in its place."""
         amounts, inverse, rest = self._without(self._at(chosen))
         k = len(self.modes) + list(chosen).index(change)
         stddev = np.sqrt(inverse[k, k] * max(1.0, rest[-1, -1] / self.number))
-        _, _, without = self._without(self._at([one for one in chosen if one is not change]))
-        instead = [change, *(one for one in self.changes if one not in chosen)]
-        _, odds = self._odds(without, instead)
-        odds += [self.likely[one] for one in instead]
-        order = 1 + np.argsort(-odds[1:])
-        others = tuple(instead[i].what for i in order if odds[i] >= odds[0] - AS_GOOD)
+        odds = self._instead(chosen, change)
+        others = tuple(one.what for one, own in odds.items() if own >= -AS_GOOD)
         return Finding(
             change, float(amounts[k]) * change.factor, float(stddev) * change.factor, others,
-            float(odds[0] - odds[order[0]]) if order.size else inf,
+            -max(odds.values(), default=-inf),
         )  # fmt: skip
+
+    def explanations(self, chosen: Sequence[Change]) -> Iterator[Explanation]:
+        """The chosen changes, and those with another one in the place of one of them."""
+        yield self._explanation(chosen, 0.0)
+        for change in chosen:
+            rest = [one for one in chosen if one is not change]
+            for other, odds in self._instead(chosen, change).items():
+                if odds >= -AS_GOOD and self._possible([*rest, other]):
+                    yield self._explanation([*rest, other], min(odds, 0.0))
+
+    def _explanation(self, some: Sequence[Change], odds: float) -> Explanation:
+        mean, covariance, left = self.solve(some)
+        own = slice(self.count)
+        return Explanation(exp(odds), mean[own], max(left, 1.0) * covariance[own, own])

@@ -46,14 +46,14 @@ def test_a_drum_that_forgets_is_among_the_members(tool):
     assert exact.covered < 0.75
 
 
-DRUM, CREPT, DRAG, RADII, LOST = 2, 3, 5, 7, 10
+DRUM, CREPT, WOUND, DRAG, RADII, LOST = 2, 3, 4, 5, 7, 10
 
 
 @pytest.mark.parametrize(
     ("k", "sensors", "seconds"),
     [(DRUM, ("effort",), 60.0), (CREPT, ("effort",), 20.0), (DRAG, ("cells",), 30.0),
-     (DRAG, ("effort", "cells"), 30.0), (RADII, ("effort", "cells"), 30.0),
-     (LOST, ("effort",), 8.0)],
+     (DRAG, ("effort", "cells"), 30.0), (WOUND, ("effort", "cells"), 60.0),
+     (RADII, ("effort", "cells"), 30.0), (LOST, ("effort",), 8.0)],
 )  # fmt: skip
 def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(tool, k, sensors, seconds):
     """Whether they follow it, or cannot tell it from something else."""
@@ -62,6 +62,26 @@ def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(tool, k,
     truth = tool.true_readings(tool.fresh_model(model), wrong, motion)
     read = tool.readings(model, motion, wrong.zero)
     assert tool.heard(model, read, truth, sensors).misleading <= 0.05
+
+
+@pytest.mark.parametrize(("zero", "cell"), [(-2.0, "upper/8"), (2.0, "lower/8")])
+def test_of_a_cable_without_load_cell_a_wrong_zero_leaves_nothing_sure_and_wrong(tool, zero, cell):
+    """Its antagonist's cell shows that something is off, and a joint's zero changes both.
+
+    A verdict needs the readings of 3 s.
+    """
+    model, motion = load_model(tool.ROBOT), tool.true_motion(load_model(tool.ROBOT), 16.0)
+    wrong = tool.Wrong("zero", zero=np.radians(zero))
+    true = tool.true_readings(tool.fresh_model(model), wrong, motion).tension
+    read, live, wrongly = tool.readings(model, motion, wrong.zero), LiveEstimator(model), []
+    element = model.layout.elements.index(cell)
+    for k, stamp in enumerate(read.stamp_ns.tolist()):
+        live.feed_tensions(stamp, [cell], [true[k, element] + 0.1 * (k % 3 - 1)], [0.1])
+        out = live.take(read.at(k))
+        far = np.abs(out.tension - true[k]) > 2.0 * out.stddev[:16]
+        wrongly.append(far & (out.status == 0))
+    other = slice(8, 16) if element < 8 else slice(0, 8)
+    assert np.array(wrongly)[600:, other].mean() <= 0.05
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.3])
