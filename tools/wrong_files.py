@@ -191,7 +191,7 @@ def readings(model: Model, motion: Samples, zero: float) -> Samples:
 def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
     """Estimate from the readings and compare with the truth."""
     ensemble = Ensemble(model, known=known)
-    _, estimates = ensemble.run(initial_state(model), read)
+    estimates = ensemble.follow(read, run(model, initial_state(model), read)[1])
     stddev = estimates.stddev
     assert stddev is not None
     elements = len(model.layout.elements)

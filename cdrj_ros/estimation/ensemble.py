@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.draws import Draws, draw
-from cdrj_ros.estimation.estimator import Estimate, Estimates, Sample, Samples, State, run
+from cdrj_ros.estimation.estimator import Estimate, Estimates, Sample, Samples, State
 from cdrj_ros.estimation.model_error import (
     in_all_quantities,
     length_share,
@@ -163,13 +163,8 @@ class Ensemble:
         for name, values in own.items():
             values[:] = arrays[name]
         self.core.renew_lasting()
-        self.renew_variance()
+        self.variance[:] = np.mean(self.deviation**2, axis=0)
         return True
-
-    def renew_variance(self) -> None:
-        """Compute the variances anew, after changes of ``deviation``."""
-        np.add.reduce(self.deviation * self.deviation, axis=0, out=self.variance)
-        self.variance /= len(self.deviation)
 
     def mean_changes(self, changes: Vector, sample: Sample) -> Vector:
         """Sizes of changes of mean tensions that unread angles do not explain [N], shape (cables,).
@@ -235,11 +230,6 @@ class Ensemble:
         Members are updated only where the prediction adds to their deviations.
         """
         return self.core.predict(*sample[:5], estimate.values)
-
-    def run(self, state: State, samples: Samples) -> tuple[State, Estimates]:
-        """Apply ``step`` to many samples in two calls; the results are bit-identical."""
-        state, estimates = run(self.model, state, samples)
-        return state, self.follow(samples, estimates)
 
     def follow(self, samples: Samples, estimates: Estimates) -> Estimates:
         """Apply ``update`` to many samples and their estimates; adds the standard deviations."""

@@ -5,7 +5,7 @@ import pytest
 
 from cdrj_ros import _core
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import Samples, initial_state
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import load_model
 
@@ -64,7 +64,7 @@ def test_deviations_are_those_of_robots_that_take_turns_and_stddev_their_root_me
     model = load_model(name)
     ensemble = Ensemble(model, MEMBERS, seed=3)
     samples = _motion(model)
-    _, estimates = ensemble.run(initial_state(model), samples)
+    estimates = ensemble.follow(samples, run(model, initial_state(model), samples)[1])
     found = _differences(model, ensemble, samples, estimates.values)
     np.testing.assert_array_equal(ensemble.deviation, found[-1])
     # a sample's standard deviations are those before its member is updated; (U5) and (U6) add more

@@ -65,7 +65,7 @@ def _hits(preload, bag, runs, seed):
         ensemble = ensembles[k % len(ensembles)]
         ensemble.reset()
         readings = _read(model, path, slice(begin, begin + WATCHED), generator)
-        _, estimates = ensemble.run(initial_state(model), readings)
+        estimates = ensemble.follow(readings, run(model, initial_state(model), readings)[1])
         columns = ensemble.columns
         error = np.abs(estimates.values[:, columns] - true.values[begin:, columns])
         hits.append((error <= 2.0 * estimates.stddev)[::EVERY])
