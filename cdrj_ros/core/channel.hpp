@@ -144,6 +144,14 @@ public:
     /// Longest interval between readings in which a driver has not started anew.
     Nanoseconds restart_ns() const;
 
+    /// Whether the next reading is that of a driver that counts from where its axis stands: zero after a gap.
+    bool counts_anew(const Axis& axis, Raw raw, double angle) const {
+        const bool after_gap = last_ns >= 0 && raw.stamp_ns - last_ns > restart_ns();
+        const double least = std::max(axis.worth, motion.reach(usual_ns * 1e-9));
+        const bool moved = axis.worth > 0.0 && std::abs(angle - last) > least;
+        return after_gap && moved && std::abs(axis.scale * raw.reading) <= axis.band;
+    }
+
     /// Longest interval that needs no confirmation by later readings.
     Nanoseconds patience_ns() const;
 

@@ -112,7 +112,7 @@ bool Conditioner::judge(std::size_t k, Raw raw) {
     const Axis& axis = axes_[k];
     Channel& channel = channels_[k];
     const Point next{raw.stamp_ns, channel.unwrap(axis, raw.reading).angle};
-    if (channel.steps.repeats() && next.angle != channel.last) channel.resume(axis, next.angle);
+    if (channel.steps.resumes(channel.motion, next.angle)) channel.resume(axis, next.angle);
     if (channel.off) {
         const Raw off = *std::exchange(channel.off, std::nullopt);
         if (!channel.steps.returns({off.stamp_ns, channel.unwrap(axis, off.reading).angle}, next)) {
@@ -140,6 +140,10 @@ bool Conditioner::judge(std::size_t k, Raw raw) {
 void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off) {
     Channel& channel = channels_[k];
     const Unwrapped unwrapped = channel.unwrap(axes_[k], raw.reading);
+    if (channel.counts_anew(axes_[k], raw, unwrapped.angle)) {
+        channel.steps.step_by(unwrapped.angle - channel.last, axes_[k].worth);
+        ++steps;
+    }
     const bool alternated = channel.steps.alternates();
     if (channel.note_plausible(axes_[k], {raw.stamp_ns, unwrapped.angle}, off)) ++steps;
     if (alternated && !channel.steps.alternates()) channel.lost_way = true;

@@ -44,6 +44,9 @@ struct Motion {
     /// What stays valid when the clock of the readings changes: all but the current window.
     Motion without_window() const;
 
+    /// Greatest error of a reading; where the file states none, what counts for nothing.
+    double error() const { return band > 0.0 ? band : negligible; }
+
     /// Whether the motion so far tells what may happen between readings so far apart.
     bool knows(Nanoseconds span_ns) const;
 

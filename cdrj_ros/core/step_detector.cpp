@@ -52,8 +52,8 @@ bool StepDetector::is_judged(Point next) const {
 
 /// Whether neither noise nor a motion to and fro causes a deviation.
 bool StepDetector::is_plain(const Motion& motion, Point next, double deviation) const {
-    return next.stamp_ns - points_[2].stamp_ns <= DENSE_NS && motion.band > 0.0 &&
-           std::abs(deviation) > PLAIN * motion.band;
+    return next.stamp_ns - points_[2].stamp_ns <= DENSE_NS &&
+           std::abs(deviation) > PLAIN * motion.error();
 }
 
 /// Deviation from the line through the last two readings, by the noise that it may contain.
@@ -72,7 +72,7 @@ bool StepDetector::is_off(const Motion& motion, Point next) const {
     if (motion.travelled >= TRAVEL) {
         return std::abs(deviation) > std::max(2.0 * motion.band, BEYOND * memory.bend);
     }
-    return is_plain(motion, next, deviation);
+    return motion.band > 0.0 && is_plain(motion, next, deviation);
 }
 
 bool StepDetector::returns(Point off, Point next) const {
@@ -160,12 +160,17 @@ void StepDetector::note_contradiction() {
     alternates_ = true;
 }
 
-/// Compares the readings that are equal with as many before them, and those with as many before, (C12).
+/// Compares the readings that are alike with as many before them, and those with as many before, (C12).
 void StepDetector::follow(const Motion& motion, Point next) {
     const double change = latest_.empty() ? 0.0 : std::abs(next.angle - latest_.back().angle);
     if (change > 0.0) count_size_ = std::min(count_size_, change);
-    equal_ = !latest_.empty() && change == 0.0 ? equal_ + 1 : 0;
-    if (equal_ == 0) compared_ = repeats_ = false;
+    if (!latest_.empty() && stays(motion, next.angle)) {
+        ++equal_;
+    } else {
+        equal_ = 0;
+        compared_ = repeats_ = false;
+        still_ = next.angle;
+    }
     latest_.push_back(next);
     if (latest_.size() > 3 * MOST + 1) latest_.pop_front();
     if (compared_ || equal_ == 0 || equal_ > MOST || latest_.size() <= 3 * equal_) return;
@@ -176,7 +181,7 @@ void StepDetector::follow(const Motion& motion, Point next) {
     const double missed = std::abs(rate) * seconds(still, next);
     const double last = std::abs(still.angle - ago(equal_ + 1).angle);
     compared_ =
-        missed > std::max({PLAIN * motion.band, MISSED_COUNTS * count_size_, MISSED * last});
+        missed > std::max({PLAIN * motion.error(), MISSED_COUNTS * count_size_, MISSED * last});
     const double late = velocity(ago(equal_ + (equal_ + 1) / 2), still);
     const bool slows_down = STEADY * std::max(earlier * rate, rate * rate) >
                             std::min(rate * rate, late * rate);

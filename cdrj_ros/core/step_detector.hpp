@@ -8,6 +8,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <deque>
 
 #include "motion.hpp"
@@ -71,8 +72,13 @@ public:
     /// Whether the readings alternate between two motions.
     bool alternates() const { return alternates_; }
 
-    /// Whether the readings repeat one exactly, right after a motion that did not slow down, (C12).
+    /// Whether the readings repeat one within its errors, right after a motion that did not slow down, (C12).
     bool repeats() const { return repeats_; }
+
+    /// Whether an angle is no longer the one that they repeat.
+    bool resumes(const Motion& motion, double angle) const {
+        return repeats_ && !stays(motion, angle);
+    }
 
     /// Stamp of the reading that they repeat.
     Nanoseconds repeated_since_ns() const { return repeated_since_ns_; }
@@ -82,6 +88,9 @@ public:
 private:
     double bend(Point next) const;
     bool is_judged(Point next) const;
+    bool stays(const Motion& motion, double angle) const {
+        return std::abs(angle - still_) <= 2.0 * motion.error();
+    }
     bool is_plain(const Motion& motion, Point next, double deviation) const;
     bool is_step(const Motion& motion, double worth, Point next);
     void alternate(bool does);
@@ -94,7 +103,8 @@ private:
     double share_ = 0.0;             // of readings that alternate, of late
     bool alternates_ = false;
     std::deque<Point> latest_;       // more of the last readings, oldest first
-    std::size_t equal_ = 0;          // how many of them in a row equal the one before
+    double still_ = 0.0;             // the angle that the last readings have, within their errors
+    std::size_t equal_ = 0;          // how many of them after the first one
     double count_size_ = INFINITE;   // least change from one reading to the next so far
     bool compared_ = false;          // whether these have been compared with those before them
     bool repeats_ = false;

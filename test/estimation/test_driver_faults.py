@@ -14,6 +14,7 @@ import pytest
 from support.campaign import MS, SECOND, START, Course, course_of, judge
 from support.driver_faults import (
     Fault,
+    Message,
     feed,
     frozen,
     in_degrees,
@@ -182,6 +183,30 @@ def test_old_readings_with_new_stamps_make_everything_unsure_within_50_ms(
     assert named & {axis.name for axis in robot.robot.motors}
 
 
+@pytest.mark.parametrize("noise", [1e-7, 1e-5])
+def test_noise_below_the_errors_of_a_reading_makes_old_ones_no_newer(
+    noise: float, robot: Model, course: Course
+) -> None:
+    messages = frozen(BEGIN_S, noise=noise)(messages_of(robot, course, 200))
+    outputs = feed(robot, messages)
+    assert judge(course, outputs, BEGIN + 50 * MS).ratio.size == 0
+    assert judge(course, outputs).beyond(5.0) <= LAW
+
+
+@pytest.mark.parametrize("by", [0.003, 0.01])
+@pytest.mark.parametrize("every", [1, 5])
+def test_a_second_publisher_with_stamps_of_its_own_is_found_without_a_stated_resolution(
+    every: int, by: float, robot: Model, course: Course
+) -> None:
+    messages = []
+    for k, message in enumerate(messages_of(robot, course, 200)):
+        messages.append(message)
+        if k % every == 0:
+            other = tuple(angle + by for angle in message.positions)
+            messages.append(Message(message.stamp_ns + 2 * MS, message.names, other))
+    assert judge(course, feed(robot, messages)).beyond(5.0) <= LAW
+
+
 def test_old_readings_of_a_slow_joint_are_found_although_few_counts_are_missed(
     robot: Model,
 ) -> None:
@@ -216,8 +241,16 @@ def test_an_axis_that_counts_anew_after_a_gap_has_the_difference_as_standard_dev
     """However short: what it was zeroed by shows in the mean tensions."""
     messages = messages_of(robot, courses(hertz), 200)
     for axis in names_of(robot, which):
-        outputs = feed(robot, zeroed(axis, BEGIN_S, gap_s)(messages))
+        outputs = feed(robot, zeroed([axis], BEGIN_S, gap_s)(messages))
         assert judge(courses(hertz), outputs, BEGIN).beyond(5.0) <= LAW
+
+
+@pytest.mark.parametrize("gap_s", [0.3, 1.2])
+def test_axes_that_all_count_anew_after_a_gap_are_in_doubt_although_tensions_do_not_show_it(
+    gap_s: float, robot: Model, course: Course
+) -> None:
+    messages = zeroed(course.names, BEGIN_S + 0.4, gap_s)(messages_of(robot, course, 200))
+    assert judge(course, feed(robot, messages), BEGIN).beyond(5.0) <= LAW
 
 
 @pytest.mark.parametrize(("hertz", "gap_s"), [(0.3, 0.3), (0.3, 1.5), (1.0, 0.5), (1.0, 0.7)])

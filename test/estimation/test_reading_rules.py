@@ -114,11 +114,11 @@ def test_before_a_radian_of_travel_a_step_is_part_of_the_offset() -> None:
 
 def test_in_longer_intervals_less_of_a_displacement_is_unexplained() -> None:
     """At rest, in an interval of 40 ms between ones of 10 ms: n = 10, so u counts 0.4 times."""
-    flicker = np.tile([0.0, 1e-5], 25)
+    slowing, flicker = np.cumsum([0.008, 0.006, 0.004, 0.002]), np.tile([0.0, 1e-5], 25)
     for by, is_step in ((9.7e-3, False), (10.3e-3, True)):
-        heard = Heard().both(moving(150)).both(1.5 + flicker)
+        heard = Heard().both(moving(150)).both(1.5 + slowing).both(1.52 + flicker)
         heard.at_ms += 30.0
-        heard.both(1.5 + by + flicker)
+        heard.both(1.52 + by + flicker)
         assert (heard.gate.displaced != {}) == is_step
 
 
@@ -229,13 +229,14 @@ def test_two_values_for_one_time_differ_by_more_than_two_errors(by: float, cause
 # --- old readings ---------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-5, B])
 @pytest.mark.parametrize(("count", "is_old"), [(1, False), (2, True)])
 def test_readings_that_stay_where_the_axis_should_have_moved_are_old(
-    count: int, is_old: bool
+    count: int, is_old: bool, noise: float
 ) -> None:
     """After steps of 10 mrad, two intervals exceed 1.5 of them, 10 q = 15 mrad and 10 b, (C12)."""
     course = [0.0, *moving(61, begin=-0.0085)]
-    heard = Heard().both(course).both(course[-1:] * count)
+    heard = Heard().both(course).both([course[-1] - noise, course[-1]][:count])
     assert heard.gate.stuck == (["m"] if is_old else [])
     heard.both(moving(30, begin=course[-1] + 0.05))
     assert heard.gate.stuck == []

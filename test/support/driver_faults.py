@@ -49,8 +49,14 @@ def messages_of(
 # --- what goes wrong ------------------------------------------------------------------------------
 
 
-def frozen(begin_s: float, end_s: float = np.inf, axes: Iterable[str] | None = None) -> Fault:
-    """The readings of some axes, of all by default, repeat while the stamps go on."""
+def frozen(
+    begin_s: float,
+    end_s: float = np.inf,
+    axes: Iterable[str] | None = None,
+    noise: float = 0.0,
+) -> Fault:
+    """The readings of some axes, of all by default, repeat but for noise; the stamps go on."""
+    generator = np.random.default_rng(5)
 
     def spoil(messages: list[Message]) -> list[Message]:
         found: list[Message] = []
@@ -66,7 +72,7 @@ def frozen(begin_s: float, end_s: float = np.inf, axes: Iterable[str] | None = N
             found.append(
                 message._replace(
                     positions=tuple(
-                        held[name] if name in chosen else value
+                        held[name] + noise * generator.normal() if name in chosen else value
                         for name, value in zip(message.names, message.positions, strict=True)
                     )
                 )
@@ -76,16 +82,15 @@ def frozen(begin_s: float, end_s: float = np.inf, axes: Iterable[str] | None = N
     return spoil
 
 
-def zeroed(axis: str, begin_s: float, gap_s: float) -> Fault:
-    """A driver starts anew: nothing for a while, then one axis counts from where it is."""
+def zeroed(axes: Iterable[str], begin_s: float, gap_s: float) -> Fault:
+    """A driver starts anew: nothing for a while, then some axes count from where they are."""
+    chosen = frozenset(axes)
 
     def spoil(messages: list[Message]) -> list[Message]:
-        place = messages[0].names.index(axis)
         since_s = [(m.stamp_ns - START) * 1e-9 for m in messages]
         before = [m for m, t in zip(messages, since_s, strict=True) if t < begin_s]
         after = [m for m, t in zip(messages, since_s, strict=True) if t >= begin_s + gap_s]
-        zero = np.zeros(len(after[0].positions))
-        zero[place] = after[0].positions[place]
+        zero = np.array(after[0].positions) * [name in chosen for name in after[0].names]
         counted = [m._replace(positions=tuple(np.array(m.positions) - zero)) for m in after]
         return before + counted
 
