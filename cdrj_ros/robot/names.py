@@ -119,6 +119,13 @@ def _changed(value: Any, change: Callable[[str], str]) -> Any:
     return change(value) if isinstance(value, str) else value
 
 
+def without_prefix(text: str, prefix: str) -> str:
+    """A text with paths and channels, of names as the robot file has them, without its prefix."""
+    for kind in _KINDS:
+        text = text.replace(kind + prefix, kind)
+    return text
+
+
 def _path(path: str, prefix: str) -> str:
     """The path of a number, or the channel of an effort, with the prefix before the name."""
     for kind in _KINDS:

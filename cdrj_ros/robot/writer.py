@@ -25,7 +25,7 @@ from cdrj_ros.robot.document import (
     parse_document,
     split_unit,
 )
-from cdrj_ros.robot.names import prefixed
+from cdrj_ros.robot.names import prefixed, without_prefix
 from cdrj_ros.robot.parameters import Keys, Number, find_number, with_numbers
 from cdrj_ros.robot.parts import KINDS, Origin, origin_of
 from cdrj_ros.robot.reader import load_document
@@ -95,7 +95,8 @@ def with_section(text: str, key: str, section: str | None) -> str:
     Args:
         text: YAML whose top level is a block mapping.
         key: of the entry.
-        section: lines of the entry, including its key; None removes the entry.
+        section: lines of the entry, including its key; None removes the entry.  The prefix of the
+            robot is left out, so that it can be changed in one place.
     """
     lines, kept, inside = text.splitlines(keepends=True), [], False
     for line in lines:
@@ -104,7 +105,11 @@ def with_section(text: str, key: str, section: str | None) -> str:
         if not inside:
             kept.append(line)
     result = "".join(kept).rstrip() + "\n"
-    return result if section is None else f"{result}\n{section.rstrip()}\n"
+    if section is None:
+        return result
+    prefix = entry_node(yaml_nodes(text), "prefix")
+    own = without_prefix(section, prefix[1].value if prefix is not None else "")
+    return f"{result}\n{own.rstrip()}\n"
 
 
 def number_of_urdf(text: str, path: str) -> bool:

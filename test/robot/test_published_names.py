@@ -61,3 +61,16 @@ def test_numbers_are_found_and_written_under_any_name():
     assert known.parameters[0] == f"{joint}.offset"
     (one,) = parse_unknowns(dict(robot.document), "effort_scale")
     assert one.paths == (f"{motor}.effort_scale",)
+
+
+def test_a_written_entry_keeps_its_numbers_with_another_prefix():
+    """As after a fit: a robot of the same kind is published as arm2."""
+    stated = (
+        f"uncertainty: {{parameters: ['motors.arm1_{MOTOR}.offset'], stddev: [0.01], "
+        f"model_error: {{effort/arm1_{MOTOR}: 0.02}}}}"
+    )
+    text = with_section(PUBLISHED, "uncertainty", stated)
+    known = parse_robot(text.replace("prefix: arm1_", "prefix: arm2_"), "robot").uncertainty
+    assert known.parameters[0] == f"motors.arm2_{MOTOR}.offset"
+    assert dict(known.model_error) == {f"effort/arm2_{MOTOR}": 0.02}
+    assert parse_robot(text, "robot").uncertainty.parameters[0] == f"motors.arm1_{MOTOR}.offset"
