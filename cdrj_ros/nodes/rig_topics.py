@@ -21,7 +21,6 @@ from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.packing import OVERLOAD, SLACK
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.nodes.settings import default_profile
@@ -167,9 +166,6 @@ class RigOutputs:
         self._force_template = Template(NODAL_FORCES, layout.pulleys, FORCES, layout.force_frame)
         self._pulley_status = layout.pulley_status
         self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
-        robot = model.robot
-        self._slack_at = robot.per_element([cable.slack_tension for cable in robot.cables])
-        self._overload_at = robot.per_element([cable.maximum_tension for cable in robot.cables])
         self._tension_publisher = node.create_publisher(
             CableTensions, f"{topics.TRUTH}/{topics.TENSIONS}", default_profile()
         )
@@ -181,10 +177,8 @@ class RigOutputs:
         )
 
     def _publish_truth(self, rig: LiveRig, position: Vector, effort: Vector, stamp_ns: int) -> None:
-        tension = rig.tension
-        status = SLACK * (tension <= self._slack_at) + OVERLOAD * (tension > self._overload_at)
         self._tension_publisher.publish(
-            self._tension_template.encode(stamp_ns, tension=tension, status=status)
+            self._tension_template.encode(stamp_ns, tension=rig.tension, status=rig.status)
         )
         x, y, z = rig.force.T
         self._force_publisher.publish(
@@ -194,7 +188,7 @@ class RigOutputs:
                 force_y=y,
                 force_z=z,
                 magnitude=np.linalg.norm(rig.force, axis=1),
-                status=self._pulley_status(status.astype(np.uint8)),
+                status=self._pulley_status(rig.status),
             )
         )
         self._state_publisher.publish(

@@ -218,8 +218,9 @@ class LiveRig:
         return not np.any(status & INVALID) and bool(np.isfinite(row).all())
 
     def _read(self) -> None:
-        """Store the tensions [N], forces [N] and efforts [N m] of now, in the robot's own order."""
+        """Store tensions [N], forces [N], efforts [N m] and flags of now, in the robot's order."""
         row = (one[0] for one in read_out(self._rig, self._estimates))
+        self.status = self._estimates[0, self._rig.fine.layout.status].astype(np.uint8)
         self.tension, self.force, self.motor_effort, self.joint_effort = row
 
 
