@@ -240,7 +240,6 @@ void bind_axis(nb::module_& core) {
         .def_ro("lower", &Axis::lower)
         .def_ro("upper", &Axis::upper)
         .def_ro("clock_offset_ns", &Axis::clock_offset_ns)
-        .def_ro("bandwidth", &Axis::bandwidth)
         .def_ro("adaptive", &Axis::adaptive)
         .def("angles_of", &angles_of_array, "readings"_a,
             "Angles of readings of a whole recording, acceptable or not; NaN beyond ``LARGEST``.")
@@ -407,9 +406,7 @@ void bind_conditioning(nb::module_& core) {
                 reading: angle by the sensor [rad].
                 bandwidth: of the filter [Hz], positive.
                 band: greatest difference of angle and reading [rad].
-                adaptive: whether the bandwidth rises with the motion, (C6).)")
-        .def_prop_ro("moves", &TrackingFilter::moves,
-            "Whether an adaptive filter sees the axis move.");
+                adaptive: whether the bandwidth rises with the motion, (C6).)");
 }
 
 }  // namespace cdrj

@@ -104,9 +104,6 @@ public:
     double track(
         Nanoseconds since_ns, double reading, double bandwidth, double band, bool adaptive);
 
-    /// Whether a chord shows that the axis moves; only an adaptive filter looks.
-    bool moves() const { return moves_; }
-
 private:
     double adapted(double dt, double reading, double bandwidth, double band);
 
@@ -121,7 +118,7 @@ private:
     double length_ = 0.0;   // length of the last chord [s]; 0 before the first
     double fastest_ = 0.0;  // V of (C6) [rad/s]
     double hardest_ = 0.0;  // A of (C6) [rad/s^2]
-    bool moves_ = false;
+    bool moves_ = false;     // whether a chord shows that the axis moves; only an adaptive filter looks
 };
 
 }  // namespace cdrj

@@ -159,8 +159,7 @@ double turn_of_frame(
 double wound_angle(const NodeConstants& node, Touch& touch, bool first) {
     const Vector3& normal = first ? touch.exit_normal : touch.entry_normal;
     touch.angle = std::atan2(normal.y, normal.x);
-    double turned =
-        modulo(touch.angle + touch.twisted - node.arc_reference + PI, 2.0 * PI) - PI;
+    double turned = wrap_to_pi(touch.angle + touch.twisted - node.arc_reference);
     turned -= touch.twisted - node.turn_reference;
     return node.turn * (first ? turned : -turned);
 }
