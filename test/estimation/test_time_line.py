@@ -23,9 +23,9 @@ name: four
 motors: [{name: a, max_speed: 50}, {name: b}]
 joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
 """)
-STUCK = robot_of(
+COUNTED = robot_of(
     """
-name: stuck
+name: counted
 motors: [{name: m}]
 joints: [{name: q, range: [-3, 3], resolution: 0.0015707963267948967}]
 """,
@@ -278,30 +278,17 @@ def test_a_sharp_turn_between_two_readings_is_within_the_stated_deviation(hertz:
     assert max(ratio) < 2.0
 
 
-@pytest.mark.parametrize("how", ["stuck", "slows down", "stuck with the motor"])
-def test_a_reading_that_repeats_in_motion_is_doubted_until_it_changes(how: str) -> None:
-    """4000 counts per turn; the axis stops at 1 s, within 0.1 s if it slows down."""
-    heard, count = Listener(STUCK), 2.0 * np.pi / 4000.0
+def test_a_joint_that_slows_down_and_rests_is_not_taken_for_a_stuck_encoder() -> None:
+    """4000 counts per turn; the joint stops within 0.1 s, the motor goes on."""
+    heard, count = Listener(COUNTED), 2.0 * np.pi / 4000.0
     time = 0.002 * np.arange(1000)
-    joint = np.minimum(time, 1.0)
-    if how == "slows down":
-        slow = np.clip(time - 0.95, 0.0, 0.1)
-        joint = np.minimum(time, 0.95) + slow - 5.0 * slow**2
-    motor = np.minimum(time, 1.0) if how == "stuck with the motor" else time
-    late = time > 1.8  # they move on
-    joint = np.where(late, joint + time - 1.8, joint)
-    motor = np.where(late, motor + time - 1.8, motor)
+    slow = np.clip(time - 0.95, 0.0, 0.1)
+    joint = np.minimum(time, 0.95) + slow - 5.0 * slow**2
     for k, stamp in enumerate((START + 2_000_000 * np.arange(1000)).tolist()):
-        heard.feed(Message("motors", stamp, ("m",), (8.0 * motor[k],)))
+        heard.feed(Message("motors", stamp, ("m",), (8.0 * time[k],)))
         heard.feed(Message("joints", stamp, ("q",), (count * np.round(joint[k] / count),)))
-    doubtful = [(one.stamp_ns - START) / SECOND for one in heard.samples if one.doubtful]
-    assert doubtful.pop(0) == 0.0, "a first reading, which nothing confirms"
-    if how != "slows down":
-        assert doubtful[0] == pytest.approx(1.0, abs=0.03)
-        assert doubtful[-1] == pytest.approx(1.8, abs=0.03)
-        assert len(doubtful) > 380
-    else:
-        assert not doubtful
+    doubtful = [one.stamp_ns - START for one in heard.samples if one.doubtful]
+    assert doubtful == [0], "a first reading, which nothing confirms"
 
 
 def test_prediction_gives_at_once_the_samples_that_waiting_gives_late():
