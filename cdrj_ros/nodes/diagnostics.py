@@ -68,6 +68,8 @@ class Health(NamedTuple):
     """Why many readings are refused; empty if only a few are."""
     clock_refused: int = 0
     """Number of invalid times received on /clock."""
+    clock: str = ""
+    """What is wrong with a simulated clock; or empty."""
     misfit: str = ""
     """Why the readings do not fit the robot file; empty if they may."""
     alternating: str = ""
@@ -100,6 +102,8 @@ def status_of(
         level, message = DiagnosticStatus.WARN, f"waiting: {health.waiting}"
     else:
         level, message = _verdict(live, flagged, health)
+    if health.clock:
+        level, message = max(level, DiagnosticStatus.WARN), f"{message}; {health.clock}"
     values = {
         "rate [Hz]": f"{health.rate_hz:.1f}",
         "age [s]": "none" if health.age_s == float("inf") else f"{health.age_s:.3f}",

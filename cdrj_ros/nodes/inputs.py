@@ -44,6 +44,9 @@ AGAIN_S: Final = 10.0
 SILENT_S: Final = 1.5
 """Time without a message after which a topic counts as silent [s]."""
 
+STANDS: Final = "/clock stands still: is it published, and use_sim_time meant?"
+"""What is said of a simulated clock that stands still."""
+
 TOLERATED_PER_S: Final = 5.0
 """Rate of refused readings below which no warning is given [1/s]."""
 
@@ -313,7 +316,7 @@ class InputWatch:
         heard = any(now_s - one.heard_s <= timeout_s for one in self._inputs)
         return Health(
             timeout_s, silence_s, age, rate_hz, waiting, refusing, clock_refused,
-            self._live.misfit(),
+            STANDS if self._silence.clock_stands(now_s) else "", self._live.misfit(),
             self._alternating(), self._other_estimators(), heard,
             tuple(one.topic for one in self._inputs if one.by_arrival),
         )  # fmt: skip
@@ -373,6 +376,6 @@ class InputWatch:
             self._quiet = True
             words = f"no estimate: {health.waiting}"
         elif not self._quiet:
-            words = health.misfit or health.other_estimators or health.refusing
+            words = health.misfit or health.other_estimators or health.refusing or health.clock
         if words:
             self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

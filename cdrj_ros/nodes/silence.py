@@ -54,9 +54,11 @@ class Silence:
             self._node_ns = node_ns
         self._node_ns = min(self._node_ns, node_ns)  # the clock was set back
         simulated = (node_ns - self._node_ns) * 1e-9
-        if steady_s - self._moved_s > self.timeout_s:
-            return max(simulated, steady)
-        return simulated
+        return max(simulated, steady) if self.clock_stands(steady_s) else simulated
+
+    def clock_stands(self, steady_s: float) -> bool:
+        """Whether a simulated clock has not advanced for the timeout, as ``seconds`` saw it."""
+        return self._simulated and steady_s - self._moved_s > self.timeout_s
 
 
 class StampClock:

@@ -51,6 +51,17 @@ def test_an_estimate_before_a_simulated_clock_starts_is_no_silence():
     assert silence.seconds(BEGIN + SECOND, 10.3) == 1.0
 
 
+def test_a_simulated_clock_stands_if_it_has_not_advanced_for_the_timeout():
+    silence, system = Silence(0.5, simulated=True), Silence(0.5, simulated=False)
+    for one in (silence, system):
+        one.seconds(0, 10.0)
+        assert not one.clock_stands(10.4)
+    assert silence.clock_stands(10.6)
+    assert not system.clock_stands(10.6)
+    silence.seconds(1, 10.7)
+    assert not silence.clock_stands(10.8)
+
+
 def test_a_clock_that_is_set_back_has_another_offset():
     stamps = StampClock()
     stamps.note(BEGIN, BEGIN + 100 * SECOND)
