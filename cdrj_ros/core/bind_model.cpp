@@ -111,14 +111,21 @@ std::tuple<HeldState, Written, bool> step(
     return {HeldState{stamp_ns, held.state()}, held.estimate(), solved};
 }
 
-/// Advance a state by many samples; `slipping`: which cables slip on their drums, if any.
+/// Advance a state by many samples; `slipping`: which cables slip on their drums, if any; `chosen`:
+/// which are computed, if not all.
 HeldState run(
     const HeldRobot& held, HeldState state, const GivenIntegers& stamp_ns, const Given& motor_angle,
-    const Given& joint_angle, const Written& estimates, const std::optional<GivenFlags>& slipping) {
+    const Given& joint_angle, const Written& estimates, const std::optional<GivenFlags>& slipping,
+    const std::optional<GivenFlags>& chosen) {
     const Robot& robot = held.robot;
     const Index samples = stamp_ns.size();
-    require(
-        !slipping || slipping->has({robot.topology.sizes.cables}), "slipping is not by cables");
+    for (const auto& flags : {slipping, chosen}) {
+        require(
+            !flags || flags->has({robot.topology.sizes.cables}),
+            "slipping or chosen is not by cables");
+    }
+    const Paths& paths = *robot.topology.paths;
+    const CableSet some = chosen ? paths.some(span_of(*chosen)) : paths.all;
     require(
         motor_angle.ndim() == 2 && joint_angle.ndim() == 2 && estimates.ndim() == 2,
         "motor_angle, joint_angle and estimates need two axes");
@@ -135,7 +142,8 @@ HeldState run(
     for_samples(samples, [&](Index k) {
         const Nanoseconds stamp = stamp_ns.data()[k];
         const bool solved = robot.advance(
-            now, row_of(motor_angle, k), row_of(joint_angle, k), state.seconds_until(stamp), out.data());
+            now, row_of(motor_angle, k), row_of(joint_angle, k), state.seconds_until(stamp), some,
+            out.data());
         state.stamp_ns = stamp;
         std::copy_n(out.data(), size, now);
         std::copy_n(out.data() + size, wanted, row_of(estimates, k).begin());
@@ -322,7 +330,7 @@ void bind_robot(nb::module_& core) {
                 ValueError: the angles or the state are not those of this robot.)")
         .def(
             "run", run, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "estimates"_a,
-            "slipping"_a = nb::none(), R"(
+            "slipping"_a = nb::none(), "chosen"_a = nb::none(), R"(
             ``step`` for many samples, bit for bit.
 
             Args:
@@ -331,6 +339,8 @@ void bind_robot(nb::module_& core) {
                 motor_angle, joint_angle: [rad] or [m], shapes (samples, motors), (samples, joints).
                 estimates: shape (samples, estimate_size), written.
                 slipping: which cables slip on their drums, shape (cables,); None: none.
+                chosen: which cables are computed, shape (cables,), the tensions of the others and
+                    their shares of efforts are 0; None: all.
 
             Returns:
                 The state after the last sample.

@@ -92,6 +92,17 @@ void join(std::vector<Index>& list, std::span<const Index> more) {
     }
 }
 
+CableSet Paths::some(std::span<const bool> chosen) const {
+    CableSet found;
+    for (std::size_t c = 0; c < chosen.size(); ++c) {
+        if (!chosen[c]) continue;
+        found.cables.push_back(static_cast<Index>(c));
+        join(found.axes, of_cable[c].axes);
+        join(found.frames, of_cable[c].frames);
+    }
+    return found;
+}
+
 Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(packed)) {
     Parts parts(packed + SIZES);
     cables = parts.take<const CableTopology>(sizes.cables);

@@ -71,6 +71,9 @@ struct Paths {
     std::vector<std::vector<Index>> joints_of_frame;  // that move it, increasing
     std::vector<std::vector<Index>> cables_of_axis;   // that depend on it, of motors, then joints
     CableSet all;
+
+    /// Some cables, one flag for each, with their axes and frames.
+    CableSet some(std::span<const bool> chosen) const;
 };
 
 /// Connections of a robot.

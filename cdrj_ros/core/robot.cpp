@@ -322,9 +322,15 @@ bool advance_cables(Step& step, const CableSet& some, const SampleAngles& angles
 bool Robot::advance(
     const double* before, std::span<const double> motor_angle,
     std::span<const double> joint_angle, double dt, double* out) const {
+    return advance(before, motor_angle, joint_angle, dt, topology.paths->all, out);
+}
+
+bool Robot::advance(
+    const double* before, std::span<const double> motor_angle,
+    std::span<const double> joint_angle, double dt, const CableSet& some, double* out) const {
     Step step(*this, before, out);
     const SampleAngles angles{motor_angle, joint_angle, dt};
-    const bool solved = advance_cables(step, topology.paths->all, angles);
+    const bool solved = advance_cables(step, some, angles);
     correct_outputs(step, dt, solved);
     return solved;
 }

@@ -42,6 +42,11 @@ public:
         const double* before, std::span<const double> motor_angle,
         std::span<const double> joint_angle, double dt, double* out) const;
 
+    /// The same for some cables; what belongs to others stays 0.
+    bool advance(
+        const double* before, std::span<const double> motor_angle,
+        std::span<const double> joint_angle, double dt, const CableSet& some, double* out) const;
+
     /// Impose a friction history on a robot that has just been started; keep the elongations.
     ///
     /// `share`: friction as a share of every pulley's bound, in [-1, 1], positive where the tension

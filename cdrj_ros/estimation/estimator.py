@@ -395,6 +395,7 @@ def run(
     into: NDArray[np.float64] | None = None,
     *,
     slipping: NDArray[np.bool_] | None = None,
+    chosen: NDArray[np.bool_] | None = None,
 ) -> tuple[State, Estimates]:
     """Apply ``step`` to many samples in one call; the results are bit-identical.
 
@@ -405,11 +406,13 @@ def run(
         into: output array for the estimates, shape (n, layout.size); None: a new array.
         slipping: which cables slip on their drums, so that the drums do not keep the strain at
             which cable went on, shape (cables,); None: none.
+        chosen: which cables are computed, shape (cables,), the tensions of the others and their
+            shares of efforts are 0; None: all.
     """
     stamps = samples.stamp_ns
     estimates = np.empty((stamps.size, model.layout.size)) if into is None else into
     after = model.core.run(
-        state, stamps, samples.motor_angle, samples.joint_angle, estimates, slipping
+        state, stamps, samples.motor_angle, samples.joint_angle, estimates, slipping, chosen
     )
     return after, Estimates(stamps, estimates, model.layout)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.foundation.arrays import Vector
+from cdrj_ros.foundation.arrays import Stamps, Vector
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import (
@@ -30,10 +30,9 @@ from cdrj_ros.identification.observations import (
     samples_by,
 )
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
-from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.groups import Owners, joints_of, motors_of
+from cdrj_ros.robot.groups import Owners
 from cdrj_ros.robot.parameters import writer_of
 from cdrj_ros.robot.reader import build_robot
 
@@ -132,24 +131,16 @@ class Problem:
         self._remembered: dict[bytes, Vector] = {}
 
     @cached_property
-    def touched(self) -> NDArray[np.bool_]:
-        """Which residuals each unknown may change, by channel, shape (p, channels)."""
+    def moved(self) -> NDArray[np.bool_]:
+        """The cables that each unknown changes, shape (p, cables)."""
         robot = self.begin.robot
-        names = [channel.name for one in self.observations for channel in one.channels]
-        return _cables_moved(robot, self.unknowns) @ _cables_read(robot, names).T
-
-    @cached_property
-    def apart(self) -> list[list[int]]:
-        """Indices of the unknowns in sets, of which no two members change the same residuals."""
-        sets: list[list[int]] = []
-        for k, own in enumerate(self.touched):
-            free = (one for one in sets if not np.any(own & self.touched[one]))
-            members = next(free, None)
-            if members is None:
-                sets.append([k])
-            else:
-                members.append(k)
-        return sets
+        every = range(len(robot.cables))
+        owners, found = Owners(robot, tuple((c,) for c in every)), []
+        for one in self.unknowns:
+            own = [owners.groups(path) for path in one.paths]
+            many = changes_conditioning(one.paths) or robot.residuals or not all(own)
+            found.append([bool(many) or any(c in some for some in own) for c in every])
+        return np.array(found)
 
     @property
     def size(self) -> int:
@@ -175,14 +166,22 @@ class Problem:
         """All residuals in one row; infinite where the numbers describe no possible robot."""
         return self.residuals_of([coordinates])[0]
 
-    def residuals_of(self, many: Sequence[Vector]) -> list[Vector]:
+    def residuals_of(
+        self, many: Sequence[Vector], chosen: Sequence[NDArray[np.bool_]] = ()
+    ) -> list[Vector]:
         """Residuals at several coordinates, computed in parallel unless they were lately.
 
         A step, the Jacobian there and the standard errors share points: a quarter of all runs.
+
+        Args:
+            many: coordinates.
+            chosen: the cables that are computed for each, as for ``run``; empty: all.
         """
         found, running = dict[bytes, Vector](), dict[bytes, list[Future[Vector]]]()
-        for coordinates in many:
-            key = coordinates.tobytes()
+        every = np.ones(len(self.begin.robot.cables), dtype=np.bool_)
+        points = list(zip(many, chosen or [every] * len(many), strict=True))
+        keys = [coordinates.tobytes() + cables.tobytes() for coordinates, cables in points]
+        for key, (coordinates, cables) in zip(keys, points, strict=True):
             if key in self._remembered:
                 found[key] = self._remembered[key]
             if key in found:
@@ -192,7 +191,8 @@ class Problem:
             with suppress(RobotFileError):
                 model = self.model(coordinates)
                 running[key] = [
-                    self.pool.submit(residuals_of_one, model, one) for one in self.observations
+                    self.pool.submit(residuals_of_one, model, one, cables)
+                    for one in self.observations
                 ]
         for key, parts in running.items():
             found[key] = residuals = np.concatenate([part.result() for part in parts])
@@ -200,34 +200,16 @@ class Problem:
             self._remembered[key] = residuals
             if len(self._remembered) > max(1, REMEMBERED_BYTES // residuals.nbytes):
                 self._remembered.pop(next(iter(self._remembered)))
-        return [found[coordinates.tobytes()] for coordinates in many]
+        return [found[key] for key in keys]
 
 
-def _cables_moved(robot: Robot, unknowns: Sequence[Unknown]) -> NDArray[np.bool_]:
-    """The cables that each unknown changes, shape (p, cables)."""
-    every = range(len(robot.cables))
-    owners, found = Owners(robot, tuple((c,) for c in every)), []
-    for one in unknowns:
-        own = [owners.groups(path) for path in one.paths]
-        many = changes_conditioning(one.paths) or not all(own)
-        found.append([many or any(c in some for some in own) for c in every])
-    return np.array(found)
+def residuals_of_one(
+    model: Model, observed: Observations, chosen: NDArray[np.bool_] | None = None
+) -> Vector:
+    """(estimate - reference) / sigma for every channel of a recording, concatenated.
 
-
-def _cables_read(robot: Robot, channels: Sequence[str]) -> NDArray[np.bool_]:
-    """The cables on which each channel depends, shape (channels, cables)."""
-    found = []
-    for kind, name, *_ in (channel.split("/") for channel in channels):
-        own = [
-            name in motors_of(one) | joints_of(robot, one) if kind == EFFORT else name == one.name
-            for one in robot.cables
-        ]
-        found.append(own if any(own) else [True] * len(own))
-    return np.array(found)
-
-
-def residuals_of_one(model: Model, observed: Observations) -> Vector:
-    """(estimate - reference) / sigma for every channel of a recording, concatenated."""
+    ``chosen`` as for ``run``.
+    """
     samples = samples_by(model, observed)
     n, columns = samples.stamp_ns.size, [channel.column for channel in observed.channels]
     found = np.empty((len(columns), n))
@@ -236,7 +218,9 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(begin + CHUNK, n))
         into = block[: part.stop - begin]
-        state, _ = run(model, state, samples.part(part), into, slipping=observed.slipping)
+        state, _ = run(
+            model, state, samples.part(part), into, slipping=observed.slipping, chosen=chosen
+        )
         found[:, part] = into[:, columns].T
     return np.concatenate(
         [
@@ -247,7 +231,7 @@ def residuals_of_one(model: Model, observed: Observations) -> Vector:
 
 
 LOWEST_RATE: Final = 100.0
-"""Lowest sampling rate in those rounds [Hz]."""
+"""About the lowest sampling rate in those rounds [Hz]."""
 
 MOST_RESIDUALS: Final = 400_000
 """Largest number of residuals of a round."""
@@ -282,12 +266,12 @@ class Rounds:
         total = sum(samples.stamp_ns.size for samples in self.samples)
         most = MOST_RESIDUALS // (sparser**3 * len(self.recordings))
 
-        def extent(one: Recorded) -> Extent:
-            stride = sparser * _stride(one, total, self.settings.samples) if coarse else 1
+        def extent(one: Samples) -> Extent:
+            stride = sparser * _stride(one.stamp_ns, total, self.settings.samples) if coarse else 1
             return Extent(stride, most, self.settings.settle_s, self.settings.mean_s)
 
         observations = [
-            observe(self.model, one, samples, self.sigmas, extent(one), moving)
+            observe(self.model, one, samples, self.sigmas, extent(samples), moving)
             for one, samples in zip(self.recordings, self.samples, strict=True)
         ]
         return Problem(self.document, self.source, self.unknowns, observations, self.pool)
@@ -307,9 +291,8 @@ def sample_count(problem: Problem) -> int:
     return sum(samples(one) for one in problem.observations)
 
 
-def _stride(recorded: Recorded, total: int, wanted: int) -> int:
-    """Thinning factor of the first rounds, which keeps at least ``LOWEST_RATE``."""
-    stamps = next(iter({**recorded.motors, **recorded.joints}.values())).stamp_ns
-    duration = max(float(stamps[-1] - stamps[0]) * 1e-9, 1e-9)
-    rate = stamps.size / duration
-    return int(max(1, min(round(total / wanted), rate // LOWEST_RATE)))
+def _stride(stamp_ns: Stamps, total: int, wanted: int) -> int:
+    """Thinning factor of a recording's samples in those rounds, which keeps ``LOWEST_RATE``."""
+    duration = max(float(stamp_ns[-1] - stamp_ns[0]) * 1e-9, 1e-9)
+    rate = stamp_ns.size / duration
+    return max(1, min(round(total / wanted), round(rate / LOWEST_RATE)))

@@ -8,7 +8,6 @@ See docs/identification.md.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -120,13 +119,8 @@ def _minimum(
     problem: Problem, here: Vector, loss: Loss, rough: Problem | None, variance: float | None
 ) -> Minimum:
     """What is known at some coordinates; arguments as of ``minimise``."""
-    if rough is None or rough is problem:
-        rows = problem.residuals_of(difference_points(problem, here))
-        residuals, slopes = rows[0], jacobian(problem, here, rows)
-    else:
-        residuals = problem.residuals(here)
-        rows = rough.residuals_of(difference_points(rough, here, central=True))
-        slopes = jacobian(rough, here, rows, central=True)
+    residuals = problem.residuals(here)
+    slopes = jacobian(rough or problem, here, central=rough not in (None, problem))
     weights = robust_weights(problem, loss, residuals)
     if variance is None:
         variance = effective_variance(problem, residuals * np.sqrt(weights))
@@ -252,36 +246,23 @@ def prior_information(problem: Problem, here: Vector) -> Vector:
     return known
 
 
-def difference_points(problem: Problem, coordinates: Vector, central: bool = False) -> list[Vector]:
-    """The points of ``jacobian``: the coordinates, then one or two beside them for each set."""
-    points = [coordinates]
-    for members in problem.apart:
-        for way in _ways(problem, coordinates, central):
-            points.append(coordinates.copy())
-            points[-1][members] += way[members]
-    return points
+def jacobian(problem: Problem, coordinates: Vector, *, central: bool = False) -> Table:
+    """Finite differences of the residuals by each unknown, to one side or to both, shape (n, p).
 
-
-def jacobian(
-    problem: Problem, coordinates: Vector, rows: Sequence[Vector], central: bool = False
-) -> Table:
-    """Finite differences of the residuals, given at ``difference_points``.
-
-    Unknowns that change different residuals share their points.
+    An unknown changes what its own cables contribute, so only these are computed.
     """
-    sizes = [channel.reference.size for one in problem.observations for channel in one.channels]
-    ways = _ways(problem, coordinates, central)
+    ways, every = _ways(problem, coordinates, central), np.eye(coordinates.size)
+    points = [coordinates + way * one for way in ways for one in every]
+    chosen = list(problem.moved) * len(ways)
+    if not central:
+        points += [coordinates] * len(problem.moved)
+        chosen += list(problem.moved)
+    rows = problem.residuals_of(points, chosen)
     between = ways[0] - (ways[1] if central else 0.0)
-    slopes = np.zeros((rows[0].size, coordinates.size))
-    for s, members in enumerate(problem.apart):
-        there, back = (rows[1 + 2 * s], rows[2 + 2 * s]) if central else (rows[1 + s], rows[0])
-        change = there - back
-        for k in members:
-            touched = np.repeat(problem.touched[k], sizes)
-            if np.isfinite(change).all():
-                slopes[touched, k] = change[touched] / between[k]
-            else:  # these numbers together describe no possible robot
-                slopes[:, k] = _slope(problem, coordinates, rows[0], k)
+    slopes = np.empty((problem.size, coordinates.size))
+    for k, (there, back) in enumerate(zip(rows[: len(every)], rows[len(every) :], strict=True)):
+        possible = np.isfinite(there).all() and np.isfinite(back).all()
+        slopes[:, k] = (there - back) / between[k] if possible else _slope(problem, coordinates, k)
     return slopes
 
 
@@ -293,14 +274,14 @@ def _ways(problem: Problem, coordinates: Vector, central: bool) -> list[Vector]:
     return inside if central else [np.where(inside[0] > 0.0, *inside)]
 
 
-def _slope(problem: Problem, coordinates: Vector, here: Vector, k: int) -> Vector:
+def _slope(problem: Problem, coordinates: Vector, k: int) -> Vector:
     """A column of the Jacobian by a step to the only side where a robot is possible."""
     lower, upper = limits(problem)
     for step in (STEP, -STEP):
         there = coordinates.copy()
         there[k] += step
         if lower[k] <= there[k] <= upper[k]:
-            change = problem.residuals(there) - here
+            change = problem.residuals(there) - problem.residuals(coordinates)
             if np.isfinite(change).all():
                 return change / step
     raise UsageError(

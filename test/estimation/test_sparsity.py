@@ -8,7 +8,7 @@ from support.fingers import WRIST, finger, hand
 
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.estimation.ensemble import MEMBERS, Ensemble
-from cdrj_ros.estimation.estimator import Sample, Samples, initial_state
+from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.estimation.model_error import load_share, offset_gain
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.prepared import prepare
@@ -230,3 +230,25 @@ def test_an_unrelated_finger_changes_no_bit_of_joints_without_encoder():
     )
     for found, one in zip(beside, expected, strict=True):
         np.testing.assert_array_equal(found, one)
+
+
+def test_chosen_cables_run_alone_and_their_shares_of_efforts_add_up():
+    model = fingers(2)
+    angle = 0.4 + 0.4 * np.sin(np.linspace(0.0, 6.0, 200))
+    rows, motors = angles(model, angle), len(model.layout.motors)
+    stamps = START_NS + 5_000_000 * np.arange(len(rows))
+    samples = Samples(stamps, rows[:, :motors].copy(), rows[:, motors:].copy())
+    whole = run(model, initial_state(model), samples)[1]
+    shares = []
+    for c, cable in enumerate(model.robot.cables):
+        chosen = np.arange(len(model.robot.cables)) == c
+        alone = run(model, initial_state(model), samples, chosen=chosen)[1]
+        own = np.isin(model.layout.elements, cable.element_names)
+        np.testing.assert_array_equal(alone.tension[:, own], whole.tension[:, own])
+        assert not alone.tension[:, ~own].any()
+        shares.append([alone.joint_effort, alone.motor_effort])
+    for all_together, parts in zip(
+        (whole.joint_effort, whole.motor_effort), zip(*shares, strict=True), strict=True
+    ):
+        np.testing.assert_allclose(sum(parts), all_together, rtol=1e-12, atol=1e-15)
+    assert np.ptp(whole.joint_effort) > 0.01
