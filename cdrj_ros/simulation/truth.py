@@ -17,6 +17,7 @@ import numpy as np
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.output import listed
 from cdrj_ros.robot.description import Joint, Robot
 from cdrj_ros.simulation.assembly import (
     BATCH,
@@ -205,13 +206,13 @@ def _columns(values: Table, n: int, columns: int, name: str) -> Table:
 
 
 def _untaken_notes(robot: Robot, following: Following) -> tuple[str, ...]:
-    """A note on every cable that following motors strain."""
+    """A note on the cables that following motors strain, the worst first."""
     worst = np.abs(following.untaken).max(axis=0)
-    return tuple(
-        f"no motor compensates {1e3 * most:.3g} mm of {cable.name}: the cable is strained"
-        for cable, most in zip(robot.cables, worst, strict=True)
-        if most > WORTH_SAYING_M
-    )
+    order = np.argsort(-worst)[: np.count_nonzero(worst > WORTH_SAYING_M)]
+    if not order.size:
+        return ()
+    most, names = 1e3 * worst[order[0]], listed([robot.cables[c].name for c in order])
+    return (f"cables are strained, as no motor compensates up to {most:.3g} mm of them: {names}",)
 
 
 def _require_solved(name: str, time: Vector, imbalance: Vector) -> None:
