@@ -137,6 +137,14 @@ def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known():
     assert np.mean(found.status == 0) > 0.95
     assert found.live.corrections is not None
     assert min(found.live.corrections.right.values()) > 0.9
+    # zero and gain of a cell have their share of what the file leaves open: 3 % of 300 N
+    (group,) = found.live.corrections.groups
+    mean, _ = group.beliefs.moments()
+    for name, column in zip(cells, columns, strict=True):
+        bias, gain = (mean[k] for k in group.beliefs.errors_of(group.index[name]))
+        read = truth.tension[5 * HERTZ :, column].mean()
+        believed = (read - bias) / (1.0 + gain)
+        assert read + found.error[:, column].mean() == pytest.approx(believed, abs=0.1)
 
 
 @pytest.fixture
