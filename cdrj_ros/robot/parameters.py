@@ -165,25 +165,23 @@ def writer_of(document: Document, paths: Sequence[str]) -> Callable[[Sequence[fl
     numbers = [_find(document, path) for path in paths]
 
     def written(values: Sequence[float]) -> Document:
-        changed: Any = document
+        changed = dict(document)
+        copies: dict[Keys, Any] = {(): changed}
         for number, value in zip(numbers, values, strict=True):
             if not number.given or value != number.value:
-                changed = _replaced(changed, number.keys, value / number.factor)
-        return dict(changed)
+                _own_copy(copies, number.keys[:-1])[number.keys[-1]] = value / number.factor
+        return changed
 
     return written
 
 
-def _replaced(part: Any, keys: Sequence[Any], value: float) -> Any:
-    """A copy of a part of a document with another number, which shares everything else with it."""
-    if not keys:
-        return value
-    key, rest = keys[0], keys[1:]
-    if isinstance(part, dict):
-        return {**part, key: _replaced(part.get(key, {}), rest, value)}
-    copied = list(part)
-    copied[key] = _replaced(part[key], rest, value)
-    return copied
+def _own_copy(copies: dict[Keys, Any], keys: Keys) -> Any:
+    """The part of a copied document at a place, copied once itself; the rest stays shared."""
+    if keys not in copies:
+        outer, key = _own_copy(copies, keys[:-1]), keys[-1]
+        inner = outer.get(key, {}) if isinstance(outer, dict) else outer[key]
+        copies[keys] = outer[key] = inner.copy()
+    return copies[keys]
 
 
 def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], ...]:
@@ -268,8 +266,9 @@ def _named(document: Document, spot: _Spot) -> list[str]:
 def _names(spot: _Spot) -> list[str]:
     """Valid next segments of a path."""
     if isinstance(spot.value, list):
-        if spot.value and all(isinstance(one, dict) and "name" in one for one in spot.value):
-            return [one["name"] for one in spot.value]
+        names = [one["name"] for one in spot.value if isinstance(one, dict) and "name" in one]
+        if len(names) == len(spot.value):
+            return names
         return [str(k + 1) for k in range(len(spot.value))]
     if spot.kind == "shares":
         return [*spot.value]
